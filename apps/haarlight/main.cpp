@@ -1,0 +1,78 @@
+/// @file
+/// `haarlight VERB INPUT...`: reads the command line, runs one verb, turns every failure into a
+/// message and an exit code.
+
+#include <cstdio>
+#include <exception>
+#include <iostream>
+#include <new>
+#include <optional>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "apps/haarlight/verb.h"
+#include "core/files.h"
+#include "core/log.h"
+#include "core/parallel.h"
+
+namespace {
+
+int run_verb(haarlight::Invocation& invocation) {
+  using haarlight::ExitCode;
+  const haarlight::CommonOptions& common = invocation.common;
+  if (common.quiet) {
+    haarlight::set_log_level(haarlight::LogLevel::error);
+  }
+  std::optional<haarlight::ThreadLimit> limit;
+  if (common.threads > 0) {
+    limit.emplace(common.threads);
+  }
+  haarlight::Report report(invocation.command);
+  if (!common.report.empty()) {
+    haarlight::require_absent(common.report, common.force);
+  }
+  const ExitCode code = invocation.run(report);
+  if (!common.report.empty()) {
+    report.write(common.report);
+  }
+  return static_cast<int>(code);
+}
+
+int run_guarded(haarlight::Invocation& invocation) {
+  using haarlight::ExitCode;
+  try {
+    return run_verb(invocation);
+  } catch (const haarlight::Error& error) {
+    fmt::print(stderr, "haarlight {}: {}\n", invocation.command, error.what());
+    return static_cast<int>(error.code());
+  } catch (const std::bad_alloc&) {
+    fmt::print(stderr,
+               "haarlight {}: out of memory\n  cure: give a smaller --memory or a larger machine\n",
+               invocation.command);
+    return static_cast<int>(ExitCode::internal);
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "haarlight {}: {}\n  cure: this is our own bug, please report it\n",
+               invocation.command, error.what());
+    return static_cast<int>(ExitCode::internal);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("haarlight: capture an object under every light, and relight it afterwards",
+               "haarlight");
+  app.set_version_flag("--version", std::string(haarlight::kVersion));
+  app.require_subcommand(1);
+  haarlight::Invocation invocation;
+  haarlight::add_all_verbs(app, invocation);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    const bool is_help = error.get_exit_code() == 0;
+    app.exit(error, std::cout, std::cerr);
+    return static_cast<int>(is_help ? haarlight::ExitCode::done : haarlight::ExitCode::usage);
+  }
+  return run_guarded(invocation);
+}

@@ -1,0 +1,41 @@
+/// @file
+/// The table of verbs, in the order of a job.
+
+#include <CLI/CLI.hpp>
+
+#include "apps/haarlight/verb.h"
+
+namespace haarlight {
+
+void add_check(CLI::App& root, Invocation& invocation);
+
+namespace {
+
+using AddVerb = void (*)(CLI::App& root, Invocation& invocation);
+
+constexpr AddVerb kVerbs[] = {
+    add_check,
+};
+
+}  // namespace
+
+void add_common_options(CLI::App& verb, Invocation& invocation) {
+  CommonOptions& common = invocation.common;
+  verb.add_option("--report", common.report, "Write what was asked and reached as JSON")
+      ->type_name("FILE");
+  verb.add_flag("--quiet,-q", common.quiet, "No progress, only results and errors");
+  verb.add_option("--memory", common.memory_bytes, "Memory budget, for example 512M or 4G")
+      ->transform(CLI::AsSizeValue(false))
+      ->default_str("4G");
+  verb.add_option("--threads", common.threads, "Threads to use (default: one a core)")
+      ->check(CLI::Range(1, 1024));
+  verb.add_flag("--force", common.force, "Overwrite an existing output");
+}
+
+void add_all_verbs(CLI::App& root, Invocation& invocation) {
+  for (const AddVerb add : kVerbs) {
+    add(root, invocation);
+  }
+}
+
+}  // namespace haarlight

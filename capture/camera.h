@@ -1,0 +1,85 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+
+#include "core/error.h"
+#include "core/image.h"
+#include "core/rig.h"
+
+/// @file
+/// A camera as the capture thread sees it. One thread owns one camera. Implementations:
+/// remote_camera (a socket), replay_camera (a session); a V4L2 one has its place beside them.
+
+namespace haarlight {
+
+/// Bits of FrameInfo::flags.
+enum FrameFlag : std::uint32_t {
+  kFrameError = 1U << 0U,      ///< the driver marked the buffer as damaged
+  kFrameShort = 1U << 1U,      ///< fewer bytes than a frame
+  kFrameMonotonic = 1U << 2U,  ///< the stamp is CLOCK_MONOTONIC
+};
+
+struct FrameInfo {
+  std::uint64_t sequence = 0;     ///< counts frames of the sensor; a gap is a lost frame
+  std::int64_t timestamp_ns = 0;  ///< CLOCK_MONOTONIC; meaning as the rig file says
+  std::uint32_t flags = 0;
+  double exposure_us = 0.0;       ///< as in force for this frame
+  double gain_db = 0.0;
+};
+
+/// A frame in a buffer of the camera's; the destructor gives the buffer back. Move-only.
+class Frame {
+ public:
+  using Release = std::function<void()>;
+  Frame() = default;
+  Frame(FrameInfo info, ImageView<const std::uint16_t> pixels, Release release)
+      : info_(info), pixels_(pixels), release_(std::move(release)) {}
+  ~Frame() { reset(); }
+  Frame(Frame&& other) noexcept;
+  Frame& operator=(Frame&& other) noexcept;
+  Frame(const Frame&) = delete;
+  Frame& operator=(const Frame&) = delete;
+
+  [[nodiscard]] const FrameInfo& info() const noexcept { return info_; }
+  /// (frame_height, width, 1) sensor words, tag rows included.
+  [[nodiscard]] ImageView<const std::uint16_t> pixels() const noexcept { return pixels_; }
+  void reset();
+
+ private:
+  FrameInfo info_;
+  ImageView<const std::uint16_t> pixels_;
+  Release release_;
+};
+
+/// What the camera answered when it was set up: asked values as read back.
+struct CameraSetup {
+  int width = 0;
+  int height = 0;
+  int n_buffers = 0;  ///< frames that may be held at once
+  double fps = 0.0;
+  double exposure_us = 0.0;
+  double gain_db = 0.0;
+  std::string identity;  ///< model and serial number, compared after a reconnection
+};
+
+class Camera {
+ public:
+  virtual ~Camera() = default;
+  /// Opens the device, sets everything the rig asks for, reads it back and starts streaming.
+  [[nodiscard]] virtual Result<CameraSetup> start(const CameraSpec& spec) = 0;
+  /// The next frame. Fault timeout when `deadline` passes; device_gone when it is lost.
+  [[nodiscard]] virtual Result<Frame> next(std::chrono::steady_clock::time_point deadline) = 0;
+  /// Sets the exposure of a later frame; the value read back. Frames tell when it is in force.
+  [[nodiscard]] virtual Result<double> set_exposure(double exposure_us) = 0;
+  /// Leaves streaming and closes the device; never fails, may be repeated.
+  virtual void stop() noexcept = 0;
+};
+
+/// Makes the camera that the rig file names (registry in camera.cpp).
+[[nodiscard]] Result<std::unique_ptr<Camera>> make_camera(const CameraSpec& spec);
+
+}  // namespace haarlight

@@ -1,0 +1,61 @@
+# haarlight_add_module(NAME SOURCES a.cpp ... [HEADERS a.h ...] [PUBLIC_DEPS ...] [PRIVATE_DEPS ...])
+#   A library haarlight_NAME with alias haarlight::NAME. Sources are relative to the calling
+#   folder; headers default to the sources' names with .h, where they exist. Its headers are
+#   compiled alone by the target all_verify_interface_header_sets.
+#
+# haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...])
+#   A GoogleTest program NAME whose tests ctest finds. Labels: unit (default), golden, property,
+#   slow.
+#
+# haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
+#   With clang and HAARLIGHT_FUZZ a libFuzzer program; in every other build a program that replays
+#   the corpus, registered as a test.
+
+include(GoogleTest)
+
+function(haarlight_add_module)
+  cmake_parse_arguments(ARG "" "NAME" "SOURCES;HEADERS;PUBLIC_DEPS;PRIVATE_DEPS" ${ARGN})
+  set(target haarlight_${ARG_NAME})
+  add_library(${target} STATIC ${ARG_SOURCES})
+  add_library(haarlight::${ARG_NAME} ALIAS ${target})
+  set(headers ${ARG_HEADERS})
+  foreach(source IN LISTS ARG_SOURCES)
+    string(REGEX REPLACE "\\.cpp$" ".h" header ${source})
+    if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/${header})
+      list(APPEND headers ${header})
+    endif()
+  endforeach()
+  list(REMOVE_DUPLICATES headers)
+  target_sources(${target} PUBLIC FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR}
+                                  FILES ${headers})
+  target_include_directories(${target} PUBLIC ${PROJECT_SOURCE_DIR})
+  target_link_libraries(${target} PUBLIC ${ARG_PUBLIC_DEPS} PRIVATE haarlight::warnings
+                                         ${ARG_PRIVATE_DEPS})
+endfunction()
+
+function(haarlight_add_test)
+  cmake_parse_arguments(ARG "" "NAME" "SOURCES;DEPS;LABELS" ${ARGN})
+  add_executable(${ARG_NAME} ${ARG_SOURCES})
+  target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings GTest::gmock
+                                            GTest::gtest_main rapidcheck rapidcheck_gtest)
+  target_compile_definitions(${ARG_NAME} PRIVATE
+    HAARLIGHT_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  if(NOT ARG_LABELS)
+    set(ARG_LABELS unit)
+  endif()
+  gtest_discover_tests(${ARG_NAME} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
+                       PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
+endfunction()
+
+function(haarlight_add_fuzzer)
+  cmake_parse_arguments(ARG "" "NAME;CORPUS" "SOURCES;DEPS" ${ARGN})
+  if(HAARLIGHT_FUZZ)
+    add_executable(${ARG_NAME} ${ARG_SOURCES})
+    target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
+  else()
+    add_executable(${ARG_NAME} ${ARG_SOURCES} ${PROJECT_SOURCE_DIR}/tests/fuzz/replay_main.cpp)
+    add_test(NAME ${ARG_NAME}.corpus COMMAND ${ARG_NAME} ${CMAKE_CURRENT_SOURCE_DIR}/${ARG_CORPUS})
+    set_tests_properties(${ARG_NAME}.corpus PROPERTIES LABELS unit)
+  endif()
+  target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings)
+endfunction()

@@ -1,0 +1,208 @@
+#include "core/files.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include <fmt/format.h>
+#include <xxhash.h>
+
+#include "core/error.h"
+
+namespace haarlight {
+
+namespace {
+
+[[noreturn]] void throw_io(const char* step, const std::filesystem::path& path, int error) {
+  throw Error(fmt::format("{}: {}", step, std::strerror(error)), path.string(),
+              error == ENOSPC ? "free some space on this disk" : "check the folder and its rights",
+              ExitCode::io);
+}
+
+void write_all(int fd, std::span<const std::byte> bytes, const std::filesystem::path& path) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
+    if (n < 0 && errno == EINTR) {
+      continue;
+    }
+    if (n <= 0) {
+      throw_io("write", path, n < 0 ? errno : EIO);
+    }
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
+  }
+}
+
+std::filesystem::path folder_of(const std::filesystem::path& path) {
+  return path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
+}
+
+}  // namespace
+
+void Fd::reset(int fd) noexcept {
+  if (fd_ >= 0) {
+    ::close(fd_);
+  }
+  fd_ = fd;
+}
+
+MappedFile::MappedFile(const std::filesystem::path& path) {
+  const Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat info {};
+  if (!fd.is_open() || ::fstat(fd.get(), &info) != 0) {
+    throw Error(fmt::format("cannot open: {}", std::strerror(errno)), path.string(),
+                "check the name and its rights");
+  }
+  if (!S_ISREG(info.st_mode)) {
+    throw Error("not a file", path.string(), "name a file");
+  }
+  size_ = static_cast<std::size_t>(info.st_size);
+  if (size_ == 0) {
+    return;
+  }
+  void* mapped = ::mmap(nullptr, size_, PROT_READ, MAP_SHARED, fd.get(), 0);
+  if (mapped == MAP_FAILED) {
+    const int error = errno;
+    size_ = 0;
+    throw_io("mmap", path, error);
+  }
+  data_ = static_cast<const std::byte*>(mapped);
+}
+
+MappedFile::~MappedFile() {
+  if (data_ != nullptr) {
+    ::munmap(const_cast<std::byte*>(data_), size_);  // munmap takes what mmap gave
+  }
+}
+
+MappedFile::MappedFile(MappedFile&& other) noexcept
+    : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)) {}
+
+MappedFile& MappedFile::operator=(MappedFile&& other) noexcept {
+  std::swap(data_, other.data_);
+  std::swap(size_, other.size_);
+  return *this;
+}
+
+std::string read_file(const std::filesystem::path& path, std::uintmax_t max_bytes) {
+  const Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat info {};
+  if (!fd.is_open() || ::fstat(fd.get(), &info) != 0) {
+    throw Error(fmt::format("cannot open: {}", std::strerror(errno)), path.string(),
+                "check the name and its rights");
+  }
+  if (!S_ISREG(info.st_mode)) {
+    throw Error("not a file", path.string(), "name a file");
+  }
+  if (static_cast<std::uintmax_t>(info.st_size) > max_bytes) {
+    throw Error(fmt::format("{} bytes, more than the {} expected here", info.st_size, max_bytes),
+                path.string(), "is this the right file?");
+  }
+  std::string text(static_cast<std::size_t>(info.st_size), '\0');
+  std::size_t done = 0;
+  while (done < text.size()) {
+    const ssize_t n = ::read(fd.get(), text.data() + done, text.size() - done);
+    if (n < 0 && errno == EINTR) {
+      continue;
+    }
+    if (n < 0) {
+      throw_io("read", path, errno);
+    }
+    if (n == 0) {
+      break;
+    }
+    done += static_cast<std::size_t>(n);
+  }
+  text.resize(done);
+  return text;
+}
+
+PendingFile::PendingFile(std::filesystem::path path) : path_(std::move(path)) {
+  temporary_ = path_;
+  temporary_ += fmt::format(".tmp{}", ::getpid());
+  fd_.reset(::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+  if (!fd_.is_open()) {
+    throw_io("create", temporary_, errno);
+  }
+}
+
+PendingFile::PendingFile(PendingFile&& other) noexcept
+    : path_(std::move(other.path_)),
+      temporary_(std::move(other.temporary_)),
+      fd_(std::move(other.fd_)),
+      size_(other.size_) {
+  other.temporary_.clear();
+}
+
+PendingFile::~PendingFile() {
+  if (!temporary_.empty()) {
+    std::error_code ignored;
+    std::filesystem::remove(temporary_, ignored);
+  }
+}
+
+void PendingFile::append(std::span<const std::byte> bytes) {
+  write_all(fd_.get(), bytes, temporary_);
+  size_ += bytes.size();
+}
+
+void PendingFile::rewrite(std::uint64_t offset, std::span<const std::byte> bytes) {
+  HAARLIGHT_EXPECTS(offset + bytes.size() <= size_, "bytes already written");
+  while (!bytes.empty()) {
+    const ssize_t n =
+        ::pwrite(fd_.get(), bytes.data(), bytes.size(), static_cast<off_t>(offset));
+    if (n < 0 && errno == EINTR) {
+      continue;
+    }
+    if (n <= 0) {
+      throw_io("pwrite", temporary_, n < 0 ? errno : EIO);
+    }
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
+    offset += static_cast<std::uint64_t>(n);
+  }
+}
+
+void PendingFile::commit() {
+  if (::fsync(fd_.get()) != 0) {
+    throw_io("fsync", temporary_, errno);
+  }
+  if (::rename(temporary_.c_str(), path_.c_str()) != 0) {
+    throw_io("rename", path_, errno);
+  }
+  temporary_.clear();
+  fd_.reset();
+  const Fd folder(::open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!folder.is_open() || ::fsync(folder.get()) != 0) {
+    throw_io("fsync folder", folder_of(path_), errno);
+  }
+}
+
+void write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+  PendingFile file(path);
+  file.append(bytes);
+  file.commit();
+}
+
+void write_file_atomically(const std::filesystem::path& path, std::string_view text) {
+  write_file_atomically(path, std::as_bytes(std::span(text)));
+}
+
+void require_absent(const std::filesystem::path& path, bool force) {
+  if (!force && std::filesystem::exists(path)) {
+    throw Error("exists already", path.string(), "choose another name or give --force",
+                ExitCode::usage);
+  }
+}
+
+std::string content_hash(std::span<const std::byte> bytes) {
+  const XXH128_hash_t hash = XXH3_128bits(bytes.data(), bytes.size());
+  return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
+}
+
+std::string content_hash(std::string_view text) { return content_hash(std::as_bytes(std::span(text))); }
+
+}  // namespace haarlight

@@ -1,0 +1,179 @@
+#include "core/image_io.h"
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <span>
+
+#include <OpenImageIO/imageio.h>
+#include <OpenImageIO/filesystem.h>
+#include <fmt/format.h>
+
+#include "core/files.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28U;
+
+/// The formats we read, by their first bytes; empty when it is none of them.
+std::string format_by_magic(std::span<const std::byte> bytes) {
+  const auto starts = [&](std::string_view magic, std::size_t at = 0) {
+    return bytes.size() >= at + magic.size() &&
+           std::memcmp(bytes.data() + at, magic.data(), magic.size()) == 0;
+  };
+  using namespace std::string_view_literals;
+  if (starts("\xff\xd8\xff"sv)) {
+    return "jpeg";
+  }
+  if (starts("\x89PNG\r\n\x1a\n"sv)) {
+    return "png";
+  }
+  if (starts("II*\0"sv) || starts("MM\0*"sv) || starts("II+\0"sv) || starts("MM\0+"sv)) {
+    return "tiff";
+  }
+  if (starts("\x76\x2f\x31\x01"sv)) {
+    return "openexr";
+  }
+  if (starts("#?RADIANCE"sv) || starts("#?RGBE"sv)) {
+    return "hdr";
+  }
+  // TGA has no magic: an image type that is one of the six, and no colour map or a 256-entry one.
+  if (bytes.size() >= 18) {
+    const auto type = std::to_integer<int>(bytes[2]);
+    const auto map = std::to_integer<int>(bytes[1]);
+    const auto depth = std::to_integer<int>(bytes[16]);
+    const bool is_type = type == 1 || type == 2 || type == 3 || type == 9 || type == 10 || type == 11;
+    const bool is_depth = depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32;
+    if (map <= 1 && is_type && is_depth) {
+      return "targa";
+    }
+  }
+  return {};
+}
+
+[[noreturn]] void refuse(const std::string& what, const std::filesystem::path& path,
+                         const std::string& cure) {
+  throw Error(what, path.string(), cure);
+}
+
+}  // namespace
+
+PictureFile read_picture(const std::filesystem::path& path) {
+  const MappedFile mapped(path);
+  const std::string format = format_by_magic(mapped.bytes());
+  if (format.empty()) {
+    refuse("not a picture that haarlight reads", path,
+           "give a JPEG, PNG, TIFF, OpenEXR, Radiance HDR or TGA file");
+  }
+  const std::unique_ptr<OIIO::ImageInput> input = OIIO::ImageInput::create(format);
+  if (!input) {
+    throw Error("OpenImageIO has no reader for " + format, path.string(),
+                "install Debian's libopenimageio2.4", ExitCode::unavailable);
+  }
+  OIIO::ImageSpec spec;
+  OIIO::ImageSpec wanted;
+  wanted.attribute("oiio:UnassociatedAlpha", 1);
+  wanted.attribute("oiio:RawColor", 1);
+  if (!input->open(path.string(), spec, wanted)) {
+    refuse("cannot be decoded: " + input->geterror(), path, "the file is damaged: replace it");
+  }
+  if (spec.width < 1 || spec.height < 1 || spec.depth > 1 ||
+      static_cast<std::int64_t>(spec.width) * spec.height > kMaxPixels) {
+    refuse(fmt::format("{} x {} pixels", spec.width, spec.height), path,
+           "a picture must have from 1 to 2^28 pixels and one layer");
+  }
+  if (spec.nchannels < 1 || spec.nchannels > 64) {
+    refuse(fmt::format("{} channels", spec.nchannels), path, "give a grey or an RGB picture");
+  }
+  const int channels = spec.nchannels >= 3 ? 3 : 1;
+  PictureFile picture;
+  picture.is_floating = spec.format.is_floating_point();
+  picture.bits_per_sample = static_cast<int>(spec.format.basesize()) * 8;
+  const std::string space = spec.get_string_attribute("oiio:ColorSpace");
+  const bool says_linear = space == "Linear" || space == "linear" || space == "scene_linear";
+  picture.transfer =
+      picture.is_floating || (says_linear && format != "jpeg") ? Transfer::linear : Transfer::srgb;
+  picture.is_turned = spec.get_int_attribute("Orientation", 1) != 1;
+  picture.pixels = Image<float>(spec.height, spec.width, channels);
+  if (!input->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT,
+                         picture.pixels.pixels().data())) {
+    refuse("cannot be decoded: " + input->geterror(), path, "the file is damaged: replace it");
+  }
+  input->close();
+  return picture;
+}
+
+Image<float> read_linear_image(const std::filesystem::path& path) {
+  PictureFile picture = read_picture(path);
+  const std::span<float> pixels = picture.pixels.pixels();
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (!std::isfinite(pixels[i])) {
+      const auto pixel = static_cast<int>(i / static_cast<std::size_t>(picture.pixels.channels()));
+      refuse(fmt::format("pixel (x {}, y {}) is not a finite number",
+                         pixel % picture.pixels.width(), pixel / picture.pixels.width()),
+             path, "repair or replace the picture");
+    }
+    if (picture.transfer == Transfer::srgb) {
+      pixels[i] = linear_from_srgb(pixels[i]);
+    }
+  }
+  return std::move(picture.pixels);
+}
+
+void write_image(const std::filesystem::path& path, ImageView<const float> image,
+                 double exposure) {
+  HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
+  HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
+  const std::string ending = path.extension().string();
+  const bool is_png = ending == ".png";
+  if (!is_png && ending != ".exr" && ending != ".tif") {
+    throw Error(fmt::format("cannot write a picture named \"{}\"", ending), path.string(),
+                "end the name in .exr (linear), .png (to look at) or .tif", ExitCode::usage);
+  }
+  const auto type = is_png ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::FLOAT;
+  OIIO::ImageSpec spec(image.width(), image.height(), image.channels(), type);
+  spec.attribute("oiio:ColorSpace", is_png ? "sRGB" : "Linear");
+  std::vector<float> packed;
+  packed.reserve(static_cast<std::size_t>(image.width()) *
+                 static_cast<std::size_t>(image.height() * image.channels()));
+  for (int y = 0; y < image.height(); ++y) {
+    for (const float value : image.row(y)) {
+      packed.push_back(is_png ? srgb_from_linear(value * static_cast<float>(exposure)) : value);
+    }
+  }
+  std::vector<unsigned char> encoded;
+  OIIO::Filesystem::IOVecOutput memory(encoded);
+  const std::unique_ptr<OIIO::ImageOutput> output =
+      OIIO::ImageOutput::create(is_png ? "png" : (ending == ".exr" ? "openexr" : "tiff"), &memory);
+  if (!output) {
+    throw Error("OpenImageIO has no writer for " + ending, path.string(),
+                "install Debian's libopenimageio2.4", ExitCode::unavailable);
+  }
+  if (!output->supports("ioproxy") || !output->set_ioproxy(&memory) ||
+      !output->open(path.string(), spec) ||
+      !output->write_image(OIIO::TypeDesc::FLOAT, packed.data()) || !output->close()) {
+    throw Error("cannot be encoded: " + output->geterror(), path.string(), "this is our own bug",
+                ExitCode::internal);
+  }
+  write_file_atomically(path, std::as_bytes(std::span(encoded)));
+}
+
+float srgb_from_linear(float linear) noexcept {
+  if (linear < 0.0F) {
+    return -srgb_from_linear(-linear);
+  }
+  return linear <= 0.0031308F ? 12.92F * linear
+                              : 1.055F * std::pow(linear, 1.0F / 2.4F) - 0.055F;
+}
+
+float linear_from_srgb(float encoded) noexcept {
+  if (encoded < 0.0F) {
+    return -linear_from_srgb(-encoded);
+  }
+  return encoded <= 0.04045F ? encoded / 12.92F : std::pow((encoded + 0.055F) / 1.055F, 2.4F);
+}
+
+}  // namespace haarlight

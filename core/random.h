@@ -1,0 +1,34 @@
+#pragma once
+
+#include <cstdint>
+
+/// @file
+/// Counter-based random numbers: the value depends on the key alone, never on a thread or on order.
+
+namespace haarlight {
+
+/// A 64-bit mixture of up to four keys (finaliser of SplitMix64 [Steele14], applied per key).
+[[nodiscard]] constexpr std::uint64_t hash_key(std::uint64_t a, std::uint64_t b = 0,
+                                               std::uint64_t c = 0, std::uint64_t d = 0) {
+  constexpr auto kMix = [](std::uint64_t z) {
+    z += 0x9e3779b97f4a7c15ULL;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
+    return z ^ (z >> 31);
+  };
+  return kMix(kMix(kMix(kMix(a) ^ b) ^ c) ^ d);
+}
+
+/// Uniform in [0, 1), 53 bits.
+[[nodiscard]] constexpr double uniform_unit(std::uint64_t hash) {
+  return static_cast<double>(hash >> 11) * 0x1p-53;
+}
+
+/// Standard normal from one hash (Box-Muller on its two halves; tails to 6.6 sigma).
+[[nodiscard]] double standard_normal(std::uint64_t hash);
+
+/// Poisson-distributed count of the given mean: exact by inversion below 30, above that the normal
+/// approximation rounded, whose relative error in the variance is below 0.3 %.
+[[nodiscard]] std::uint32_t poisson(double mean, std::uint64_t hash);
+
+}  // namespace haarlight

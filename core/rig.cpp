@@ -1,0 +1,350 @@
+#include "core/rig.h"
+
+#include <array>
+#include <bit>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "core/config_table.h"
+#include "core/error.h"
+#include "core/files.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::array<std::string_view, 4> kSyncWords{"free-run", "light-leads", "camera-leads",
+                                                     "controller-leads"};
+constexpr std::array<std::string_view, 3> kTimestampWords{"start_exposure", "start_readout",
+                                                          "end_frame"};
+constexpr std::array<std::string_view, 2> kShutterWords{"rolling", "global"};
+constexpr std::array<std::string_view, 5> kBayerWords{"none", "rggb", "bggr", "grbg", "gbrg"};
+constexpr std::array<std::string_view, 3> kCameraWords{"v4l2", "remote", "replay"};
+constexpr std::array<std::string_view, 3> kControllerWords{"modbus_tcp", "modbus_rtu", "usb"};
+constexpr int kMaxLights = 6 * 64 * 64;
+constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
+constexpr double kMaxLength_mm = 1e6;
+
+template <std::size_t N>
+std::vector<std::string_view> words(const std::array<std::string_view, N>& list) {
+  return {list.begin(), list.end()};
+}
+
+Eigen::Vector3d vector3(ConfigTable& table, std::string_view key) {
+  const std::vector<double> x = table.numbers(key, 3);
+  return {x[0], x[1], x[2]};
+}
+
+Eigen::Vector3d unit_vector(ConfigTable& table, std::string_view key) {
+  const Eigen::Vector3d x = vector3(table, key);
+  if (std::abs(x.norm() - 1.0) > kUnitTol) {
+    table.problem(key, fmt::format("{} has length {}, not 1", key, x.norm()),
+                  "write a unit vector");
+    return Eigen::Vector3d::UnitX();
+  }
+  return x.normalized();
+}
+
+void require_orthogonal(ConfigTable& table, std::string_view key, const Eigen::Vector3d& a,
+                        const Eigen::Vector3d& b, std::string_view other) {
+  if (std::abs(a.dot(b)) > kUnitTol) {
+    table.problem(key, fmt::format("{} is not at right angles to {}", key, other),
+                  "u, v and the normal must be orthogonal");
+  }
+}
+
+Face read_face(ConfigTable& t) {
+  Face face;
+  face.id = t.text("id");
+  face.centre = vector3(t, "centre");
+  face.u = unit_vector(t, "u");
+  face.v = unit_vector(t, "v");
+  face.emits = unit_vector(t, "emits");
+  require_orthogonal(t, "v", face.u, face.v, "u");
+  require_orthogonal(t, "emits", face.u, face.emits, "u");
+  require_orthogonal(t, "emits", face.v, face.emits, "v");
+  face.rows = static_cast<int>(t.integer("rows", {.min = 1, .max = 256}));
+  face.cols = static_cast<int>(t.integer("cols", {.min = 1, .max = 256}));
+  face.pitch_mm = t.number("pitch", {.min = 1e-3, .max = kMaxLength_mm});
+  const std::vector<double> emitter = t.numbers("emitter", 2);
+  face.emitter_w_mm = emitter[0];
+  face.emitter_h_mm = emitter[1];
+  if (!(emitter[0] > 0.0 && emitter[1] > 0.0) ||
+      std::max(emitter[0], emitter[1]) > face.pitch_mm) {
+    t.problem("emitter", "an emitter must be larger than 0 and not larger than the pitch",
+              "write emitter = [width, height] in mm");
+  }
+  face.element_power = Watts(t.number("watts", {.min = 0.0, .max = 1e4}));
+  face.lobe_mu = t.number_or("lobe_mu", 1.0, {.min = 0.0, .max = 1e3});
+  face.max_power = Watts(t.number("max_watts", {.min = 0.0, .max = 1e6}));
+  if (face.max_power < face.element_power) {
+    t.problem("max_watts", "max_watts is below the power of a single element",
+              "one element at full drive must be allowed");
+  }
+  return face;
+}
+
+ShadowPlane read_plane(ConfigTable& t) {
+  ShadowPlane plane;
+  plane.id = t.text("id");
+  plane.n = unit_vector(t, "n");
+  plane.d = t.number("d", {.min = -kMaxLength_mm, .max = kMaxLength_mm});
+  plane.origin = vector3(t, "origin");
+  plane.u = unit_vector(t, "u");
+  plane.v = unit_vector(t, "v");
+  require_orthogonal(t, "u", plane.u, plane.n, "n");
+  require_orthogonal(t, "v", plane.v, plane.n, "n");
+  require_orthogonal(t, "v", plane.u, plane.v, "u");
+  if (std::abs(plane.n.dot(plane.origin) + plane.d) > 1e-6 * (1.0 + std::abs(plane.d))) {
+    t.problem("origin", "the origin does not lie on the plane n.x + d = 0",
+              "correct origin or d");
+  }
+  const std::vector<double> extent = t.numbers("extent", 2);
+  plane.extent_u_mm = extent[0];
+  plane.extent_v_mm = extent[1];
+  plane.texel_mm = t.number("texel", {.min = 1e-3, .max = kMaxLength_mm});
+  if (!(extent[0] > 0.0 && extent[1] > 0.0)) {
+    t.problem("extent", "an extent must be larger than 0", "write extent = [width, height] in mm");
+  } else if (extent[0] / plane.texel_mm * (extent[1] / plane.texel_mm) > 1e8) {
+    t.problem("texel", "the plane picture would have more than 10^8 texels",
+              "make texel larger or extent smaller");
+  }
+  return plane;
+}
+
+CameraSpec read_camera(ConfigTable& t) {
+  CameraSpec camera;
+  camera.id = t.text("id");
+  camera.kind = static_cast<CameraKind>(t.choice("kind", words(kCameraWords)));
+  camera.device = t.text("device");
+  camera.format = t.text_or("format", "Y16 ");
+  const std::vector<double> size = t.numbers("size", 2);
+  camera.frame_width = static_cast<int>(size[0]);
+  camera.frame_height = static_cast<int>(size[1]);
+  if (!(size[0] >= 1 && size[1] >= 1 && size[0] <= 65536 && size[1] <= 65536) ||
+      size[0] != std::floor(size[0]) || size[1] != std::floor(size[1])) {
+    t.problem("size", "not a frame size", "write size = [width, height] in pixels");
+    camera.frame_width = camera.frame_height = 1;
+  }
+  camera.active_rows = static_cast<int>(t.integer_or(
+      "active_area", camera.frame_height,
+      {.min = 1, .max = static_cast<double>(camera.frame_height)}));
+  camera.bits = static_cast<int>(t.integer_or("bits", 16, {.min = 8, .max = 16}));
+  camera.fps = t.number("fps", {.min = 1e-3, .max = 1e5});
+  camera.exposure_us = t.number("exposure_us", {.min = 1.0, .max = 1e9});
+  camera.gain_db = t.number_or("gain_db", 0.0, {.min = -100.0, .max = 100.0});
+  camera.shutter = static_cast<Shutter>(t.choice("shutter", words(kShutterWords)));
+  camera.skew_us = t.number_or("skew_us", 0.0, {.min = 0.0, .max = 1e9});
+  if (camera.shutter == Shutter::global && camera.skew_us != 0.0) {
+    t.problem("skew_us", "a global shutter has no skew", "write skew_us = 0 or shutter = \"rolling\"");
+  }
+  camera.read_us = t.number("read_us", {.min = 0.0, .max = 1e9});
+  camera.timestamp =
+      static_cast<TimestampMeaning>(t.choice("timestamp", words(kTimestampWords)));
+  if (camera.timestamp == TimestampMeaning::end_frame && camera.read_us == 0.0) {
+    t.problem("read_us", "read_us is 0, but the stamp means the end of the frame",
+              "a readout is never free: measure it, or divide the frame period by two for a start");
+  }
+  const std::vector<double> k = t.matrix("K", 3, 3);
+  camera.model.width = camera.frame_width;
+  camera.model.height = camera.active_rows;
+  camera.model.fx = k[0];
+  camera.model.fy = k[4];
+  camera.model.cx = k[2];
+  camera.model.cy = k[5];
+  if (!(k[0] > 0.0 && k[4] > 0.0) || k[1] != 0.0 || k[3] != 0.0 || k[6] != 0.0 || k[7] != 0.0 ||
+      k[8] != 1.0) {
+    t.problem("K", "K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with positive fx, fy",
+              "write the focal lengths and the principal point in pixels");
+  }
+  const std::vector<double> dist = t.numbers_or("dist", {0, 0, 0, 0, 0});
+  for (int i = 0; i < 5; ++i) {
+    camera.model.distortion[i] = dist[static_cast<std::size_t>(i)];
+  }
+  const std::vector<double> pose = t.matrix("world_from_cam", 3, 4);
+  Eigen::Matrix3d rotation;
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 3; ++col) {
+      rotation(row, col) = pose[static_cast<std::size_t>(4 * row + col)];
+    }
+    camera.model.world_from_cam.translation()[row] = pose[static_cast<std::size_t>(4 * row + 3)];
+  }
+  camera.model.world_from_cam.linear() = rotation;
+  if (!(rotation * rotation.transpose()).isIdentity(kUnitTol) || rotation.determinant() < 0.0) {
+    t.problem("world_from_cam", "its left 3x3 block is not a rotation",
+              "write three rows [r r r t]: a rotation and the camera's place in mm");
+  }
+  camera.bayer = static_cast<BayerPattern>(t.choice_or("bayer", words(kBayerWords), 0));
+  if (auto noise = t.table("noise")) {
+    camera.noise.gain_e_per_dn = noise->number("gain", {.min = 1e-9, .max = 1e9});
+    camera.noise.read_e = noise->number("read", {.min = 0.0, .max = 1e9});
+    camera.noise.full_well_e = noise->number("full_well", {.min = 1.0, .max = 1e12});
+    camera.noise.black_dn = noise->number("black", {.min = 0.0, .max = 65535.0});
+  }
+  return camera;
+}
+
+ControllerSpec read_controller(ConfigTable& t) {
+  ControllerSpec controller;
+  controller.kind = static_cast<ControllerKind>(t.choice("kind", words(kControllerWords)));
+  controller.address = t.text("address");
+  controller.unit = static_cast<int>(t.integer_or("unit", 1, {.min = 1, .max = 247}));
+  controller.profile = t.text_or("profile", "haarlight");
+  controller.lease = std::chrono::milliseconds(
+      t.integer_or("lease_ms", 2000, {.min = 100, .max = 60000}));
+  if (auto settle = t.table("settle_us")) {
+    controller.rise_us = settle->number("rise", {.min = 0.0, .max = 1e7});
+    controller.fall_us = settle->number("fall", {.min = 0.0, .max = 1e7});
+    controller.latch_us = settle->number("latch", {.min = 0.0, .max = 1e7});
+  } else {
+    t.problem("settle_us", "settle_us is missing",
+              "add settle_us = { rise = .., fall = .., latch = .. } in microseconds");
+  }
+  return controller;
+}
+
+template <class T>
+void require_unique_ids(ConfigTable& root, std::string_view key, const std::vector<T>& items) {
+  for (std::size_t i = 0; i < items.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      if (items[i].id == items[j].id) {
+        root.problem(key, fmt::format("two of [[{}]] have the id \"{}\"", key, items[i].id),
+                     "give each its own id");
+      }
+    }
+  }
+}
+
+Rig read_tables(ConfigTable& root) {
+  Rig rig;
+  rig.schema = static_cast<int>(root.integer("schema", {.min = 1, .max = 1}));
+  rig.name = root.text("name");
+  rig.object_centre = vector3(root, "object_centre");
+  for (ConfigTable& table : root.tables("face")) {
+    rig.faces.push_back(read_face(table));
+  }
+  for (ConfigTable& table : root.tables("plane")) {
+    rig.planes.push_back(read_plane(table));
+  }
+  for (ConfigTable& table : root.tables("camera")) {
+    rig.cameras.push_back(read_camera(table));
+  }
+  require_unique_ids(root, "face", rig.faces);
+  require_unique_ids(root, "plane", rig.planes);
+  require_unique_ids(root, "camera", rig.cameras);
+  if (rig.faces.empty()) {
+    root.problem("face", "a rig needs at least one face", "add [[face]]");
+  }
+  if (rig.cameras.empty()) {
+    root.problem("camera", "a rig needs at least one camera", "add [[camera]]");
+  }
+  if (rig.n_lights() > kMaxLights) {
+    root.problem("face", fmt::format("{} lights, more than {}", rig.n_lights(), kMaxLights),
+                 "split the rig");
+  }
+  if (auto controller = root.table("controller")) {
+    rig.controller = read_controller(*controller);
+  } else {
+    root.problem("controller", "[controller] is missing", "add [controller]");
+  }
+  if (auto sync = root.table("sync")) {
+    rig.sync = static_cast<SyncMode>(sync->choice("mode", words(kSyncWords)));
+  }
+  if (auto storage = root.table("storage")) {
+    rig.storage.folder = storage->text_or("folder", rig.storage.folder);
+    rig.storage.reserve_mb =
+        storage->number_or("reserve_mb", rig.storage.reserve_mb, {.min = 0.0, .max = 1e9});
+  }
+  if (auto http = root.table("http")) {
+    rig.http.address = http->text_or("address", rig.http.address);
+    rig.http.port = static_cast<int>(http->integer_or("port", rig.http.port, {.min = 0, .max = 65535}));
+    rig.http.token_file = http->text_or("token_file", "");
+    const bool is_loopback = rig.http.address.starts_with("127.") || rig.http.address == "::1";
+    if (!is_loopback && rig.http.token_file.empty()) {
+      http->problem("address", "an address other than loopback needs a token",
+                    "add token_file, or use 127.0.0.1");
+    }
+  }
+  root.finish();
+  return rig;
+}
+
+}  // namespace
+
+bool Face::is_haar_grid() const {
+  return rows == cols && std::has_single_bit(static_cast<unsigned>(rows));
+}
+
+int Rig::n_lights() const {
+  int n = 0;
+  for (const Face& face : faces) {
+    n += face.n_lights();
+  }
+  return n;
+}
+
+LightElement light_element(const Rig& rig, int k) {
+  HAARLIGHT_EXPECTS(k >= 0, "a light of the rig");
+  int offset = 0;
+  for (std::size_t i = 0; i < rig.faces.size(); ++i) {
+    const Face& face = rig.faces[i];
+    if (k < offset + face.n_lights()) {
+      LightElement light;
+      light.index = k;
+      light.face = static_cast<int>(i);
+      light.row = (k - offset) / face.cols;
+      light.col = (k - offset) % face.cols;
+      light.centre = face.centre +
+                     face.u * ((light.col - 0.5 * (face.cols - 1)) * face.pitch_mm) +
+                     face.v * ((light.row - 0.5 * (face.rows - 1)) * face.pitch_mm);
+      light.u = face.u;
+      light.v = face.v;
+      light.emits = face.emits;
+      light.width_mm = face.emitter_w_mm;
+      light.height_mm = face.emitter_h_mm;
+      light.lobe_mu = face.lobe_mu;
+      return light;
+    }
+    offset += face.n_lights();
+  }
+  throw_contract_violation("k < n_lights", "a light of the rig", __FILE__, __LINE__);
+}
+
+std::vector<LightElement> light_elements(const Rig& rig) {
+  std::vector<LightElement> lights;
+  const int n = rig.n_lights();
+  lights.reserve(static_cast<std::size_t>(n));
+  for (int k = 0; k < n; ++k) {
+    lights.push_back(light_element(rig, k));
+  }
+  return lights;
+}
+
+Rig parse_rig(const std::string& text, const std::string& name) {
+  ConfigTable root = ConfigTable::parse_text(text, name);
+  Rig rig = read_tables(root);
+  rig.file = name;
+  rig.text = text;
+  rig.hash = content_hash(text);
+  return rig;
+}
+
+Rig read_rig(const std::filesystem::path& path) {
+  return parse_rig(read_file(path, 16U << 20U), path.string());
+}
+
+std::string_view to_string(SyncMode mode) noexcept {
+  return kSyncWords[static_cast<std::size_t>(mode)];
+}
+std::string_view to_string(TimestampMeaning meaning) noexcept {
+  return kTimestampWords[static_cast<std::size_t>(meaning)];
+}
+std::string_view to_string(Shutter shutter) noexcept {
+  return kShutterWords[static_cast<std::size_t>(shutter)];
+}
+std::string_view to_string(BayerPattern pattern) noexcept {
+  return kBayerWords[static_cast<std::size_t>(pattern)];
+}
+
+}  // namespace haarlight

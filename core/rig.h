@@ -1,0 +1,164 @@
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/camera_model.h"
+#include "core/units.h"
+
+/// @file
+/// The rig as its file describes it: faces of LEDs, shadow planes, cameras, controller. Every key
+/// is documented in docs/rig-file.md. Lengths in mm, world frame (right-handed, z up).
+
+namespace haarlight {
+
+/// A rows x cols array of square LEDs. Light k of the rig = face offset + row * cols + col, col
+/// along +u, row along +v, faces in file order.
+struct Face {
+  std::string id;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  Eigen::Vector3d u = Eigen::Vector3d::UnitX();
+  Eigen::Vector3d v = Eigen::Vector3d::UnitY();
+  Eigen::Vector3d emits = -Eigen::Vector3d::UnitZ();  ///< unit, orthogonal to u and v
+  int rows = 0;
+  int cols = 0;
+  double pitch_mm = 0.0;
+  double emitter_w_mm = 0.0;  ///< along u
+  double emitter_h_mm = 0.0;  ///< along v
+  Watts element_power{5.0};   ///< of one element at full drive
+  double lobe_mu = 1.0;       ///< radiance ~ cos^(mu - 1); 1 = Lambertian
+  Watts max_power{5.0};       ///< of the face at any moment
+
+  [[nodiscard]] int n_lights() const { return rows * cols; }
+  /// Equal rows and cols, a power of two: what the Haar basis needs.
+  [[nodiscard]] bool is_haar_grid() const;
+};
+
+/// A shadow sampling plane n.x + d = 0 with its picture's frame.
+struct ShadowPlane {
+  std::string id;
+  Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
+  double d = 0.0;
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< a point of the plane
+  Eigen::Vector3d u = Eigen::Vector3d::UnitX();      ///< unit, in the plane: picture's right
+  Eigen::Vector3d v = Eigen::Vector3d::UnitY();      ///< unit, in the plane: picture's up
+  double extent_u_mm = 0.0;  ///< full width, centred on the origin
+  double extent_v_mm = 0.0;
+  double texel_mm = 1.0;
+};
+
+enum class CameraKind { v4l2, remote, replay };
+enum class Shutter { rolling, global };
+/// What a frame's timestamp means.
+enum class TimestampMeaning { start_exposure, start_readout, end_frame };
+enum class BayerPattern { none, rggb, bggr, grbg, gbrg };
+
+struct SensorNoise {
+  double gain_e_per_dn = 1.0;
+  double read_e = 0.0;       ///< rms, electrons
+  double full_well_e = 0.0;  ///< electrons
+  double black_dn = 0.0;
+};
+
+struct CameraSpec {
+  std::string id;
+  CameraKind kind = CameraKind::remote;
+  std::string device;        ///< node, socket path or session folder
+  std::string format;        ///< fourcc as V4L2 names it: "Y16 ", "RG12", ...
+  int frame_width = 0;       ///< as transmitted
+  int frame_height = 0;      ///< as transmitted, tag rows included
+  int active_rows = 0;       ///< rows that hold the picture, from the top
+  int bits = 16;             ///< significant bits a sample; white = 2^bits - 1
+  double fps = 30.0;
+  double exposure_us = 0.0;
+  double gain_db = 0.0;
+  Shutter shutter = Shutter::global;
+  double skew_us = 0.0;      ///< start of the last row's exposure minus start of the first row's
+  double read_us = 0.0;      ///< from the end of the first row's exposure to the stamp's event
+  TimestampMeaning timestamp = TimestampMeaning::end_frame;
+  CameraModel model;         ///< of the active area
+  BayerPattern bayer = BayerPattern::none;
+  SensorNoise noise;
+};
+
+enum class ControllerKind { modbus_tcp, modbus_rtu, usb };
+
+struct ControllerSpec {
+  ControllerKind kind = ControllerKind::modbus_tcp;
+  std::string address;  ///< "127.0.0.1:1502", "/dev/serial/by-id/...:115200" or a USB serial number
+  int unit = 1;
+  std::string profile = "haarlight";
+  std::chrono::milliseconds lease{2000};
+  double rise_us = 0.0;   ///< light rise after the latch
+  double fall_us = 0.0;   ///< light fall after the latch
+  double latch_us = 0.0;  ///< acknowledged latch to the change of light
+};
+
+enum class SyncMode { free_run, light_leads, camera_leads, controller_leads };
+
+struct StorageSpec {
+  std::string folder = "sessions";  ///< relative to the rig file
+  double reserve_mb = 64.0;         ///< kept free beside the plan's own need
+};
+
+struct HttpSpec {
+  std::string address = "127.0.0.1";
+  int port = 8480;
+  std::string token_file;  ///< needed when the address is not loopback
+};
+
+struct Rig {
+  int schema = 1;
+  std::string name;
+  Eigen::Vector3d object_centre = Eigen::Vector3d::Zero();
+  std::vector<Face> faces;
+  std::vector<ShadowPlane> planes;
+  std::vector<CameraSpec> cameras;
+  ControllerSpec controller;
+  SyncMode sync = SyncMode::free_run;
+  StorageSpec storage;
+  HttpSpec http;
+  std::filesystem::path file;  ///< where it was read from
+  std::string text;            ///< the file's bytes, as stored with a session
+  std::string hash;            ///< content_hash(text)
+
+  [[nodiscard]] int n_lights() const;
+};
+
+/// One LED of the rig in the world.
+struct LightElement {
+  int index = 0;
+  int face = 0;
+  int row = 0;
+  int col = 0;
+  Eigen::Vector3d centre;
+  Eigen::Vector3d u;  ///< unit, along the emitter's width
+  Eigen::Vector3d v;  ///< unit, along its height
+  Eigen::Vector3d emits;
+  double width_mm = 0.0;
+  double height_mm = 0.0;
+  double lobe_mu = 1.0;
+};
+
+/// @param k  0 .. n_lights - 1
+[[nodiscard]] LightElement light_element(const Rig& rig, int k);
+[[nodiscard]] std::vector<LightElement> light_elements(const Rig& rig);
+
+/// Reads and checks a rig file.
+/// @throws Error  every problem with file:line and its cure
+[[nodiscard]] Rig read_rig(const std::filesystem::path& path);
+/// The same from text, as a session stores it; `name` stands in for the file's name in errors.
+[[nodiscard]] Rig parse_rig(const std::string& text, const std::string& name);
+
+/// The words of the file for each enumerator, for messages and JSON.
+[[nodiscard]] std::string_view to_string(SyncMode mode) noexcept;
+[[nodiscard]] std::string_view to_string(TimestampMeaning meaning) noexcept;
+[[nodiscard]] std::string_view to_string(Shutter shutter) noexcept;
+[[nodiscard]] std::string_view to_string(BayerPattern pattern) noexcept;
+
+}  // namespace haarlight

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "core/rig.h"
+
+/// @file
+/// The light controller as a device. One thread owns one LightArray. Implementations:
+/// modbus_light_array (TCP and RTU); a USB one has its place beside it.
+
+namespace haarlight {
+
+struct ControllerIdentity {
+  std::string model;
+  std::uint32_t serial = 0;
+  std::uint32_t firmware = 0;
+  std::uint32_t boot_id = 0;       ///< changes at every start of the controller
+  std::uint32_t uptime_ms = 0;
+  int n_elements = 0;
+  int table_depth = 0;
+};
+
+struct ControllerStatus {
+  std::uint32_t uptime_ms = 0;
+  std::uint32_t boot_id = 0;
+  std::uint32_t faults = 0;        ///< ControllerFault bits, see register_map.h
+  std::uint32_t tag = 0;           ///< of what is lit
+  std::uint32_t step_counter = 0;
+  double temperature_c = 0.0;
+  double supply_a = 0.0;
+  bool is_dark = true;
+};
+
+/// One element of a pattern and its level; 65535 = drive 1.
+struct ElementLevel {
+  int element = 0;
+  std::uint16_t level = 65535;
+};
+
+/// The proof of what is lit.
+struct LatchReceipt {
+  std::int64_t t_command_ns = 0;  ///< CLOCK_MONOTONIC just before the latch was sent
+  std::int64_t t_ack_ns = 0;      ///< just after its acknowledgement came
+  std::uint32_t tag_echo = 0;     ///< read back after the latch
+};
+
+/// Faults: timeout, device_gone, protocol (state UNKNOWN: call all_off or show again),
+/// refused (power, duty or range limit: nothing was lit), device_busy.
+class LightArray {
+ public:
+  virtual ~LightArray() = default;
+  [[nodiscard]] virtual Result<ControllerIdentity> connect() = 0;
+  virtual void disconnect() noexcept = 0;
+  /// Writes the shadow bank (only what differs from what it is known to hold), the tag, and
+  /// latches; reads the tag back.
+  [[nodiscard]] virtual Result<LatchReceipt> show(std::span<const ElementLevel> pattern,
+                                                  std::uint32_t tag) = 0;
+  /// Accepted in every state, never optimised away.
+  [[nodiscard]] virtual Result<LatchReceipt> all_off() = 0;
+  [[nodiscard]] virtual Result<void> renew_lease() = 0;
+  [[nodiscard]] virtual Result<ControllerStatus> status() = 0;
+  /// Uploads patterns to be stepped by the camera's strobe or by the host.
+  [[nodiscard]] virtual Result<void> upload_table(
+      std::span<const std::vector<ElementLevel>> patterns,
+      std::span<const std::uint32_t> tags) = 0;
+  /// Shows the next table entry.
+  [[nodiscard]] virtual Result<LatchReceipt> step_table() = 0;
+};
+
+/// Makes the array that the rig file names (registry.cpp).
+/// @param n_elements  of the rig; a controller with fewer is refused at connect
+[[nodiscard]] Result<std::unique_ptr<LightArray>> make_light_array(const ControllerSpec& spec,
+                                                                   int n_elements);
+
+}  // namespace haarlight

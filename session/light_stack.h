@@ -1,0 +1,75 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+
+#include "core/files.h"
+#include "core/image.h"
+#include "core/progress.h"
+#include "session/session.h"
+
+/// @file
+/// The light stack T[pixel][light]: linear radiance of every pixel under each light at unit drive,
+/// exposure, gain and power. A cache inside the session, tiled in bands of rows, lights fastest.
+
+namespace haarlight {
+
+struct StackShape {
+  int width = 0;
+  int height = 0;
+  int channels = 1;
+  int n_lights = 0;
+  int band_rows = 0;  ///< rows a band; the last band may have fewer
+  [[nodiscard]] int n_bands() const { return (height + band_rows - 1) / band_rows; }
+  friend bool operator==(const StackShape&, const StackShape&) = default;
+};
+
+/// A stack file mapped read-only. Thread-safe.
+class LightStack {
+ public:
+  /// @throws Error  not a stack file, truncated, wrong version or checksum
+  [[nodiscard]] static LightStack open(const std::filesystem::path& file);
+
+  [[nodiscard]] const StackShape& shape() const noexcept { return shape_; }
+
+  /// The band's values in C order (channels, rows, width, n_lights), float.
+  [[nodiscard]] std::span<const float> band(int i_band) const;
+
+  /// One light's picture gathered from all bands, (height, width, channels). O(size of the stack).
+  [[nodiscard]] Image<float> light_image(int k) const;
+
+ private:
+  StackShape shape_;
+  MappedFile file_;
+  std::uint64_t data_offset_ = 0;
+};
+
+/// Writes a stack band by band, in order; the file appears in `finish()`.
+class LightStackWriter {
+ public:
+  LightStackWriter(const std::filesystem::path& file, const StackShape& shape);
+  /// @param values  (channels, rows of this band, width, n_lights)
+  /// @throws Error  on NaN or infinity (naming light and pixel), or when writing fails
+  void append_band(std::span<const float> values);
+  void finish();
+
+ private:
+  StackShape shape_;
+  PendingFile file_;
+  int next_band_ = 0;
+};
+
+struct DevelopOptions {
+  std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
+  bool keep_bayer = false;  ///< leave the mosaic as one channel instead of demosaicing
+  ProgressStyle progress = ProgressStyle::none;
+};
+
+/// Black and dark -> linear -> exposure, drive and power -> demosaic, for every light shot of a
+/// session; returns the stack, made once and then cached in SESSION/cache/ under a key of
+/// everything it depends on. Out of core: bands are sized to the memory budget.
+/// @throws Error  a light without a frame, a frame that does not fit, NaN (by name), disk full
+[[nodiscard]] LightStack develop(const Session& session, const DevelopOptions& options = {});
+
+}  // namespace haarlight

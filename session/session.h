@@ -1,0 +1,118 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/image.h"
+#include "core/image_io.h"
+#include "core/rig.h"
+#include "session/evidence.h"
+
+/// @file
+/// A capture on disk, as every reader sees it: `session.json` and the frames it lists.
+/// Schema: docs/session-format.md.
+
+namespace haarlight {
+
+enum class ShotKind { light, dark, flat, sentinel };
+[[nodiscard]] std::string_view to_string(ShotKind kind) noexcept;
+
+/// One light of a pattern at a level, 65535 = drive 1.
+struct LightLevel {
+  int light = 0;
+  std::uint16_t level = 65535;
+  friend bool operator==(const LightLevel&, const LightLevel&) = default;
+};
+
+/// What was to be photographed.
+struct Shot {
+  int index = 0;  ///< place in the plan, from 0
+  ShotKind kind = ShotKind::light;
+  std::vector<LightLevel> lit;  ///< empty for dark
+  double exposure_us = 0.0;
+  friend bool operator==(const Shot&, const Shot&) = default;
+};
+
+/// A light of the session: a place (rig, or `.lp` positions) or only a direction.
+struct SessionLight {
+  std::string name;                ///< picture name as imported, or "face/row/col"
+  bool is_position = false;
+  Eigen::Vector3d place;           ///< mm in world, or a unit direction to the light
+  double relative_power = 1.0;
+};
+
+enum class SampleType { u8, u16, f32 };
+
+/// The frames' common form.
+struct FrameForm {
+  int width = 0;
+  int height = 0;            ///< active rows
+  int stored_height = 0;     ///< rows in the file, tag rows included (tag rows are kept as proof)
+  int channels = 1;          ///< 1 (grey or Bayer) or 3
+  SampleType sample = SampleType::u16;
+  Transfer transfer = Transfer::linear;  ///< srgb: develop decodes it
+  BayerPattern bayer = BayerPattern::none;
+  double black_level = 0.0;  ///< in samples' units
+  double white_level = 65535.0;
+  friend bool operator==(const FrameForm&, const FrameForm&) = default;
+};
+
+/// One committed frame.
+struct FrameRecord {
+  int shot = 0;
+  int attempt = 0;
+  std::string file;       ///< relative to the session folder: frames/SHOT_aATTEMPT.tif
+  std::string file_hash;  ///< content_hash of the file's bytes
+  FrameEvidence evidence;
+};
+
+/// All of session.json.
+struct SessionInfo {
+  int schema = 1;
+  std::string id;
+  std::string created;           ///< ISO 8601, for people only
+  std::string plan_hash;
+  std::string rig_hash;          ///< empty for an import without a rig
+  EvidenceKind evidence = EvidenceKind::measured;
+  FrameForm form;
+  std::vector<SessionLight> lights;
+  int grid_rows = 0;             ///< > 0: the lights form grids of rows x cols, faces in order
+  int grid_cols = 0;
+  std::vector<Shot> shots;
+  std::vector<FrameRecord> frames;  ///< the newest committed attempt of each shot, by shot
+};
+
+/// A finished session opened for reading. Safe to share between threads (const calls).
+class Session {
+ public:
+  /// @throws Error  no session.json (names `haarlight rebuild` as the cure when a journal or
+  ///                frames are there), broken JSON, a listed frame that is missing
+  [[nodiscard]] static Session open(const std::filesystem::path& folder);
+
+  [[nodiscard]] const std::filesystem::path& folder() const noexcept { return folder_; }
+  [[nodiscard]] const SessionInfo& info() const noexcept { return info_; }
+  /// The rig stored with the session; nothing for an import without one.
+  [[nodiscard]] const std::optional<Rig>& rig() const noexcept { return rig_; }
+
+  /// Rows [y0, y1) of a frame's active area in samples' units, (y1 - y0, width, channels), as
+  /// stored: not linearised, black not subtracted.
+  /// @throws Error  naming the frame's file
+  [[nodiscard]] Image<float> read_rows(const FrameRecord& frame, int y0, int y1) const;
+
+ private:
+  std::filesystem::path folder_;
+  SessionInfo info_;
+  std::optional<Rig> rig_;
+};
+
+[[nodiscard]] std::string session_info_to_json(const SessionInfo& info);
+/// @throws Error  naming the field; `where` is the file's name
+[[nodiscard]] SessionInfo session_info_from_json(const std::string& json,
+                                                 const std::string& where);
+
+}  // namespace haarlight

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "core/image.h"
+#include "session/session.h"
+#include "session/storage.h"
+
+/// @file
+/// Writes a session so that nothing committed is ever lost: frame to a temporary name, fsync,
+/// rename, folder fsync, and only then the journal row COMMITTED (SQLite, WAL, synchronous=FULL).
+/// One thread.
+
+namespace haarlight {
+
+/// What recovery found and did; every item is also a journal event.
+struct RecoveryReport {
+  int n_committed = 0;       ///< rows whose frame is there and whose hash holds
+  int n_adopted = 0;         ///< frames without a row, evidence complete and hash good: now rows
+  int n_returned = 0;        ///< rows whose frame is missing or altered: pending again
+  std::vector<std::string> set_aside;  ///< files moved to aside/, with the reason
+};
+
+/// A frame on its way to the disk. Pixels hold stored_height rows.
+struct PendingFrame {
+  int shot = 0;
+  int attempt = 0;
+  FrameEvidence evidence;
+  ImageView<const std::uint16_t> pixels;
+};
+
+class SessionWriter {
+ public:
+  /// Makes a new session folder: rig.toml, plan.json, empty journal, frames/, aside/; reserves
+  /// `reserve_bytes` on the disk. `info.frames` is empty.
+  [[nodiscard]] static Result<SessionWriter> create(const std::filesystem::path& folder,
+                                                    const SessionInfo& info,
+                                                    const std::string& rig_toml,
+                                                    const std::string& plan_json,
+                                                    std::uint64_t reserve_bytes,
+                                                    Storage& storage);
+  /// Opens an unfinished (or finished) session, recovers it, and goes on.
+  [[nodiscard]] static Result<SessionWriter> reopen(const std::filesystem::path& folder,
+                                                    Storage& storage);
+  ~SessionWriter();
+  SessionWriter(SessionWriter&&) noexcept;
+  SessionWriter& operator=(SessionWriter&&) noexcept;
+  SessionWriter(const SessionWriter&) = delete;
+  SessionWriter& operator=(const SessionWriter&) = delete;
+
+  [[nodiscard]] const SessionInfo& info() const;
+  [[nodiscard]] const RecoveryReport& recovery() const;
+  /// Shots that have a committed frame, one flag a shot.
+  [[nodiscard]] const std::vector<bool>& committed() const;
+  /// Attempts already used by a shot (the next attempt's number).
+  [[nodiscard]] int next_attempt(int shot) const;
+  /// The plan as stored, bytes unchanged.
+  [[nodiscard]] const std::string& plan_json() const;
+
+  /// Makes the frames durable, then their rows, in one journal transaction. On a Fault none of
+  /// the rows exists, buffers are still the caller's, and the call may be repeated (after a
+  /// failed fsync a new file is written).
+  [[nodiscard]] Result<void> commit(std::span<const PendingFrame> frames);
+
+  /// Marks a shot pending again (reshoot); old attempts stay on disk and in the journal.
+  [[nodiscard]] Result<void> withdraw(int shot, const std::string& reason);
+
+  /// Appends to the journal's event log (state changes, faults, discarded frames). The row's
+  /// number is the id that the daemon's event stream uses.
+  Result<std::int64_t> log_event(const std::string& kind, const std::string& json);
+
+  /// Writes session.json, checkpoints the journal and takes it out of WAL mode. Every shot must
+  /// be committed.
+  [[nodiscard]] Result<void> finish();
+
+ private:
+  struct Impl;
+  explicit SessionWriter(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace haarlight
