@@ -3,9 +3,10 @@
 #   folder; headers default to the sources' names with .h, where they exist. Its headers are
 #   compiled alone by the target all_verify_interface_header_sets.
 #
-# haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...])
+# haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...] [NO_TSAN])
 #   A GoogleTest program NAME whose tests ctest finds. Labels: unit (default), golden, property,
-#   slow.
+#   slow (release build only), soak (./check --full only). NO_TSAN: links oneTBB, which drowns
+#   ThreadSanitizer in false races; left out of the tsan build.
 #
 # haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
 #   With clang and HAARLIGHT_FUZZ a libFuzzer program; in every other build a program that replays
@@ -34,7 +35,10 @@ function(haarlight_add_module)
 endfunction()
 
 function(haarlight_add_test)
-  cmake_parse_arguments(ARG "" "NAME" "SOURCES;DEPS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "NO_TSAN" "NAME" "SOURCES;DEPS;LABELS" ${ARGN})
+  if(HAARLIGHT_TSAN AND ARG_NO_TSAN)
+    return()
+  endif()
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings GTest::gmock
                                             GTest::gtest_main rapidcheck rapidcheck_gtest)
@@ -45,13 +49,23 @@ function(haarlight_add_test)
   endif()
   gtest_discover_tests(${ARG_NAME} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
                        PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
+  if(NOT TARGET all_tests)
+    add_custom_target(all_tests)
+  endif()
+  add_dependencies(all_tests ${ARG_NAME})
 endfunction()
 
 function(haarlight_add_fuzzer)
   cmake_parse_arguments(ARG "" "NAME;CORPUS" "SOURCES;DEPS" ${ARGN})
   if(HAARLIGHT_FUZZ)
     add_executable(${ARG_NAME} ${ARG_SOURCES})
+    if(NOT TARGET fuzzers)
+      add_custom_target(fuzzers)
+    endif()
+    add_dependencies(fuzzers ${ARG_NAME})
     target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
+  elseif(HAARLIGHT_TSAN)
+    return()  # one thread: nothing for ThreadSanitizer
   else()
     add_executable(${ARG_NAME} ${ARG_SOURCES} ${PROJECT_SOURCE_DIR}/tests/fuzz/replay_main.cpp)
     add_test(NAME ${ARG_NAME}.corpus COMMAND ${ARG_NAME} ${CMAKE_CURRENT_SOURCE_DIR}/${ARG_CORPUS})

@@ -6,8 +6,8 @@ namespace haarlight {
 
 namespace {
 
-/// Distorts a normalised point: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2),
-/// y' alike with p1, p2 exchanged; and the Jacobian of that map.
+/// Distorts a normalised point: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2
+/// x^2), y' alike with p1, p2 exchanged; and the Jacobian of that map.
 Eigen::Vector2d distort(const Eigen::Matrix<double, 5, 1>& k, const Eigen::Vector2d& p,
                         Eigen::Matrix2d* jacobian) {
   const double x = p.x();

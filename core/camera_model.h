@@ -7,8 +7,8 @@
 
 /// @file
 /// Pinhole camera with the Brown-Conrady distortion k1 k2 p1 p2 k3 (OpenCV's model and order).
-/// Camera frame: x right, y down, z forward. Pixel centres at +0.5: OpenCV's c_x, c_y are smaller
-/// by 0.5. Pure; safe from any thread.
+/// Camera frame: x right, y down, z forward. Pixel centres at +0.5: OpenCV's c_x, c_y are
+/// smaller by 0.5. Pure; safe from any thread.
 
 namespace haarlight {
 
@@ -31,8 +31,8 @@ struct CameraRay {
   Eigen::Vector3d direction_world;
 };
 
-/// The picture point (x right, y down, in pixels) of a world point; nothing when the point is not
-/// in front of the camera.
+/// The picture point (x right, y down, in pixels) of a world point; nothing when the point is
+/// not in front of the camera.
 [[nodiscard]] std::optional<Eigen::Vector2d> project(const CameraModel& camera,
                                                      const Eigen::Vector3d& point_world);
 
@@ -40,8 +40,10 @@ struct CameraRay {
 /// focal length; where the model folds back (no solution) the last iterate is used.
 [[nodiscard]] CameraRay ray_through(const CameraModel& camera, double x, double y);
 
-/// A camera at `eye` looking at `target`, with the picture's up direction as near to `up` as can be.
-[[nodiscard]] Eigen::Isometry3d look_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target,
+/// A camera at `eye` looking at `target`, with the picture's up direction as near to `up` as
+/// can be.
+[[nodiscard]] Eigen::Isometry3d look_at(const Eigen::Vector3d& eye,
+                                        const Eigen::Vector3d& target,
                                         const Eigen::Vector3d& up);
 
 }  // namespace haarlight

@@ -97,10 +97,10 @@ ConfigTable ConfigTable::parse_text(std::string_view text, const std::string& na
   try {
     document->root = toml::parse(text);
   } catch (const toml::parse_error& error) {
-    throw Error(std::string(error.description()),
-                fmt::format("{}:{}:{}", name, error.source().begin.line,
-                            error.source().begin.column),
-                "correct the TOML at this place");
+    throw Error(
+        std::string(error.description()),
+        fmt::format("{}:{}:{}", name, error.source().begin.line, error.source().begin.column),
+        "correct the TOML at this place");
   }
   auto node = std::make_shared<Node>();
   node->table = &document->root;
@@ -111,7 +111,8 @@ bool ConfigTable::has(std::string_view key) const { return node_->table->contain
 
 std::string ConfigTable::where(std::string_view key) const {
   const toml::node* found = key.empty() ? nullptr : node_->table->get(key);
-  const auto line = found != nullptr ? found->source().begin.line : node_->table->source().begin.line;
+  const auto line =
+      found != nullptr ? found->source().begin.line : node_->table->source().begin.line;
   return line == 0 ? document_->name : fmt::format("{}:{}", document_->name, line);
 }
 
@@ -262,7 +263,8 @@ std::vector<double> ConfigTable::matrix(std::string_view key, std::size_t rows,
   return values;
 }
 
-std::size_t ConfigTable::choice(std::string_view key, const std::vector<std::string_view>& words) {
+std::size_t ConfigTable::choice(std::string_view key,
+                                const std::vector<std::string_view>& words) {
   const std::size_t n_problems = document_->problems.size();
   const std::string word = text(key);
   const auto found = std::find(words.begin(), words.end(), word);

@@ -12,8 +12,8 @@
 
 /// @file
 /// Reads a hand-written TOML file key by key. Every problem is collected with file:line, so a
-/// person sees all of them at once; a key that nobody asked for is a problem too, with the nearest
-/// known name as its cure. Only the .cpp sees toml++.
+/// person sees all of them at once; a key that nobody asked for is a problem too, with the
+/// nearest known name as its cure. Only the .cpp sees toml++.
 ///
 ///     ConfigTable root = ConfigTable::parse_file("rig.toml");
 ///     const double pitch = root.number("pitch", {.min = 0.1});

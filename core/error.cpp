@@ -4,7 +4,8 @@ namespace haarlight {
 
 namespace {
 
-std::string compose(const std::string& what, const std::string& where, const std::string& cure) {
+std::string compose(const std::string& what, const std::string& where,
+                    const std::string& cure) {
   std::string text = where.empty() ? what : where + ": " + what;
   if (!cure.empty()) {
     text += "\n  cure: " + cure;

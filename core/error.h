@@ -24,7 +24,8 @@ enum class ExitCode : int {
   interrupted = 75,  ///< try again: the command resumes
 };
 
-/// Bad input or an unusable world: what happened, where (file, file:line, offset), and the cure.
+/// Bad input or an unusable world: what happened, where (file, file:line, offset), and the
+/// cure.
 class Error : public std::runtime_error {
  public:
   Error(std::string what, std::string where, std::string cure,
@@ -53,14 +54,14 @@ class ContractViolation : public std::logic_error {
 
 /// What can go wrong with a device or a store; each has a written recovery in the sequencer.
 enum class Errc {
-  device_gone,   ///< unplugged, closed by the other side
-  device_busy,   ///< in use, or answering "busy"
-  timeout,       ///< no answer before the deadline
-  protocol,      ///< an answer that breaks the protocol
-  refused,       ///< the device understood and said no (power limit, range)
-  io,            ///< read, write or sync failed
-  no_space,      ///< the disk is full
-  unsupported,   ///< the device cannot do this
+  device_gone,  ///< unplugged, closed by the other side
+  device_busy,  ///< in use, or answering "busy"
+  timeout,      ///< no answer before the deadline
+  protocol,     ///< an answer that breaks the protocol
+  refused,      ///< the device understood and said no (power limit, range)
+  io,           ///< read, write or sync failed
+  no_space,     ///< the disk is full
+  unsupported,  ///< the device cannot do this
 };
 
 [[nodiscard]] std::string_view to_string(Errc code) noexcept;
@@ -87,8 +88,9 @@ using Result = tl::expected<T, Fault>;
 
 /// Checked always; throws ContractViolation.
 #define HAARLIGHT_EXPECTS(condition, message) \
-  ((condition) ? void(0)                      \
-               : ::haarlight::throw_contract_violation(#condition, message, __FILE__, __LINE__))
+  ((condition)                                \
+       ? void(0)                              \
+       : ::haarlight::throw_contract_violation(#condition, message, __FILE__, __LINE__))
 
 /// Checked in debug builds only: for inner loops.
 #ifdef NDEBUG

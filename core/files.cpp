@@ -1,15 +1,14 @@
 #include "core/files.h"
 
-#include <fcntl.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <cerrno>
 #include <cstring>
 #include <utility>
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
 #include <xxhash.h>
 
 #include "core/error.h"
@@ -19,9 +18,10 @@ namespace haarlight {
 namespace {
 
 [[noreturn]] void throw_io(const char* step, const std::filesystem::path& path, int error) {
-  throw Error(fmt::format("{}: {}", step, std::strerror(error)), path.string(),
-              error == ENOSPC ? "free some space on this disk" : "check the folder and its rights",
-              ExitCode::io);
+  throw Error(
+      fmt::format("{}: {}", step, std::strerror(error)), path.string(),
+      error == ENOSPC ? "free some space on this disk" : "check the folder and its rights",
+      ExitCode::io);
 }
 
 void write_all(int fd, std::span<const std::byte> bytes, const std::filesystem::path& path) {
@@ -99,8 +99,9 @@ std::string read_file(const std::filesystem::path& path, std::uintmax_t max_byte
     throw Error("not a file", path.string(), "name a file");
   }
   if (static_cast<std::uintmax_t>(info.st_size) > max_bytes) {
-    throw Error(fmt::format("{} bytes, more than the {} expected here", info.st_size, max_bytes),
-                path.string(), "is this the right file?");
+    throw Error(
+        fmt::format("{} bytes, more than the {} expected here", info.st_size, max_bytes),
+        path.string(), "is this the right file?");
   }
   std::string text(static_cast<std::size_t>(info.st_size), '\0');
   std::size_t done = 0;
@@ -181,7 +182,8 @@ void PendingFile::commit() {
   }
 }
 
-void write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+void write_file_atomically(const std::filesystem::path& path,
+                           std::span<const std::byte> bytes) {
   PendingFile file(path);
   file.append(bytes);
   file.commit();
@@ -203,6 +205,8 @@ std::string content_hash(std::span<const std::byte> bytes) {
   return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
 }
 
-std::string content_hash(std::string_view text) { return content_hash(std::as_bytes(std::span(text))); }
+std::string content_hash(std::string_view text) {
+  return content_hash(std::as_bytes(std::span(text)));
+}
 
 }  // namespace haarlight

@@ -27,8 +27,8 @@ class ImageView {
 
   /// ImageView<float> converts to ImageView<const float>, never back.
   template <class U>
-    requires(std::is_same_v<const U, T>)
-  ImageView(const ImageView<U>& other)  // NOLINT(google-explicit-constructor)
+  requires(std::is_same_v<const U, T>)
+      ImageView(const ImageView<U>& other)  // NOLINT(google-explicit-constructor)
       : ImageView(other.data(), other.height(), other.width(), other.channels(),
                   other.row_stride()) {}
 

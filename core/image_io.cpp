@@ -6,8 +6,8 @@
 #include <memory>
 #include <span>
 
-#include <OpenImageIO/imageio.h>
 #include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
 #include "core/files.h"
@@ -40,13 +40,16 @@ std::string format_by_magic(std::span<const std::byte> bytes) {
   if (starts("#?RADIANCE"sv) || starts("#?RGBE"sv)) {
     return "hdr";
   }
-  // TGA has no magic: an image type that is one of the six, and no colour map or a 256-entry one.
+  // TGA has no magic: an image type that is one of the six, and no colour map or a 256-entry
+  // one.
   if (bytes.size() >= 18) {
     const auto type = std::to_integer<int>(bytes[2]);
     const auto map = std::to_integer<int>(bytes[1]);
     const auto depth = std::to_integer<int>(bytes[16]);
-    const bool is_type = type == 1 || type == 2 || type == 3 || type == 9 || type == 10 || type == 11;
-    const bool is_depth = depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32;
+    const bool is_type =
+        type == 1 || type == 2 || type == 3 || type == 9 || type == 10 || type == 11;
+    const bool is_depth =
+        depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32;
     if (map <= 1 && is_type && is_depth) {
       return "targa";
     }
@@ -94,12 +97,13 @@ PictureFile read_picture(const std::filesystem::path& path) {
   picture.bits_per_sample = static_cast<int>(spec.format.basesize()) * 8;
   const std::string space = spec.get_string_attribute("oiio:ColorSpace");
   const bool says_linear = space == "Linear" || space == "linear" || space == "scene_linear";
-  picture.transfer =
-      picture.is_floating || (says_linear && format != "jpeg") ? Transfer::linear : Transfer::srgb;
+  picture.transfer = picture.is_floating || (says_linear && format != "jpeg") ? Transfer::linear
+                                                                              : Transfer::srgb;
   picture.is_turned = spec.get_int_attribute("Orientation", 1) != 1;
   picture.pixels = Image<float>(spec.height, spec.width, channels);
   if (!input->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT,
-                         picture.pixels.pixels().data())) {
+                         picture.pixels.pixels().data()) ||
+      input->has_error()) {
     refuse("cannot be decoded: " + input->geterror(), path, "the file is damaged: replace it");
   }
   input->close();
@@ -111,7 +115,8 @@ Image<float> read_linear_image(const std::filesystem::path& path) {
   const std::span<float> pixels = picture.pixels.pixels();
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     if (!std::isfinite(pixels[i])) {
-      const auto pixel = static_cast<int>(i / static_cast<std::size_t>(picture.pixels.channels()));
+      const auto pixel =
+          static_cast<int>(i / static_cast<std::size_t>(picture.pixels.channels()));
       refuse(fmt::format("pixel (x {}, y {}) is not a finite number",
                          pixel % picture.pixels.width(), pixel / picture.pixels.width()),
              path, "repair or replace the picture");
@@ -146,8 +151,8 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
   }
   std::vector<unsigned char> encoded;
   OIIO::Filesystem::IOVecOutput memory(encoded);
-  const std::unique_ptr<OIIO::ImageOutput> output =
-      OIIO::ImageOutput::create(is_png ? "png" : (ending == ".exr" ? "openexr" : "tiff"), &memory);
+  const std::unique_ptr<OIIO::ImageOutput> output = OIIO::ImageOutput::create(
+      is_png ? "png" : (ending == ".exr" ? "openexr" : "tiff"), &memory);
   if (!output) {
     throw Error("OpenImageIO has no writer for " + ending, path.string(),
                 "install Debian's libopenimageio2.4", ExitCode::unavailable);
@@ -155,8 +160,8 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
   if (!output->supports("ioproxy") || !output->set_ioproxy(&memory) ||
       !output->open(path.string(), spec) ||
       !output->write_image(OIIO::TypeDesc::FLOAT, packed.data()) || !output->close()) {
-    throw Error("cannot be encoded: " + output->geterror(), path.string(), "this is our own bug",
-                ExitCode::internal);
+    throw Error("cannot be encoded: " + output->geterror(), path.string(),
+                "this is our own bug", ExitCode::internal);
   }
   write_file_atomically(path, std::as_bytes(std::span(encoded)));
 }

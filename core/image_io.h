@@ -7,9 +7,9 @@
 #include "core/image.h"
 
 /// @file
-/// Picture files in and out. The only place that knows OpenImageIO; the daemon does not link it.
-/// Formats are recognised by their first bytes, never by their name, and only these are read:
-/// JPEG, PNG, TIFF, OpenEXR, Radiance HDR, TGA.
+/// Picture files in and out. The only place that knows OpenImageIO; the daemon does not link
+/// it. Formats are recognised by their first bytes, never by their name, and only these are
+/// read: JPEG, PNG, TIFF, OpenEXR, Radiance HDR, TGA.
 
 namespace haarlight {
 
@@ -18,7 +18,7 @@ enum class Transfer { linear, srgb };
 
 /// A picture as the file has it.
 struct PictureFile {
-  Image<float> pixels;                   ///< integers scaled to 0..1 of their range, not linearised
+  Image<float> pixels;  ///< integers scaled to 0..1 of their range, not linearised
   Transfer transfer = Transfer::linear;  ///< srgb for 8/16-bit display files, linear for floats
   int bits_per_sample = 32;              ///< 8 or 16 (unsigned), or 16/32 (floating)
   bool is_floating = true;
@@ -35,13 +35,15 @@ struct PictureFile {
 [[nodiscard]] Image<float> read_linear_image(const std::filesystem::path& path);
 
 /// Writes by the name's ending: `.exr` linear 32-bit float; `.png` sRGB 8 bit, values times
-/// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears whole or not at all.
+/// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears whole or not at
+/// all.
 /// @param image  1 or 3 channels
 /// @throws Error  unknown ending, unwritable folder, full disk
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
                  double exposure = 1.0);
 
-/// sRGB transfer (IEC 61966-2-1), both ways; exact inverses to 1e-7. Negative values are mirrored.
+/// sRGB transfer (IEC 61966-2-1), both ways; exact inverses to 1e-7. Negative values are
+/// mirrored.
 [[nodiscard]] float srgb_from_linear(float linear) noexcept;
 [[nodiscard]] float linear_from_srgb(float encoded) noexcept;
 

@@ -5,8 +5,9 @@
 #include <memory>
 
 /// @file
-/// Data-parallel loops over oneTBB, behind one .cpp (its own target: the daemon does not link it).
-/// A body must write only what its own range owns; results then do not depend on the threads.
+/// Data-parallel loops over oneTBB, behind one .cpp (its own target: the daemon does not link
+/// it). A body must write only what its own range owns; results then do not depend on the
+/// threads.
 
 namespace haarlight {
 

@@ -6,9 +6,9 @@
 #include <Eigen/Core>
 
 /// @file
-/// Sets of lights shown together: used to shoot, and to recover single-light pictures afterwards.
-/// A pattern is a weight a light in [0, 1]; the measured picture is the weighted sum of the lights'
-/// pictures. Pure.
+/// Sets of lights shown together: used to shoot, and to recover single-light pictures
+/// afterwards. A pattern is a weight a light in [0, 1]; the measured picture is the weighted
+/// sum of the lights' pictures. Pure.
 
 namespace haarlight {
 
@@ -31,12 +31,13 @@ enum class PatternFamily { one_at_a_time, bins, s_matrix, haar };
 /// True when s_matrix(n) exists.
 [[nodiscard]] bool has_s_matrix(int n);
 
-/// The positive and the negative parts of the 2-D nonstandard Haar basis of an n x n grid, scaled
-/// to full drive: the first shot is all lights, then two shots a wavelet.
+/// The positive and the negative parts of the 2-D nonstandard Haar basis of an n x n grid,
+/// scaled to full drive: the first shot is all lights, then two shots a wavelet.
 /// @param n  a power of two
 [[nodiscard]] PatternMatrix haar_signed(int n);
 
-/// Single-light pictures from measured ones: least squares by the pseudo-inverse of the patterns.
+/// Single-light pictures from measured ones: least squares by the pseudo-inverse of the
+/// patterns.
 /// @param patterns  (shots, lights), full column rank
 /// @param measured  (shots, pixels)
 /// @return          (lights, pixels)

@@ -1,11 +1,10 @@
 #include "core/progress.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdio>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 namespace haarlight {
 
@@ -50,10 +49,10 @@ void Progress::draw_locked() {
   }
   drawn_percent_ = percent;
   const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start_;
-  const double left =
-      done_ == 0 ? 0.0
-                 : spent.count() * static_cast<double>(total_ - std::min(done_, total_)) /
-                       static_cast<double>(done_);
+  const double left = done_ == 0 ? 0.0
+                                 : spent.count() *
+                                       static_cast<double>(total_ - std::min(done_, total_)) /
+                                       static_cast<double>(done_);
   if (style_ == ProgressStyle::lines) {
     fmt::print(stderr, "{}: {} % ({} of {}), {:.0f} s left\n", label_, percent, done_, total_,
                left);

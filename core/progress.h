@@ -6,8 +6,8 @@
 #include <string>
 
 /// @file
-/// How far a long job is: a bar on a terminal, a line every ten per cent elsewhere, nothing when
-/// quiet. Written to stderr.
+/// How far a long job is: a bar on a terminal, a line every ten per cent elsewhere, nothing
+/// when quiet. Written to stderr.
 
 namespace haarlight {
 

@@ -3,7 +3,8 @@
 #include <cstdint>
 
 /// @file
-/// Counter-based random numbers: the value depends on the key alone, never on a thread or on order.
+/// Counter-based random numbers: the value depends on the key alone, never on a thread or on
+/// order.
 
 namespace haarlight {
 
@@ -27,8 +28,8 @@ namespace haarlight {
 /// Standard normal from one hash (Box-Muller on its two halves; tails to 6.6 sigma).
 [[nodiscard]] double standard_normal(std::uint64_t hash);
 
-/// Poisson-distributed count of the given mean: exact by inversion below 30, above that the normal
-/// approximation rounded, whose relative error in the variance is below 0.3 %.
+/// Poisson-distributed count of the given mean: exact by inversion below 30, above that the
+/// normal approximation rounded, whose relative error in the variance is below 0.3 %.
 [[nodiscard]] std::uint32_t poisson(double mean, std::uint64_t hash);
 
 }  // namespace haarlight

@@ -1,10 +1,9 @@
 #include "core/report.h"
 
-#include <sys/resource.h>
-
 #include <cmath>
 
 #include <nlohmann/json.hpp>
+#include <sys/resource.h>
 
 #include "core/files.h"
 
@@ -14,9 +13,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-Json to_json_value(double value) {
-  return std::isfinite(value) ? Json(value) : Json(nullptr);
-}
+Json to_json_value(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json to_json_value(const ReportValue& value) {
   return std::visit(

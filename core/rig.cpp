@@ -105,7 +105,8 @@ ShadowPlane read_plane(ConfigTable& t) {
   plane.extent_v_mm = extent[1];
   plane.texel_mm = t.number("texel", {.min = 1e-3, .max = kMaxLength_mm});
   if (!(extent[0] > 0.0 && extent[1] > 0.0)) {
-    t.problem("extent", "an extent must be larger than 0", "write extent = [width, height] in mm");
+    t.problem("extent", "an extent must be larger than 0",
+              "write extent = [width, height] in mm");
   } else if (extent[0] / plane.texel_mm * (extent[1] / plane.texel_mm) > 1e8) {
     t.problem("texel", "the plane picture would have more than 10^8 texels",
               "make texel larger or extent smaller");
@@ -127,9 +128,9 @@ CameraSpec read_camera(ConfigTable& t) {
     t.problem("size", "not a frame size", "write size = [width, height] in pixels");
     camera.frame_width = camera.frame_height = 1;
   }
-  camera.active_rows = static_cast<int>(t.integer_or(
-      "active_area", camera.frame_height,
-      {.min = 1, .max = static_cast<double>(camera.frame_height)}));
+  camera.active_rows = static_cast<int>(
+      t.integer_or("active_area", camera.frame_height,
+                   {.min = 1, .max = static_cast<double>(camera.frame_height)}));
   camera.bits = static_cast<int>(t.integer_or("bits", 16, {.min = 8, .max = 16}));
   camera.fps = t.number("fps", {.min = 1e-3, .max = 1e5});
   camera.exposure_us = t.number("exposure_us", {.min = 1.0, .max = 1e9});
@@ -137,14 +138,16 @@ CameraSpec read_camera(ConfigTable& t) {
   camera.shutter = static_cast<Shutter>(t.choice("shutter", words(kShutterWords)));
   camera.skew_us = t.number_or("skew_us", 0.0, {.min = 0.0, .max = 1e9});
   if (camera.shutter == Shutter::global && camera.skew_us != 0.0) {
-    t.problem("skew_us", "a global shutter has no skew", "write skew_us = 0 or shutter = \"rolling\"");
+    t.problem("skew_us", "a global shutter has no skew",
+              "write skew_us = 0 or shutter = \"rolling\"");
   }
   camera.read_us = t.number("read_us", {.min = 0.0, .max = 1e9});
   camera.timestamp =
       static_cast<TimestampMeaning>(t.choice("timestamp", words(kTimestampWords)));
   if (camera.timestamp == TimestampMeaning::end_frame && camera.read_us == 0.0) {
-    t.problem("read_us", "read_us is 0, but the stamp means the end of the frame",
-              "a readout is never free: measure it, or divide the frame period by two for a start");
+    t.problem(
+        "read_us", "read_us is 0, but the stamp means the end of the frame",
+        "a readout is never free: measure it, or divide the frame period by two for a start");
   }
   const std::vector<double> k = t.matrix("K", 3, 3);
   camera.model.width = camera.frame_width;
@@ -168,7 +171,8 @@ CameraSpec read_camera(ConfigTable& t) {
     for (int col = 0; col < 3; ++col) {
       rotation(row, col) = pose[static_cast<std::size_t>(4 * row + col)];
     }
-    camera.model.world_from_cam.translation()[row] = pose[static_cast<std::size_t>(4 * row + 3)];
+    camera.model.world_from_cam.translation()[row] =
+        pose[static_cast<std::size_t>(4 * row + 3)];
   }
   camera.model.world_from_cam.linear() = rotation;
   if (!(rotation * rotation.transpose()).isIdentity(kUnitTol) || rotation.determinant() < 0.0) {
@@ -191,8 +195,8 @@ ControllerSpec read_controller(ConfigTable& t) {
   controller.address = t.text("address");
   controller.unit = static_cast<int>(t.integer_or("unit", 1, {.min = 1, .max = 247}));
   controller.profile = t.text_or("profile", "haarlight");
-  controller.lease = std::chrono::milliseconds(
-      t.integer_or("lease_ms", 2000, {.min = 100, .max = 60000}));
+  controller.lease =
+      std::chrono::milliseconds(t.integer_or("lease_ms", 2000, {.min = 100, .max = 60000}));
   if (auto settle = t.table("settle_us")) {
     controller.rise_us = settle->number("rise", {.min = 0.0, .max = 1e7});
     controller.fall_us = settle->number("fall", {.min = 0.0, .max = 1e7});
@@ -258,7 +262,8 @@ Rig read_tables(ConfigTable& root) {
   }
   if (auto http = root.table("http")) {
     rig.http.address = http->text_or("address", rig.http.address);
-    rig.http.port = static_cast<int>(http->integer_or("port", rig.http.port, {.min = 0, .max = 65535}));
+    rig.http.port =
+        static_cast<int>(http->integer_or("port", rig.http.port, {.min = 0, .max = 65535}));
     rig.http.token_file = http->text_or("token_file", "");
     const bool is_loopback = rig.http.address.starts_with("127.") || rig.http.address == "::1";
     if (!is_loopback && rig.http.token_file.empty()) {

@@ -12,8 +12,8 @@
 #include "core/units.h"
 
 /// @file
-/// The rig as its file describes it: faces of LEDs, shadow planes, cameras, controller. Every key
-/// is documented in docs/rig-file.md. Lengths in mm, world frame (right-handed, z up).
+/// The rig as its file describes it: faces of LEDs, shadow planes, cameras, controller. Every
+/// key is documented in docs/rig-file.md. Lengths in mm, world frame (right-handed, z up).
 
 namespace haarlight {
 
@@ -47,7 +47,7 @@ struct ShadowPlane {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< a point of the plane
   Eigen::Vector3d u = Eigen::Vector3d::UnitX();      ///< unit, in the plane: picture's right
   Eigen::Vector3d v = Eigen::Vector3d::UnitY();      ///< unit, in the plane: picture's up
-  double extent_u_mm = 0.0;  ///< full width, centred on the origin
+  double extent_u_mm = 0.0;                          ///< full width, centred on the origin
   double extent_v_mm = 0.0;
   double texel_mm = 1.0;
 };
@@ -68,20 +68,20 @@ struct SensorNoise {
 struct CameraSpec {
   std::string id;
   CameraKind kind = CameraKind::remote;
-  std::string device;        ///< node, socket path or session folder
-  std::string format;        ///< fourcc as V4L2 names it: "Y16 ", "RG12", ...
-  int frame_width = 0;       ///< as transmitted
-  int frame_height = 0;      ///< as transmitted, tag rows included
-  int active_rows = 0;       ///< rows that hold the picture, from the top
-  int bits = 16;             ///< significant bits a sample; white = 2^bits - 1
+  std::string device;    ///< node, socket path or session folder
+  std::string format;    ///< fourcc as V4L2 names it: "Y16 ", "RG12", ...
+  int frame_width = 0;   ///< as transmitted
+  int frame_height = 0;  ///< as transmitted, tag rows included
+  int active_rows = 0;   ///< rows that hold the picture, from the top
+  int bits = 16;         ///< significant bits a sample; white = 2^bits - 1
   double fps = 30.0;
   double exposure_us = 0.0;
   double gain_db = 0.0;
   Shutter shutter = Shutter::global;
-  double skew_us = 0.0;      ///< start of the last row's exposure minus start of the first row's
-  double read_us = 0.0;      ///< from the end of the first row's exposure to the stamp's event
+  double skew_us = 0.0;  ///< start of the last row's exposure minus start of the first row's
+  double read_us = 0.0;  ///< from the end of the first row's exposure to the stamp's event
   TimestampMeaning timestamp = TimestampMeaning::end_frame;
-  CameraModel model;         ///< of the active area
+  CameraModel model;  ///< of the active area
   BayerPattern bayer = BayerPattern::none;
   SensorNoise noise;
 };
@@ -90,7 +90,8 @@ enum class ControllerKind { modbus_tcp, modbus_rtu, usb };
 
 struct ControllerSpec {
   ControllerKind kind = ControllerKind::modbus_tcp;
-  std::string address;  ///< "127.0.0.1:1502", "/dev/serial/by-id/...:115200" or a USB serial number
+  std::string
+      address;  ///< "127.0.0.1:1502", "/dev/serial/by-id/...:115200" or a USB serial number
   int unit = 1;
   std::string profile = "haarlight";
   std::chrono::milliseconds lease{2000};

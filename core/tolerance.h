@@ -19,11 +19,11 @@ struct Tolerance {
 struct Achieved {
   double relative_l2 = 0.0;
   double worst_pixel = 0.0;  ///< largest absolute difference / largest absolute reference value
-  double psnr_db = 0.0;      ///< with the reference's 99.9th percentile as the peak; inf if equal
+  double psnr_db = 0.0;  ///< with the reference's 99.9th percentile as the peak; inf if equal
 };
 
-/// Compares value by value in double. A zero reference gives relative errors of 0 when the result
-/// is zero too, and infinity otherwise.
+/// Compares value by value in double. A zero reference gives relative errors of 0 when the
+/// result is zero too, and infinity otherwise.
 /// @param result, reference  equal sizes
 [[nodiscard]] Achieved compare(std::span<const float> result, std::span<const float> reference);
 

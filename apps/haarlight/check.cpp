@@ -11,7 +11,8 @@ namespace haarlight {
 
 void add_check(CLI::App& root, Invocation& invocation) {
   auto file = std::make_shared<std::string>();
-  CLI::App* verb = root.add_subcommand("check", "Check a rig file and list every problem in it");
+  CLI::App* verb =
+      root.add_subcommand("check", "Check a rig file and list every problem in it");
   verb->add_option("RIG", *file, "Rig file")->required()->type_name("RIG.toml");
   verb->footer("Example:\n  haarlight check configs/rigs/cube32.toml");
   add_common_options(*verb, invocation);

@@ -47,9 +47,10 @@ int run_guarded(haarlight::Invocation& invocation) {
     fmt::print(stderr, "haarlight {}: {}\n", invocation.command, error.what());
     return static_cast<int>(error.code());
   } catch (const std::bad_alloc&) {
-    fmt::print(stderr,
-               "haarlight {}: out of memory\n  cure: give a smaller --memory or a larger machine\n",
-               invocation.command);
+    fmt::print(
+        stderr,
+        "haarlight {}: out of memory\n  cure: give a smaller --memory or a larger machine\n",
+        invocation.command);
     return static_cast<int>(ExitCode::internal);
   } catch (const std::exception& error) {
     fmt::print(stderr, "haarlight {}: {}\n  cure: this is our own bug, please report it\n",

@@ -14,8 +14,8 @@ class App;
 }
 
 /// @file
-/// A verb of the `haarlight` command. Each has its own file with one function add_VERB; verbs.cpp
-/// lists them.
+/// A verb of the `haarlight` command. Each has its own file with one function add_VERB;
+/// verbs.cpp lists them.
 
 namespace haarlight {
 

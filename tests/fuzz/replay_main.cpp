@@ -1,6 +1,6 @@
 /// @file
-/// Runs a fuzz target over every file of the folders and files named on the command line: what a
-/// build without libFuzzer does with a corpus.
+/// Runs a fuzz target over every file of the folders and files named on the command line: what
+/// a build without libFuzzer does with a corpus.
 
 #include <cstdint>
 #include <cstdio>

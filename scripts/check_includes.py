@@ -1,0 +1,96 @@
+#!/usr/bin/env python3
+"""Holds the includes to the plan of the house (docs/architecture.md).
+
+Every room may include its own files and those of the rooms listed for it. Third-party headers that
+are slow or that would leak a device's types stay inside .cpp files.
+"""
+
+import pathlib
+import re
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+ROOMS = {
+    "core": set(),
+    "firmware_iface": {"core"},
+    "session": {"core"},
+    "render": {"core"},
+    "http": {"core"},
+    "capture": {"core", "firmware_iface", "session", "http"},
+    "relight": {"core", "session", "render"},
+    "sim": {"core", "firmware_iface", "session", "render"},
+    "apps": {"core", "firmware_iface", "session", "render", "http", "capture", "relight", "sim"},
+    "tests": None,
+    "bench": None,
+}
+
+# Single files of a room that another room may include all the same.
+DOORS = {
+    "sim": {"capture/camera.h", "capture/remote_camera_protocol.h", "capture/tag_rows.h"},
+}
+
+# Headers only a .cpp may see, and, where a list stands, only these files.
+CPP_ONLY = {
+    r"modbus/": None,
+    r"libusb": None,
+    r"linux/videodev2\.h": None,
+    r"microhttpd\.h": ["http/server.cpp"],
+    r"sqlite3\.h": None,
+    r"toml\+\+/": ["core/config_table.cpp"],
+    r"nlohmann/": None,
+    r"spdlog/": ["core/log.cpp"],
+    r"OpenImageIO/": ["core/image_io.cpp"],
+    r"embree3/": ["render/ray_caster.cpp"],
+    r"ceres/": None,
+    r"opencv2/": None,
+    r"tiffio\.h": None,
+    r"tbb/": ["core/parallel.cpp"],
+    r"curl/": None,
+    r"systemd/": None,
+    r"zstd\.h": None,
+    r"xxhash\.h": None,
+}
+
+INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
+
+
+def problems_of(path: pathlib.Path) -> list[str]:
+    name = path.relative_to(ROOT).as_posix()
+    room = name.split("/")[0]
+    allowed = ROOMS[room]
+    found = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        match = INCLUDE.match(line)
+        if not match:
+            continue
+        quote, header = match.groups()
+        target = header.split("/")[0]
+        if quote == '"' and target not in ROOMS:
+            found.append(f"{name}:{number}: \"{header}\" is not written from the root")
+        elif quote == '"' and allowed is not None and target != room and target not in allowed:
+            if header not in DOORS.get(room, set()):
+                found.append(f"{name}:{number}: {room} may not include {header}")
+        for pattern, files in CPP_ONLY.items():
+            if not re.match(pattern, header) or room in ("tests", "bench"):
+                continue
+            if path.suffix != ".cpp":
+                found.append(f"{name}:{number}: <{header}> belongs in a .cpp file")
+            elif files is not None and name not in files:
+                found.append(f"{name}:{number}: only {', '.join(files)} may include <{header}>")
+    return found
+
+
+def main() -> int:
+    problems = []
+    for room in ROOMS:
+        for path in sorted((ROOT / room).rglob("*")):
+            if path.suffix in (".h", ".cpp"):
+                problems += problems_of(path)
+    for problem in problems:
+        print(problem)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

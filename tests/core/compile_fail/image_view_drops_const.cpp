@@ -1,0 +1,3 @@
+#include "core/image.h"
+
+haarlight::ImageView<float> wrong(haarlight::ImageView<const float> view) { return view; }

@@ -1,0 +1,3 @@
+#include "core/units.h"
+
+haarlight::Watts wrong() { return haarlight::Watts(5.0) + 3.0; }

@@ -1,0 +1,91 @@
+#include "core/files.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "tests/temporary_folder.h"
+
+namespace haarlight {
+namespace {
+
+using ::testing::IsEmpty;
+using testing::TemporaryFolder;
+
+std::vector<std::string> names_in(const std::filesystem::path& folder) {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    names.push_back(entry.path().filename().string());
+  }
+  return names;
+}
+
+TEST(WriteFileAtomically, ReplacesTheWholeFile) {
+  const TemporaryFolder folder;
+  write_file_atomically(folder / "a.txt", "a longer first text");
+  write_file_atomically(folder / "a.txt", "second");
+  EXPECT_EQ(read_file(folder / "a.txt"), "second");
+  EXPECT_EQ(names_in(folder.path()).size(), 1U);
+}
+
+TEST(WriteFileAtomically, NamesTheFolderThatIsMissing) {
+  try {
+    write_file_atomically("/nowhere/at/all.txt", "x");
+    FAIL() << "it was written";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ExitCode::io);
+    EXPECT_THAT(error.where(), ::testing::HasSubstr("/nowhere/at/all.txt"));
+  }
+}
+
+TEST(PendingFile, LeavesNothingWithoutACommit) {
+  const TemporaryFolder folder;
+  {
+    PendingFile file(folder / "a.bin");
+    file.append(std::as_bytes(std::span<const char>("half", 4)));
+  }
+  EXPECT_THAT(names_in(folder.path()), IsEmpty());
+}
+
+TEST(PendingFile, RewritesItsHead) {
+  const TemporaryFolder folder;
+  PendingFile file(folder / "a.bin");
+  file.append(std::as_bytes(std::span<const char>("????body", 8)));
+  file.rewrite(0, std::as_bytes(std::span<const char>("head", 4)));
+  file.commit();
+  EXPECT_EQ(read_file(folder / "a.bin"), "headbody");
+}
+
+TEST(ReadFile, RefusesAFileThatIsTooLarge) {
+  const TemporaryFolder folder;
+  write_file_atomically(folder / "a.txt", "123456");
+  EXPECT_THROW((void)read_file(folder / "a.txt", 5), Error);
+  EXPECT_THROW((void)read_file(folder.path()), Error);
+}
+
+TEST(RequireAbsent, NamesForceAsTheCure) {
+  const TemporaryFolder folder;
+  write_file_atomically(folder / "a.txt", "x");
+  EXPECT_NO_THROW(require_absent(folder / "b.txt", false));
+  EXPECT_NO_THROW(require_absent(folder / "a.txt", true));
+  EXPECT_THROW(require_absent(folder / "a.txt", false), Error);
+}
+
+TEST(ContentHash, IsXxh3WithItsPublishedValueOfNothing) {
+  // XXH3-128 of no bytes, seed 0, as the xxHash specification's test vectors give it.
+  EXPECT_EQ(content_hash(std::string_view()), "99aa06d3014798d86001c324468d497f");
+}
+
+TEST(MappedFile, ShowsTheBytesAndAnEmptyFile) {
+  const TemporaryFolder folder;
+  write_file_atomically(folder / "a", "xyz");
+  write_file_atomically(folder / "empty", "");
+  const MappedFile mapped(folder / "a");
+  ASSERT_EQ(mapped.bytes().size(), 3U);
+  EXPECT_EQ(std::to_integer<char>(mapped.bytes()[2]), 'z');
+  EXPECT_TRUE(MappedFile(folder / "empty").bytes().empty());
+  EXPECT_THROW(MappedFile(folder / "none"), Error);
+}
+
+}  // namespace
+}  // namespace haarlight

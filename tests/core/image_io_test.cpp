@@ -1,0 +1,113 @@
+#include "core/image_io.h"
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "core/random.h"
+#include "tests/temporary_folder.h"
+
+namespace haarlight {
+namespace {
+
+using ::testing::HasSubstr;
+using testing::TemporaryFolder;
+
+Image<float> noise_image(int height, int width, int channels, float scale) {
+  Image<float> image(height, width, channels);
+  for (std::size_t i = 0; i < image.pixels().size(); ++i) {
+    image.pixels()[i] = scale * static_cast<float>(uniform_unit(hash_key(1, i)));
+  }
+  return image;
+}
+
+std::string message_of(const std::filesystem::path& path) {
+  try {
+    (void)read_linear_image(path);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "nothing was thrown";
+}
+
+TEST(WriteImage, ExrAndTiffKeepEveryBit) {
+  const TemporaryFolder folder;
+  const Image<float> image = noise_image(7, 5, 3, 1e6F);
+  for (const std::string name : {"a.exr", "a.tif"}) {
+    write_image(folder / name, image.view());
+    const Image<float> back = read_linear_image(folder / name);
+    ASSERT_EQ(back.channels(), 3);
+    for (std::size_t i = 0; i < image.pixels().size(); ++i) {
+      EXPECT_EQ(back.pixels()[i], image.pixels()[i]);
+    }
+  }
+}
+
+TEST(WriteImage, PngIsWithinHalfACodeAfterTheTransfer) {
+  const TemporaryFolder folder;
+  const Image<float> image = noise_image(9, 4, 1, 1.0F);
+  write_image(folder / "a.png", image.view());
+  const PictureFile back = read_picture(folder / "a.png");
+  EXPECT_EQ(back.bits_per_sample, 8);
+  EXPECT_EQ(back.transfer, Transfer::srgb);
+  for (std::size_t i = 0; i < image.pixels().size(); ++i) {
+    // half a code of 255, and 1e-3 of a code for float rounding
+    EXPECT_NEAR(back.pixels.pixels()[i], srgb_from_linear(image.pixels()[i]), 0.501 / 255.0);
+  }
+}
+
+TEST(WriteImage, RefusesAnUnknownEnding) {
+  EXPECT_THROW(write_image("a.bmp", noise_image(1, 1, 1, 1.0F).view()), Error);
+}
+
+TEST(ReadPicture, NamesFilesThatAreNoPictures) {
+  const TemporaryFolder folder;
+  write_file_atomically(folder / "text.png", "this is not a picture at all, though it is long");
+  write_file_atomically(folder / "empty.exr", "");
+  EXPECT_THAT(message_of(folder / "text.png"), HasSubstr("text.png: not a picture"));
+  EXPECT_THAT(message_of(folder / "empty.exr"), HasSubstr("not a picture"));
+  EXPECT_THAT(message_of(folder / "none.exr"), HasSubstr("cannot open"));
+}
+
+TEST(ReadPicture, RefusesTruncatedFiles) {
+  const TemporaryFolder folder;
+  const Image<float> image = noise_image(64, 64, 3, 1.0F);
+  for (const std::string name : {"a.exr", "a.png", "a.tif"}) {
+    write_image(folder / name, image.view());
+    const std::string bytes = read_file(folder / name);
+    for (const double share : {0.1, 0.5, 0.9}) {
+      const auto n = static_cast<std::size_t>(share * static_cast<double>(bytes.size()));
+      write_file_atomically(folder / name, std::string_view(bytes).substr(0, n));
+      EXPECT_THROW((void)read_picture(folder / name), Error) << name << " cut at " << share;
+    }
+  }
+}
+
+TEST(ReadLinearImage, NamesThePixelThatIsNotANumber) {
+  const TemporaryFolder folder;
+  Image<float> image = noise_image(4, 6, 3, 1.0F);
+  image(2, 5, 1) = std::numeric_limits<float>::quiet_NaN();
+  write_image(folder / "a.exr", image.view());
+  EXPECT_THAT(message_of(folder / "a.exr"),
+              HasSubstr("a.exr: pixel (x 5, y 2) is not a finite"));
+}
+
+TEST(SrgbTransfer, HasTheStandardsFixedPoints) {
+  EXPECT_FLOAT_EQ(srgb_from_linear(0.0F), 0.0F);
+  EXPECT_FLOAT_EQ(srgb_from_linear(1.0F), 1.0F);
+  EXPECT_NEAR(linear_from_srgb(0.5F), 0.21404114F, 1e-7F);  // ((0.5 + 0.055)/1.055)^2.4
+}
+
+RC_GTEST_PROP(SrgbTransfer, RoundTrips, ()) {
+  const float linear = static_cast<float>(*rc::gen::inRange(-1'000'000, 1'000'000)) / 1e6F;
+  RC_ASSERT(std::abs(linear_from_srgb(srgb_from_linear(linear)) - linear) < 1e-6F);
+}
+
+}  // namespace
+}  // namespace haarlight

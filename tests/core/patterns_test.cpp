@@ -1,0 +1,78 @@
+#include "core/patterns.h"
+
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include "core/error.h"
+#include "core/random.h"
+
+namespace haarlight {
+namespace {
+
+Eigen::MatrixXd pictures(int n_lights, int n_pixels) {
+  Eigen::MatrixXd t(n_lights, n_pixels);
+  for (int k = 0; k < n_lights; ++k) {
+    for (int p = 0; p < n_pixels; ++p) {
+      t(k, p) = uniform_unit(
+          hash_key(7, static_cast<std::uint64_t>(k), static_cast<std::uint64_t>(p)));
+    }
+  }
+  return t;
+}
+
+void expect_recovered(const PatternMatrix& patterns) {
+  const Eigen::MatrixXd truth = pictures(static_cast<int>(patterns.cols()), 3);
+  const Eigen::MatrixXd back = demultiplex(patterns, patterns * truth);
+  // The patterns' condition numbers are below 64 here: 64 * sums of <= 64 terms * 2^-52 <
+  // 1e-12.
+  EXPECT_LT((back - truth).cwiseAbs().maxCoeff(), 1e-12);
+}
+
+TEST(SMatrix, HasTheWeighingDesignsInverse) {
+  for (const int n : {3, 7, 11, 19, 23}) {
+    const Eigen::MatrixXd s = s_matrix(n);
+    // S^-1 = 2/(n + 1) (2 S^T - J) [Sloane79]
+    const Eigen::MatrixXd inverse =
+        2.0 / (n + 1) * (2.0 * s.transpose() - Eigen::MatrixXd::Ones(n, n));
+    EXPECT_LT((s * inverse - Eigen::MatrixXd::Identity(n, n)).cwiseAbs().maxCoeff(), 1e-12)
+        << n;
+    EXPECT_EQ(s.row(0).sum(), (n + 1) / 2);
+    expect_recovered(s_matrix(n));
+  }
+}
+
+TEST(SMatrix, ExistsOnlyForPrimesThreeModuloFour) {
+  EXPECT_TRUE(has_s_matrix(1019));
+  EXPECT_FALSE(has_s_matrix(1024));
+  EXPECT_FALSE(has_s_matrix(13));  // prime, but 1 mod 4
+  EXPECT_FALSE(has_s_matrix(15));  // 3 mod 4, but not prime
+  EXPECT_THROW(s_matrix(8), ContractViolation);
+}
+
+TEST(HaarSigned, PairsGiveTheWaveletsAndTellTheLightsApart) {
+  const PatternMatrix patterns = haar_signed(4);
+  ASSERT_EQ(patterns.rows(), 31);
+  for (int shot = 1; shot < 31; shot += 2) {
+    const Eigen::RowVectorXd wavelet = patterns.row(shot) - patterns.row(shot + 1);
+    EXPECT_EQ(wavelet.sum(), 0.0);
+    for (int other = 1; other < shot; other += 2) {
+      EXPECT_EQ(wavelet.dot(patterns.row(other) - patterns.row(other + 1)), 0.0);
+    }
+  }
+  expect_recovered(patterns);
+}
+
+TEST(Bins, LightEveryLightOnce) {
+  const PatternMatrix patterns = bins(8, 2);
+  EXPECT_EQ(patterns.rows(), 16);
+  EXPECT_EQ(patterns.colwise().sum(), Eigen::RowVectorXd::Ones(64));
+  EXPECT_EQ(patterns(0, 0) + patterns(0, 1) + patterns(0, 8) + patterns(0, 9), 4.0);
+}
+
+TEST(Demultiplex, RefusesPatternsThatCannotTellLightsApart) {
+  EXPECT_THROW(demultiplex(bins(4, 2), Eigen::MatrixXd::Ones(4, 1)), ContractViolation);
+  expect_recovered(one_at_a_time(5));
+}
+
+}  // namespace
+}  // namespace haarlight

@@ -1,0 +1,16 @@
+/// @file
+/// Any bytes as a rig file: either a rig or an Error.
+
+#include <cstdint>
+#include <string>
+
+#include "core/error.h"
+#include "core/rig.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  try {
+    (void)haarlight::parse_rig(std::string(data, data + size), "fuzz.toml");
+  } catch (const haarlight::Error&) {
+  }
+  return 0;
+}

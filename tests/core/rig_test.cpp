@@ -1,0 +1,108 @@
+#include "core/rig.h"
+
+#include <functional>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "core/files.h"
+
+namespace haarlight {
+namespace {
+
+using ::testing::HasSubstr;
+
+std::string small_rig_text() {
+  return read_file(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
+}
+
+std::string with(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+std::string message_of(const std::string& text) {
+  try {
+    (void)parse_rig(text, "rig.toml");
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ExitCode::bad_input);
+    return error.what();
+  }
+  return "nothing was thrown";
+}
+
+TEST(Rig, ReadsThePapersCube) {
+  const Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");
+  ASSERT_EQ(rig.n_lights(), 1024);
+  const LightElement first = light_element(rig, 0);
+  EXPECT_EQ(first.centre, Eigen::Vector3d(-465.0, -465.0, 900.0));
+  const LightElement light = light_element(rig, 32 * 3 + 20);  // row 3, column 20
+  EXPECT_EQ(light.centre, Eigen::Vector3d((20 - 15.5) * 30.0, (3 - 15.5) * 30.0, 900.0));
+  EXPECT_EQ(light.emits, Eigen::Vector3d(0.0, 0.0, -1.0));
+  EXPECT_TRUE(rig.faces[0].is_haar_grid());
+  EXPECT_EQ(rig.sync, SyncMode::free_run);
+  EXPECT_EQ(rig.hash, content_hash(rig.text));
+  EXPECT_EQ(light_elements(rig).size(), 1024U);
+}
+
+TEST(Rig, NumbersSeveralFacesInFileOrder) {
+  std::string text = small_rig_text();
+  const std::size_t face = text.find("[[face]]");
+  const std::size_t plane = text.find("[[plane]]");
+  std::string second = with(text.substr(face, plane - face), "\"top\"", "\"side\"");
+  second = with(second, "rows = 8", "rows = 2");
+  const Rig rig = parse_rig(text.insert(plane, second), "rig.toml");
+  EXPECT_EQ(rig.n_lights(), 64 + 16);
+  EXPECT_EQ(light_element(rig, 64).face, 1);
+  EXPECT_EQ(light_element(rig, 64 + 9).row, 1);
+  EXPECT_FALSE(rig.faces[1].is_haar_grid());
+  EXPECT_THROW((void)light_element(rig, 80), ContractViolation);
+}
+
+struct BrokenRig {
+  const char* from;
+  const char* to;
+  const char* expected;
+};
+
+TEST(Rig, NamesWhatIsWrong) {
+  const BrokenRig cases[] = {
+      {"u = [1.0, 0.0, 0.0]", "u = [2.0, 0.0, 0.0]", "u has length 2, not 1"},
+      {"v = [0.0, 1.0, 0.0]", "v = [1.0, 0.0, 0.0]", "v is not at right angles to u"},
+      {"emitter = [112.0, 112.0]", "emitter = [130.0, 112.0]", "not larger than the pitch"},
+      {"rows = 8", "rows = 0", "rows = 0 is out of range"},
+      {"rows = 8", "rows = 8.5", "not a whole number"},
+      {"max_watts = 320.0", "max_watts = 1.0", "below the power of a single element"},
+      {"d = 0.0", "d = 5.0", "the origin does not lie on the plane"},
+      {"texel = 2.0", "texel = 0.001", "more than 10^8 texels"},
+      {"shutter = \"global\"", "shutter = \"globl\"", "\"rolling\" | \"global\""},
+      {"skew_us = 0.0", "skew_us = 5.0", "a global shutter has no skew"},
+      {"size = [64, 56]", "size = [64, 0]", "not a frame size"},
+      {"K = [[", "K = [[-", "K is not"},
+      {"mode = \"free-run\"", "mode = \"fast\"", "mode = \"fast\" is not known"},
+      {"address = \"127.0.0.1\"\nport", "address = \"0.0.0.0\"\nport", "needs a token"},
+      {"lease_ms", "lese_ms", "did you mean lease_ms?"},
+      {"schema = 1", "schema = 2", "schema = 2 is out of range"},
+      {"[controller]", "[controler]", "[controller] is missing"},
+      {"pitch = 120.0", "pitch = nan", "pitch = nan is out of range"},
+      {"id = \"main\"", "id = 7", "id is not a text"},
+  };
+  for (const BrokenRig& broken : cases) {
+    const std::string message = message_of(with(small_rig_text(), broken.from, broken.to));
+    EXPECT_THAT(message, HasSubstr(broken.expected));
+    EXPECT_THAT(message, HasSubstr("rig.toml:"));
+    EXPECT_THAT(message, HasSubstr("cure: "));
+  }
+}
+
+TEST(Rig, RefusesAnEndOfFrameStampWithoutAReadout) {
+  std::string text = small_rig_text();
+  const std::size_t at = text.find("read_us = ");
+  text.replace(at, text.find('\n', at) - at, "read_us = 0.0");
+  EXPECT_THAT(message_of(text), HasSubstr("a readout is never free"));
+}
+
+}  // namespace
+}  // namespace haarlight
