@@ -1,0 +1,464 @@
+#include "capture/plan.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include <fmt/format.h>
+
+#include "capture/timing.h"
+#include "core/config_table.h"
+#include "core/error.h"
+#include "core/files.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::array<std::string_view, 5> kPatternWords{"one_at_a_time", "bins", "s_matrix",
+                                                        "haar", "list"};
+constexpr std::array<std::string_view, 3> kOrderWords{"raster", "bit_reversed",
+                                                      "greatest_distance"};
+constexpr int kMaxShots = 1000000;
+constexpr std::size_t kMaxLit = 20000000;  // lit entries of all shots: 160 MB in memory
+constexpr double kFullLevel = 65535.0;
+
+using PatternList = std::vector<std::vector<LightLevel>>;
+
+template <std::size_t N>
+std::vector<std::string_view> words(const std::array<std::string_view, N>& list) {
+  return {list.begin(), list.end()};
+}
+
+/// A list of whole numbers in [0, max].
+std::vector<int> whole_numbers(ConfigTable& table, std::string_view key, double max) {
+  std::vector<int> out;
+  for (const double x : table.numbers(key, 0)) {
+    if (!(x >= 0.0 && x <= max) || x != std::floor(x)) {
+      table.problem(key, fmt::format("{} is not a whole number from 0 to {}", x, max),
+                    "write whole numbers");
+      return {};
+    }
+    out.push_back(static_cast<int>(x));
+  }
+  return out;
+}
+
+std::vector<LightLevel> read_pattern(ConfigTable& table) {
+  const std::vector<int> lights = whole_numbers(table, "lights", 1e6);
+  std::vector<int> levels;
+  if (table.has("levels")) {
+    levels = whole_numbers(table, "levels", kFullLevel);
+    if (levels.size() != lights.size()) {
+      table.problem("levels",
+                    fmt::format("{} levels for {} lights", levels.size(), lights.size()),
+                    "write one level a light, or leave levels out for full drive");
+    }
+  }
+  levels.resize(lights.size(), 65535);
+  std::vector<LightLevel> lit;
+  for (std::size_t i = 0; i < lights.size(); ++i) {
+    lit.push_back(
+        LightLevel{.light = lights[i], .level = static_cast<std::uint16_t>(levels[i])});
+  }
+  std::sort(lit.begin(), lit.end(),
+            [](const LightLevel& a, const LightLevel& b) { return a.light < b.light; });
+  for (std::size_t i = 1; i < lit.size(); ++i) {
+    if (lit[i].light == lit[i - 1].light) {
+      table.problem("lights", fmt::format("light {} stands twice in one pattern", lit[i].light),
+                    "name each light once");
+    }
+  }
+  return lit;
+}
+
+PlanSettings read_settings(ConfigTable& root) {
+  PlanSettings plan;
+  (void)root.integer("schema", {.min = 1, .max = 1});
+  plan.name = root.text("name");
+  plan.patterns = static_cast<PlanPatterns>(root.choice("patterns", words(kPatternWords)));
+  plan.order = static_cast<ShotOrder>(root.choice_or("order", words(kOrderWords), 0));
+  plan.level = static_cast<std::uint16_t>(
+      root.integer_or("level", 65535, {.min = 1, .max = kFullLevel}));
+  plan.bin = static_cast<int>(root.integer_or("bin", 2, {.min = 1, .max = 256}));
+  if (root.has("lights")) {
+    plan.lights = whole_numbers(root, "lights", 1e6);
+    if (plan.patterns != PlanPatterns::one_at_a_time) {
+      root.problem("lights", "lights at the top level belong to patterns = \"one_at_a_time\"",
+                   "use [[pattern]] with patterns = \"list\"");
+    }
+  }
+  if (root.has("exposures_us")) {
+    plan.exposures_us = root.numbers("exposures_us", 0);
+    for (const double e : plan.exposures_us) {
+      if (!(e >= 1.0 && e <= 1e9)) {
+        root.problem("exposures_us", fmt::format("an exposure of {} us", e),
+                     "write microseconds, from 1 to 1e9");
+        break;
+      }
+    }
+  }
+  plan.repeats = static_cast<int>(root.integer_or("repeats", 1, {.min = 1, .max = 10000}));
+  plan.darks_every =
+      static_cast<int>(root.integer_or("darks_every", 0, {.min = 0, .max = 1e6}));
+  plan.sentinel_every =
+      static_cast<int>(root.integer_or("sentinel_every", 0, {.min = 0, .max = 1e6}));
+  plan.sentinel_light =
+      static_cast<int>(root.integer_or("sentinel_light", 0, {.min = 0, .max = 1e6}));
+  plan.reserve_mb = root.number_or("reserve_mb", 0.0, {.min = 0.0, .max = 1e9});
+  for (ConfigTable& table : root.tables("pattern")) {
+    plan.list.push_back(read_pattern(table));
+  }
+  if (plan.patterns == PlanPatterns::list && plan.list.empty()) {
+    root.problem("patterns", "patterns = \"list\", but no [[pattern]] follows",
+                 "add [[pattern]] with lights = [...]");
+  }
+  if (plan.patterns != PlanPatterns::list && !plan.list.empty()) {
+    root.problem("patterns", "[[pattern]] is only read with patterns = \"list\"",
+                 "set patterns = \"list\", or remove [[pattern]]");
+  }
+  root.finish();
+  return plan;
+}
+
+PatternList rows_of(const PatternMatrix& matrix, int offset, std::uint16_t level) {
+  PatternList list;
+  for (Eigen::Index shot = 0; shot < matrix.rows(); ++shot) {
+    std::vector<LightLevel> lit;
+    for (Eigen::Index k = 0; k < matrix.cols(); ++k) {
+      if (matrix(shot, k) > 0.0) {
+        lit.push_back(LightLevel{
+            .light = offset + static_cast<int>(k),
+            .level = static_cast<std::uint16_t>(std::lround(matrix(shot, k) * level))});
+      }
+    }
+    list.push_back(std::move(lit));
+  }
+  return list;
+}
+
+PatternList one_light_each(const PlanSettings& settings, const Rig& rig) {
+  std::vector<int> lights = settings.lights;
+  if (lights.empty()) {
+    lights.resize(static_cast<std::size_t>(rig.n_lights()));
+    std::iota(lights.begin(), lights.end(), 0);
+  }
+  PatternList list;
+  for (const int k : lights) {
+    list.push_back({LightLevel{.light = k, .level = settings.level}});
+  }
+  return list;
+}
+
+/// One family of patterns on each face in turn.
+PatternList a_face_each(const PlanSettings& settings, const Rig& rig) {
+  PatternList list;
+  int offset = 0;
+  for (const Face& face : rig.faces) {
+    const bool fits = settings.patterns == PlanPatterns::bins
+                          ? face.rows == face.cols && face.rows % settings.bin == 0
+                          : face.is_haar_grid();
+    if (!fits) {
+      throw Error(fmt::format("patterns \"{}\" do not fit the {} x {} lights of face \"{}\"",
+                              to_string(settings.patterns), face.rows, face.cols, face.id),
+                  settings.where,
+                  settings.patterns == PlanPatterns::bins
+                      ? "choose a bin that divides the rows of a square face"
+                      : "haar needs a square face with a power of two of rows");
+    }
+    PatternList of_face =
+        rows_of(settings.patterns == PlanPatterns::bins ? bins(face.rows, settings.bin)
+                                                        : haar_signed(face.rows),
+                offset, settings.level);
+    std::move(of_face.begin(), of_face.end(), std::back_inserter(list));
+    offset += face.n_lights();
+  }
+  return list;
+}
+
+PatternList patterns_of(const PlanSettings& settings, const Rig& rig) {
+  switch (settings.patterns) {
+    case PlanPatterns::one_at_a_time:
+      return one_light_each(settings, rig);
+    case PlanPatterns::bins:
+    case PlanPatterns::haar:
+      return a_face_each(settings, rig);
+    case PlanPatterns::s_matrix:
+      if (!has_s_matrix(rig.n_lights())) {
+        throw Error(fmt::format("no S-matrix of {} lights is known here", rig.n_lights()),
+                    settings.where, "it needs a prime number of lights, 3 mod 4");
+      }
+      return rows_of(s_matrix(rig.n_lights()), 0, settings.level);
+    case PlanPatterns::list:
+      return settings.list;
+  }
+  throw_contract_violation("PlanPatterns", "a known family", __FILE__, __LINE__);
+}
+
+Eigen::Vector3d middle_of(const std::vector<LightLevel>& lit,
+                          const std::vector<LightElement>& lights) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const LightLevel& light : lit) {
+    sum += lights[static_cast<std::size_t>(light.light)].centre;
+  }
+  return lit.empty() ? sum : Eigen::Vector3d(sum / static_cast<double>(lit.size()));
+}
+
+std::vector<std::size_t> bit_reversed(std::size_t n) {
+  const std::size_t width = std::bit_ceil(n);
+  const int n_bits = std::countr_zero(width);
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < width; ++i) {
+    std::size_t reversed = 0;
+    for (int bit = 0; bit < n_bits; ++bit) {
+      reversed |= ((i >> bit) & 1U) << (n_bits - 1 - bit);
+    }
+    if (reversed < n) {
+      order.push_back(reversed);
+    }
+  }
+  return order;
+}
+
+/// Greedy: the next pattern has the greatest least distance to the last eight; the first of
+/// equals.
+std::vector<std::size_t> greatest_distance(const PatternList& list, const Rig& rig,
+                                           const std::string& where) {
+  constexpr std::size_t kMaxPatterns = 8192;
+  constexpr std::size_t kWindow = 8;
+  if (list.size() > kMaxPatterns) {
+    throw Error(fmt::format("order \"greatest_distance\" of {} patterns", list.size()), where,
+                "use \"bit_reversed\" for more than 8192 patterns");
+  }
+  const std::vector<LightElement> lights = light_elements(rig);
+  std::vector<Eigen::Vector3d> places;
+  for (const auto& lit : list) {
+    places.push_back(middle_of(lit, lights));
+  }
+  std::vector<bool> is_used(list.size(), false);
+  std::vector<std::size_t> order;
+  while (order.size() < list.size()) {
+    std::size_t best = list.size();
+    double best_distance = -1.0;
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      if (is_used[i]) {
+        continue;
+      }
+      double least = std::numeric_limits<double>::max();
+      for (std::size_t j = order.size() > kWindow ? order.size() - kWindow : 0;
+           j < order.size(); ++j) {
+        least = std::min(least, (places[i] - places[order[j]]).squaredNorm());
+      }
+      if (least > best_distance) {
+        best_distance = least;
+        best = i;
+      }
+    }
+    is_used[best] = true;
+    order.push_back(best);
+  }
+  return order;
+}
+
+PatternList in_order(PatternList list, const PlanSettings& settings, const Rig& rig) {
+  if (settings.order == ShotOrder::raster) {
+    return list;
+  }
+  const std::vector<std::size_t> order = settings.order == ShotOrder::bit_reversed
+                                             ? bit_reversed(list.size())
+                                             : greatest_distance(list, rig, settings.where);
+  PatternList out;
+  out.reserve(list.size());
+  for (const std::size_t i : order) {
+    out.push_back(std::move(list[i]));
+  }
+  return out;
+}
+
+void require_lights(const PatternList& list, const PlanSettings& settings, const Rig& rig) {
+  for (const auto& lit : list) {
+    for (const LightLevel& light : lit) {
+      if (light.light < 0 || light.light >= rig.n_lights()) {
+        throw Error(fmt::format("light {} does not exist: rig \"{}\" has lights 0 to {}",
+                                light.light, rig.name, rig.n_lights() - 1),
+                    settings.where, "name lights of this rig");
+      }
+    }
+  }
+}
+
+/// Appends the shots of one exposure and one repeat.
+void append_round(std::vector<Shot>& shots, const PatternList& list,
+                  const PlanSettings& settings, double exposure_us) {
+  const auto append = [&](ShotKind kind, std::vector<LightLevel> lit) {
+    shots.push_back(Shot{.index = static_cast<int>(shots.size()),
+                         .kind = kind,
+                         .lit = std::move(lit),
+                         .exposure_us = exposure_us});
+  };
+  const auto between = [&](std::size_t done) {
+    const auto is_due = [&](int every) {
+      return every > 0 && (done == list.size() || done % static_cast<std::size_t>(every) == 0);
+    };
+    if (is_due(settings.darks_every)) {
+      append(ShotKind::dark, {});
+    }
+    if (is_due(settings.sentinel_every)) {
+      append(ShotKind::sentinel,
+             {LightLevel{.light = settings.sentinel_light, .level = settings.level}});
+    }
+  };
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    between(i);
+    append(list[i].empty() ? ShotKind::dark : ShotKind::light, list[i]);
+  }
+  between(list.size());
+}
+
+}  // namespace
+
+std::string_view to_string(PlanPatterns patterns) noexcept {
+  return kPatternWords[static_cast<std::size_t>(patterns)];
+}
+std::string_view to_string(ShotOrder order) noexcept {
+  return kOrderWords[static_cast<std::size_t>(order)];
+}
+
+PlanSettings parse_plan_file(const std::string& text, const std::string& name) {
+  ConfigTable root = ConfigTable::parse_text(text, name);
+  PlanSettings settings = read_settings(root);
+  settings.where = name;
+  return settings;
+}
+
+PlanSettings read_plan_file(const std::filesystem::path& path) {
+  return parse_plan_file(read_file(path, 16U << 20U), path.string());
+}
+
+Plan expand_plan(const PlanSettings& settings, const Rig& rig) {
+  PatternList list = patterns_of(settings, rig);
+  require_lights(list, settings, rig);
+  if (settings.sentinel_every > 0 && settings.sentinel_light >= rig.n_lights()) {
+    throw Error(fmt::format("sentinel_light {} does not exist: rig \"{}\" has lights 0 to {}",
+                            settings.sentinel_light, rig.name, rig.n_lights() - 1),
+                settings.where, "name a light of this rig");
+  }
+  list = in_order(std::move(list), settings, rig);
+  std::vector<double> exposures = settings.exposures_us;
+  if (exposures.empty()) {
+    exposures.push_back(rig.cameras.front().exposure_us);
+  }
+  std::size_t n_lit = 0;
+  for (const auto& lit : list) {
+    n_lit += lit.size();
+  }
+  const double rounds = static_cast<double>(exposures.size()) * settings.repeats;
+  if (3.0 * rounds * static_cast<double>(list.size()) > kMaxShots ||
+      rounds * static_cast<double>(n_lit) > static_cast<double>(kMaxLit)) {
+    throw Error(fmt::format("{} patterns in {} rounds are more than a plan may hold",
+                            list.size(), rounds),
+                settings.where, "split the plan");
+  }
+  Plan plan;
+  plan.name = settings.name;
+  plan.n_lights = rig.n_lights();
+  plan.reserve_mb = settings.reserve_mb;
+  for (const double exposure_us : exposures) {
+    for (int i = 0; i < settings.repeats; ++i) {
+      append_round(plan.shots, list, settings, exposure_us);
+    }
+  }
+  plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;
+  require_power(plan, rig, settings.where);
+  return plan;
+}
+
+void require_power(const Plan& plan, const Rig& rig, const std::string& where) {
+  if (plan.n_lights != rig.n_lights()) {
+    throw Error(fmt::format("the plan is for {} lights, rig \"{}\" has {}", plan.n_lights,
+                            rig.name, rig.n_lights()),
+                where, "make the plan for this rig");
+  }
+  std::vector<int> face_of;
+  for (std::size_t i = 0; i < rig.faces.size(); ++i) {
+    face_of.insert(face_of.end(), static_cast<std::size_t>(rig.faces[i].n_lights()),
+                   static_cast<int>(i));
+  }
+  std::vector<double> watts(rig.faces.size());
+  for (const Shot& shot : plan.shots) {
+    std::fill(watts.begin(), watts.end(), 0.0);
+    for (const LightLevel& light : shot.lit) {
+      const auto face =
+          static_cast<std::size_t>(face_of[static_cast<std::size_t>(light.light)]);
+      watts[face] += light.level / kFullLevel * rig.faces[face].element_power.value();
+    }
+    for (std::size_t i = 0; i < watts.size(); ++i) {
+      const double limit = rig.faces[i].max_power.value();
+      if (watts[i] > limit * (1.0 + 1e-9)) {  // 1e-9: rounding of the sum over 65536 lights
+        throw Error(fmt::format("shot {} draws {:.1f} W on face \"{}\", allowed are {:.1f} W",
+                                shot.index, watts[i], rig.faces[i].id, limit),
+                    where, "light fewer elements at once, or lower level");
+      }
+    }
+  }
+}
+
+DryRun dry_run(const Plan& plan, const Rig& rig) {
+  const CameraSpec& camera = rig.cameras.front();
+  DryRun out;
+  out.n_shots = static_cast<int>(plan.shots.size());
+  double energy_j = 0.0;
+  double last_exposure_us = plan.shots.empty() ? 0.0 : plan.shots.front().exposure_us;
+  double frames = 0.0;
+  std::vector<double> on_s(static_cast<std::size_t>(rig.n_lights()));
+  const double frame_s = 1.0 / camera.fps;
+  std::vector<double> element_watts;
+  for (const Face& face : rig.faces) {
+    element_watts.insert(element_watts.end(), static_cast<std::size_t>(face.n_lights()),
+                         face.element_power.value());
+  }
+  for (const Shot& shot : plan.shots) {
+    const double shot_frames = expected_frames_a_shot(rig, shot.exposure_us) +
+                               (shot.exposure_us == last_exposure_us ? 0.0 : 2.0);
+    last_exposure_us = shot.exposure_us;
+    frames += shot_frames;
+    const double period_s = std::max(frame_s, shot.exposure_us * 1e-6);
+    const double shot_s = shot_frames * period_s;
+    out.seconds += shot_s;
+    double watts = 0.0;
+    for (const LightLevel& light : shot.lit) {
+      const auto k = static_cast<std::size_t>(light.light);
+      watts += light.level / kFullLevel * element_watts[k];
+      on_s[k] += shot_s;
+    }
+    out.peak_watts = std::max(out.peak_watts, watts);
+    energy_j += watts * shot_s;
+    out.n_light_shots += shot.kind == ShotKind::light ? 1 : 0;
+  }
+  if (out.seconds > 0.0) {
+    out.frames_a_shot = frames / out.n_shots;
+    out.mean_watts = energy_j / out.seconds;
+    const auto busiest = std::max_element(on_s.begin(), on_s.end());
+    out.highest_duty = *busiest / out.seconds;
+    out.busiest_light = static_cast<int>(busiest - on_s.begin());
+    const double frame_bytes =
+        2.0 * camera.frame_width * camera.frame_height + kFrameOverheadBytes;
+    out.bytes = static_cast<std::uint64_t>(frame_bytes * out.n_shots);
+    out.bytes_a_second = static_cast<double>(out.bytes) / out.seconds;
+  }
+  return out;
+}
+
+Plan load_plan(const std::filesystem::path& path, const Rig& rig) {
+  if (path.extension() == ".json") {
+    Plan plan = plan_from_json(read_file(path, 1U << 30U), path.string());
+    require_power(plan, rig, path.string());
+    return plan;
+  }
+  return expand_plan(read_plan_file(path), rig);
+}
+
+}  // namespace haarlight

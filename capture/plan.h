@@ -1,0 +1,97 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/patterns.h"
+#include "core/rig.h"
+#include "session/session.h"
+
+/// @file
+/// What is to be photographed: a declarative plan file (docs/plan-file.md) expands, for one
+/// rig, to an immutable list of shots with a hash. The same file and rig always give the same
+/// bytes. A plan that the rig's power limits forbid is refused here, before a light is lit.
+
+namespace haarlight {
+
+enum class PlanPatterns { one_at_a_time, bins, s_matrix, haar, list };
+
+/// In which order the patterns are shown.
+enum class ShotOrder {
+  raster,             ///< as the lights are numbered
+  bit_reversed,       ///< index bits reversed: successive lights are far apart, O(n log n)
+  greatest_distance,  ///< each next pattern is the farthest from the last eight, O(n^2)
+};
+
+[[nodiscard]] std::string_view to_string(PlanPatterns patterns) noexcept;
+[[nodiscard]] std::string_view to_string(ShotOrder order) noexcept;
+
+/// The plan file's keys, checked for range but not yet against a rig.
+struct PlanSettings {
+  std::string name;
+  PlanPatterns patterns = PlanPatterns::one_at_a_time;
+  std::uint16_t level = 65535;                ///< of every light of a pattern, except `list`
+  int bin = 2;                                ///< side of a block, for `bins`
+  std::vector<std::vector<LightLevel>> list;  ///< for `list`
+  std::vector<int> lights;                    ///< subset for one_at_a_time; empty = all
+  std::vector<double> exposures_us;           ///< brackets; empty = the camera's own
+  int repeats = 1;
+  int darks_every = 0;     ///< light shots between darks; 0 = none
+  int sentinel_every = 0;  ///< light shots between sentinels; 0 = none
+  int sentinel_light = 0;
+  ShotOrder order = ShotOrder::raster;
+  double reserve_mb = 0.0;  ///< kept free beside the frames' own need
+  std::string where;        ///< file name, for messages
+};
+
+/// @throws Error  every problem with file:line and its cure
+[[nodiscard]] PlanSettings read_plan_file(const std::filesystem::path& path);
+[[nodiscard]] PlanSettings parse_plan_file(const std::string& text, const std::string& name);
+
+/// The immutable list of shots.
+struct Plan {
+  std::string name;
+  int n_lights = 0;
+  double reserve_mb = 0.0;
+  std::vector<Shot> shots;
+  std::string hash;  ///< content_hash of the JSON without its "hash" entry
+};
+
+/// Expands the settings for a rig. For each exposure, each repeat: [dark] [sentinel] patterns
+/// in order with darks and sentinels between, and a closing dark and sentinel.
+/// @throws Error  a light the rig does not have, a family that does not fit the grid, a pattern
+///                above a face's max_watts (face, watts and limit named), more than 10^6 shots
+[[nodiscard]] Plan expand_plan(const PlanSettings& settings, const Rig& rig);
+
+/// plan.json: canonical, so equal plans have equal bytes.
+[[nodiscard]] std::string plan_to_json(const Plan& plan);
+/// @throws Error  not a plan, or its hash does not match its shots; `where` is the file's name
+[[nodiscard]] Plan plan_from_json(const std::string& json, const std::string& where);
+/// Reads a plan file, or a plan.json made before, by its ending, and holds it to the rig.
+/// @throws Error  as above
+[[nodiscard]] Plan load_plan(const std::filesystem::path& path, const Rig& rig);
+
+/// @throws Error  naming shot, face, watts and limit
+void require_power(const Plan& plan, const Rig& rig, const std::string& where);
+
+/// What a plan will cost.
+struct DryRun {
+  int n_shots = 0;
+  int n_light_shots = 0;
+  double frames_a_shot = 0.0;  ///< frame times from one latch to the next
+  double seconds = 0.0;
+  std::uint64_t bytes = 0;  ///< of all frames on disk
+  double bytes_a_second = 0.0;
+  double peak_watts = 0.0;    ///< of the worst shot, all faces
+  double mean_watts = 0.0;    ///< over the time of the plan
+  double highest_duty = 0.0;  ///< share of the plan's time that its busiest light is on
+  int busiest_light = -1;
+};
+
+/// Time by sync mode: in free-run from latch round trip, settle, exposure and readout; in the
+/// triggered modes one frame time a shot.
+[[nodiscard]] DryRun dry_run(const Plan& plan, const Rig& rig);
+
+}  // namespace haarlight

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <cstdint>
+
+#include "core/rig.h"
+
+/// @file
+/// The times of one shot, from the rig file: how long light needs to settle, how long a shot
+/// takes. Pure.
+
+namespace haarlight {
+
+/// Added to the measured settle times: jitter of stamps and of the latch's own clock.
+inline constexpr std::int64_t kGuard_ns = 100'000;
+
+/// Bytes a stored frame needs beside its words: TIFF tags, evidence, its share of the journal.
+inline constexpr double kFrameOverheadBytes = 4096.0;
+
+/// From the acknowledged latch until the light surely stands: latch delay, the slower of rise
+/// and fall, and the guard.
+[[nodiscard]] std::int64_t settle_ns(const ControllerSpec& controller) noexcept;
+
+/// Frame times from one latch to the next in the rig's sync mode: the mean over the latch's
+/// phase in the frame. In free-run: the part of a frame that the settling light spoils, until
+/// the next exposure starts (half a frame on average if phases were random, here at a fixed
+/// phase after the frame's arrival), exposure, skew, readout and the latch's round trip.
+[[nodiscard]] double expected_frames_a_shot(const Rig& rig, double exposure_us);
+
+}  // namespace haarlight

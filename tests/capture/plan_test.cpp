@@ -1,0 +1,240 @@
+#include "capture/plan.h"
+
+#include <algorithm>
+#include <set>
+#include <string>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include "core/error.h"
+#include "core/files.h"
+
+namespace haarlight {
+namespace {
+
+using ::testing::HasSubstr;
+
+const std::string kRigs = HAARLIGHT_SOURCE_DIR "/configs/rigs/";
+const std::string kHead = "schema = 1\nname = \"p\"\n";
+
+Plan plan_of(const std::string& text, const std::string& rig = "small8.toml") {
+  return expand_plan(parse_plan_file(kHead + text, "p.toml"), read_rig(kRigs + rig));
+}
+
+std::string refusal_of(const std::string& text) {
+  try {
+    (void)plan_of(text);
+  } catch (const Error& error) {
+    EXPECT_FALSE(error.cure().empty());
+    EXPECT_THAT(error.where(), HasSubstr("p.toml"));
+    return error.what();
+  }
+  ADD_FAILURE() << "accepted: " << text;
+  return "";
+}
+
+std::vector<int> first_lights(const Plan& plan) {
+  std::vector<int> out;
+  for (const Shot& shot : plan.shots) {
+    if (shot.kind == ShotKind::light) {
+      out.push_back(shot.lit.front().light);
+    }
+  }
+  return out;
+}
+
+TEST(Plan, OneAtATimeShootsEveryLightOnceInRasterOrder) {
+  const Plan plan = plan_of("patterns = \"one_at_a_time\"\n");
+  ASSERT_EQ(plan.shots.size(), 64U);
+  for (int k = 0; k < 64; ++k) {
+    const Shot& shot = plan.shots[static_cast<std::size_t>(k)];
+    EXPECT_EQ(shot.index, k);
+    ASSERT_EQ(shot.lit.size(), 1U);
+    EXPECT_EQ(shot.lit[0], (LightLevel{.light = k, .level = 65535}));
+    EXPECT_EQ(shot.exposure_us, 2000.0) << "the camera's own";
+  }
+}
+
+TEST(Plan, EveryOrderIsAPermutation) {
+  for (const char* order : {"raster", "bit_reversed", "greatest_distance"}) {
+    std::vector<int> lights = first_lights(
+        plan_of("patterns = \"one_at_a_time\"\norder = \"" + std::string(order) + "\"\n"));
+    std::sort(lights.begin(), lights.end());
+    for (int k = 0; k < 64; ++k) {
+      EXPECT_EQ(lights[static_cast<std::size_t>(k)], k) << order;
+    }
+  }
+}
+
+TEST(Plan, BitReversedStartsAsWritten) {
+  const std::vector<int> lights =
+      first_lights(plan_of("patterns = \"one_at_a_time\"\norder = \"bit_reversed\"\n"));
+  EXPECT_EQ(std::vector<int>(lights.begin(), lights.begin() + 4),
+            (std::vector<int>{0, 32, 16, 48}));
+}
+
+TEST(Plan, GreatestDistanceGoesToTheOppositeCornerFirst) {
+  const std::vector<int> lights =
+      first_lights(plan_of("patterns = \"one_at_a_time\"\norder = \"greatest_distance\"\n"));
+  EXPECT_EQ(lights[0], 0);
+  EXPECT_EQ(lights[1], 63);
+}
+
+TEST(Plan, DarksAndSentinelsFrameTheLights) {
+  const Plan plan = plan_of(
+      "patterns = \"one_at_a_time\"\ndarks_every = 16\nsentinel_every = 32\nsentinel_light = "
+      "5\n");
+  const auto count = [&](ShotKind kind) {
+    return std::count_if(plan.shots.begin(), plan.shots.end(),
+                         [&](const Shot& shot) { return shot.kind == kind; });
+  };
+  EXPECT_EQ(count(ShotKind::dark), 5);      // before 0, 16, 32, 48 and at the end
+  EXPECT_EQ(count(ShotKind::sentinel), 3);  // before 0, 32 and at the end
+  EXPECT_EQ(plan.shots.front().kind, ShotKind::dark);
+  EXPECT_TRUE(plan.shots.front().lit.empty());
+  EXPECT_EQ(plan.shots.back().kind, ShotKind::sentinel);
+  EXPECT_EQ(plan.shots.back().lit.front().light, 5);
+}
+
+TEST(Plan, BracketsAndRepeatsMultiply) {
+  const Plan plan =
+      plan_of("patterns = \"bins\"\nbin = 4\nexposures_us = [500, 2000]\nrepeats = 3\n");
+  EXPECT_EQ(plan.shots.size(), 4U * 2U * 3U);
+  EXPECT_EQ(plan.shots.front().exposure_us, 500.0);
+  EXPECT_EQ(plan.shots.back().exposure_us, 2000.0);
+  EXPECT_EQ(plan.shots.front().lit.size(), 16U);
+}
+
+TEST(Plan, ListKeepsItsLevels) {
+  const Plan plan = plan_of(
+      "patterns = \"list\"\n[[pattern]]\nlights = [9, 3]\nlevels = [100, 200]\n"
+      "[[pattern]]\nlights = [1]\n");
+  ASSERT_EQ(plan.shots.size(), 2U);
+  EXPECT_EQ(plan.shots[0].lit, (std::vector<LightLevel>{{3, 200}, {9, 100}}));
+  EXPECT_EQ(plan.shots[1].lit, (std::vector<LightLevel>{{1, 65535}}));
+}
+
+TEST(Plan, TheSameFileAlwaysGivesTheSameBytes) {
+  const std::string text = "patterns = \"one_at_a_time\"\norder = \"greatest_distance\"\n";
+  EXPECT_EQ(plan_to_json(plan_of(text)), plan_to_json(plan_of(text)));
+  EXPECT_NE(plan_of(text).hash, plan_of(text + "level = 65534\n").hash);
+}
+
+TEST(Plan, JsonComesBackUnchanged) {
+  const Plan plan = plan_of("patterns = \"haar\"\nlevel = 60000\ndarks_every = 10\n");
+  const Plan again = plan_from_json(plan_to_json(plan), "plan.json");
+  EXPECT_EQ(again.shots, plan.shots);
+  EXPECT_EQ(again.hash, plan.hash);
+  EXPECT_EQ(plan_to_json(again), plan_to_json(plan));
+}
+
+TEST(Plan, PowerAboveTheFacesLimitIsRefusedByName) {
+  Rig rig = read_rig(kRigs + "small8.toml");
+  rig.faces.front().max_power = Watts(100.0);
+  const PlanSettings settings =
+      parse_plan_file(kHead + "patterns = \"bins\"\nbin = 8\n", "p.toml");
+  try {
+    (void)expand_plan(settings, rig);
+    FAIL() << "320 W accepted on a face of 100 W";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("320.0 W"));
+    EXPECT_THAT(error.what(), HasSubstr("\"top\""));
+    EXPECT_THAT(error.what(), HasSubstr("100.0 W"));
+  }
+}
+
+RC_GTEST_PROP(Plan, NoAcceptedPlanExceedsTheLimit, ()) {
+  Rig rig = read_rig(kRigs + "small8.toml");
+  rig.faces.front().max_power = Watts(*rc::gen::inRange(5, 320));
+  PlanSettings settings;
+  settings.patterns = PlanPatterns::list;
+  settings.list.resize(static_cast<std::size_t>(*rc::gen::inRange(1, 6)));
+  for (auto& lit : settings.list) {
+    for (const int k : *rc::gen::container<std::set<int>>(rc::gen::inRange(0, 64))) {
+      lit.push_back({k, *rc::gen::arbitrary<std::uint16_t>()});
+    }
+  }
+  // An independent check in whole numbers: sum of levels * 5 W <= limit * 65535.
+  const bool fits =
+      std::all_of(settings.list.begin(), settings.list.end(), [&](const auto& lit) {
+        std::int64_t sum = 0;
+        for (const LightLevel& light : lit) {
+          sum += light.level;
+        }
+        return sum * 5 <=
+               static_cast<std::int64_t>(rig.faces.front().max_power.value()) * 65535;
+      });
+  bool is_accepted = true;
+  try {
+    (void)expand_plan(settings, rig);
+  } catch (const Error&) {
+    is_accepted = false;
+  }
+  RC_ASSERT(is_accepted == fits);
+}
+
+TEST(PlanDryRun, CountsBytesWattsAndTime) {
+  const Rig rig = read_rig(kRigs + "cube32.toml");
+  const Plan plan =
+      expand_plan(parse_plan_file(kHead + "patterns = \"one_at_a_time\"\n", "p.toml"), rig);
+  const DryRun run = dry_run(plan, rig);
+  EXPECT_EQ(run.n_shots, 1024);
+  EXPECT_EQ(run.peak_watts, 5.0);
+  EXPECT_NEAR(run.mean_watts, 5.0, 1e-9);
+  EXPECT_GE(run.bytes, 1024U * 320U * 248U * 2U);
+  EXPECT_NEAR(run.seconds, 1024 * 2 / 120.0, 1e-6) << "two frame times a light at 120 fps";
+  EXPECT_NEAR(run.highest_duty, 1.0 / 1024.0, 1e-9);
+}
+
+TEST(PlanRefused, UnknownKeyWithTheNearestName) {
+  EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nrepeat = 2\n"), HasSubstr("repeats"));
+}
+TEST(PlanRefused, UnknownFamily) {
+  EXPECT_THAT(refusal_of("patterns = \"all_at_once\"\n"), HasSubstr("all_at_once"));
+}
+TEST(PlanRefused, MissingPatterns) { EXPECT_THAT(refusal_of(""), HasSubstr("patterns")); }
+TEST(PlanRefused, ALightTheRigDoesNotHave) {
+  EXPECT_THAT(refusal_of("patterns = \"list\"\n[[pattern]]\nlights = [64]\n"),
+              HasSubstr("light 64"));
+}
+TEST(PlanRefused, ALightTwice) {
+  EXPECT_THAT(refusal_of("patterns = \"list\"\n[[pattern]]\nlights = [4, 4]\n"),
+              HasSubstr("twice"));
+}
+TEST(PlanRefused, LevelsThatDoNotMatch) {
+  EXPECT_THAT(refusal_of("patterns = \"list\"\n[[pattern]]\nlights = [4, 5]\nlevels = [1]\n"),
+              HasSubstr("1 levels for 2 lights"));
+}
+TEST(PlanRefused, ABinThatDoesNotDivide) {
+  EXPECT_THAT(refusal_of("patterns = \"bins\"\nbin = 3\n"), HasSubstr("8 x 8"));
+}
+TEST(PlanRefused, AnExposureOfZero) {
+  EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nexposures_us = [0]\n"),
+              HasSubstr("exposure"));
+}
+TEST(PlanRefused, NotToml) { EXPECT_THAT(refusal_of("patterns = = 3\n"), HasSubstr("p.toml")); }
+TEST(PlanRefused, AnSMatrixOfACompositeNumber) {
+  EXPECT_THAT(refusal_of("patterns = \"s_matrix\"\n"), HasSubstr("S-matrix"));
+}
+
+TEST(PlanJsonRefused, EveryChangedByteOfAShot) {
+  const std::string good = plan_to_json(plan_of("patterns = \"bins\"\nbin = 8\n"));
+  EXPECT_NO_THROW((void)plan_from_json(good, "plan.json"));
+  const auto with = [&](const std::string& from, const std::string& to) {
+    std::string bad = good;
+    bad.replace(bad.find(from), from.size(), to);
+    return bad;
+  };
+  for (const std::string& bad :
+       {std::string("{"), std::string("[]"), std::string("{}"), with("65535", "65534"),
+        with("\"light\"", "\"lamp\""), with("2000.0", "2001.0"),
+        with("\"index\":0", "\"index\":1"), with("[[0,", "[[900,"), with("\"lit\"", "\"lid\""),
+        with("\"schema\":1", "\"schema\":2"), good.substr(0, good.size() / 2)}) {
+    EXPECT_THROW((void)plan_from_json(bad, "plan.json"), Error) << bad.substr(0, 80);
+  }
+}
+
+}  // namespace
+}  // namespace haarlight
