@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+/// @file
+/// The 2-D orthonormal nonstandard Haar transform of an n x n array, and its integer form.
+/// Source: Haar (1910) as used by [Ng03] for lighting; layout and signs of
+/// data/golden/haar.json, which are PyWavelets' `coeffs_to_array(wavedec2(x, 'haar'))`. Notes:
+/// docs/numerics/haar.md.
+///
+/// One level turns the blocks a b / c d of x into
+///     LL = (a + b + c + d)/2   top left       X = (a - b + c - d)/2   top right
+///     Y  = (a + b - c - d)/2   bottom left    D = (a - b - c + d)/2   bottom right
+/// and goes on with LL down to 1 x 1. All taps are +-1/2: sums of squares are kept, and
+/// integers below 2^(53 - 2 log2 n) give exact coefficients in double.
+
+namespace haarlight {
+
+/// True for 1, 2, 4, ... 1024: the sizes the transforms take.
+[[nodiscard]] bool is_haar_size(int n) noexcept;
+
+/// In place on x[row][col], n x n values. O(n^2). Pure but for `x`; safe from any thread.
+/// @throws ContractViolation  n no power of two up to 1024, or x of another size
+void haar_forward(std::span<float> x, int n);
+void haar_forward(std::span<double> x, int n);
+/// The exact inverse up to rounding: 2 log2(n) additions a value.
+void haar_inverse(std::span<float> x, int n);
+void haar_inverse(std::span<double> x, int n);
+
+/// The lossless integer S-transform: per level along x, then y: d = a - b, s = b + (d >> 1),
+/// s in the first half, d in the second; same layout as above. Values must
+/// stay within a quarter of the type's range so that no difference overflows.
+void s_transform_forward(std::span<std::int32_t> x, int n);
+void s_transform_forward(std::span<std::int64_t> x, int n);
+void s_transform_inverse(std::span<std::int32_t> x, int n);
+void s_transform_inverse(std::span<std::int64_t> x, int n);
+
+/// Level of the coefficient at (row, col): 0 for the mean, j for the details of the 2^(j-1)
+/// grid.
+[[nodiscard]] int haar_level(int row, int col) noexcept;
+
+/// Indices row * n + col from coarse to fine: by level, within a level by index. The order in
+/// which a basis file stores coefficients.
+[[nodiscard]] std::vector<int> haar_order(int n);
+
+}  // namespace haarlight
