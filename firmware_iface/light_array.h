@@ -9,6 +9,7 @@
 
 #include "core/error.h"
 #include "core/rig.h"
+#include "firmware_iface/register_map.h"
 
 /// @file
 /// The light controller as a device. One thread owns one LightArray. Implementations:
@@ -20,7 +21,7 @@ struct ControllerIdentity {
   std::string model;
   std::uint32_t serial = 0;
   std::uint32_t firmware = 0;
-  std::uint32_t boot_id = 0;       ///< changes at every start of the controller
+  std::uint32_t boot_id = 0;  ///< changes at every start of the controller
   std::uint32_t uptime_ms = 0;
   int n_elements = 0;
   int table_depth = 0;
@@ -29,8 +30,8 @@ struct ControllerIdentity {
 struct ControllerStatus {
   std::uint32_t uptime_ms = 0;
   std::uint32_t boot_id = 0;
-  std::uint32_t faults = 0;        ///< ControllerFault bits, see register_map.h
-  std::uint32_t tag = 0;           ///< of what is lit
+  std::uint32_t faults = 0;  ///< ControllerFault bits, see register_map.h
+  std::uint32_t tag = 0;     ///< of what is lit
   std::uint32_t step_counter = 0;
   double temperature_c = 0.0;
   double supply_a = 0.0;
@@ -58,7 +59,9 @@ class LightArray {
   [[nodiscard]] virtual Result<ControllerIdentity> connect() = 0;
   virtual void disconnect() noexcept = 0;
   /// Writes the shadow bank (only what differs from what it is known to hold), the tag, and
-  /// latches; reads the tag back.
+  /// latches; reads tag and bank sum back. The pattern may be empty (a dark frame), its levels
+  /// may be 0, and names each element at most once.
+  /// @param tag  not 0, which stands for dark by all_off, lease, fault or restart
   [[nodiscard]] virtual Result<LatchReceipt> show(std::span<const ElementLevel> pattern,
                                                   std::uint32_t tag) = 0;
   /// Accepted in every state, never optimised away.
@@ -71,6 +74,13 @@ class LightArray {
       std::span<const std::uint32_t> tags) = 0;
   /// Shows the next table entry.
   [[nodiscard]] virtual Result<LatchReceipt> step_table() = 0;
+  /// Arms the uploaded table from its first entry, dark until the first step; upload_table
+  /// leaves it armed for the host. With the strobe as source the lease must be renewed
+  /// meanwhile.
+  [[nodiscard]] virtual Result<void> arm_table(registers::StepSource source) {
+    static_cast<void>(source);
+    return fail(Errc::unsupported, "this light array has no pattern table");
+  }
 };
 
 /// Makes the array that the rig file names (registry.cpp).

@@ -1,0 +1,98 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "firmware_iface/light_controller.h"
+
+/// @file
+/// A simulated light controller on real wires: a Modbus TCP server on the loopback and a Modbus
+/// RTU server on a pseudo-terminal whose bytes pass at the pace of a baud rate. One
+/// LightController behind both, its lease kept by a thread on CLOCK_MONOTONIC. Faults are
+/// injected by call.
+
+namespace haarlight {
+
+struct ControllerServerOptions {
+  ControllerConfig controller;
+  int unit = 1;
+  bool has_tcp = true;
+  int tcp_port = 0;  ///< 0 = any free one; tcp_address() tells
+  bool has_rtu = false;
+  int baud = 115200;  ///< 8E1: 11 bits a byte. 0 = as fast as it goes
+  std::uint32_t first_boot_id = 1;
+};
+
+/// What happens to a request or its reply.
+enum class WireFault {
+  drop_request,       ///< lost before it acts
+  drop_reply,         ///< acted upon, no answer: a dead bus
+  delay_reply,        ///< answered `delay` late
+  half_reply,         ///< the first half of the answer, then silence
+  garbage_reply,      ///< bytes that are no answer, then silence
+  wrong_unit,         ///< the answer names another unit
+  wrong_transaction,  ///< TCP: the answer carries another transaction id
+  exception,          ///< not acted upon, answered by `exception`
+  close,              ///< acted upon, then the connection is closed (RTU: the cable comes out)
+};
+
+struct WireFaultRule {
+  WireFault kind = WireFault::drop_reply;
+  int skip = 0;   ///< requests that pass first
+  int count = 1;  ///< requests hit; -1 = all until clear_faults()
+  std::chrono::milliseconds delay{0};
+  registers::Exception exception = registers::Exception::device_failure;
+  int function = 0;  ///< only requests of this Modbus function are counted and hit; 0 = all
+};
+
+/// Runs from construction to destruction. Thread-safe.
+class ControllerServer {
+ public:
+  /// @throws Error  the port is taken, no pseudo-terminal
+  explicit ControllerServer(ControllerServerOptions options);
+  ~ControllerServer();
+  ControllerServer(const ControllerServer&) = delete;
+  ControllerServer& operator=(const ControllerServer&) = delete;
+
+  /// "127.0.0.1:PORT"
+  [[nodiscard]] std::string tcp_address() const;
+  /// A link that keeps its name over replug_rtu(), like /dev/serial/by-id.
+  [[nodiscard]] std::filesystem::path rtu_path() const;
+  /// "PATH:BAUD", as a rig file names it.
+  [[nodiscard]] std::string rtu_address() const;
+
+  // Light.
+  /// The state at t0 and each change in (t0, t1]; t1 in the past (CLOCK_MONOTONIC ns).
+  [[nodiscard]] LightHistory transitions(std::int64_t t0_ns, std::int64_t t1_ns);
+  [[nodiscard]] LightTransition lit();
+  [[nodiscard]] double total_on_seconds(int element);
+  [[nodiscard]] std::uint32_t boot_id();
+  /// Requests answered or dropped so far, of both servers.
+  [[nodiscard]] std::uint64_t n_requests() const;
+
+  // The world around it.
+  /// An edge on the camera's strobe line, now.
+  void strobe();
+  /// Power lost: dark at once, connections cut, back with a new boot id after `off_for`.
+  void restart(std::chrono::milliseconds off_for);
+  void set_interlock_open(bool is_open);
+  void set_temperature(double temperature_c);
+  /// The serial cable out: the client's device is gone.
+  void unplug_rtu();
+  /// And in again, as another device under the same link.
+  void replug_rtu();
+  /// Every reply is held back this long (a slow bus).
+  void set_reply_delay(std::chrono::microseconds delay);
+  /// Rules are tried in the order given; the first one that hits a request decides.
+  void inject(const WireFaultRule& rule);
+  void clear_faults();
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace haarlight
