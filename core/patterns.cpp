@@ -16,7 +16,7 @@ PatternMatrix one_at_a_time(int n_lights) {
 PatternMatrix bins(int n, int bin) {
   HAARLIGHT_EXPECTS(n >= 1 && bin >= 1 && n % bin == 0, "a bin that divides the grid");
   const int m = n / bin;
-  PatternMatrix patterns = PatternMatrix::Zero(m * m, n * n);
+  PatternMatrix patterns = PatternMatrix::Zero(Eigen::Index{m} * m, Eigen::Index{n} * n);
   for (int row = 0; row < n; ++row) {
     for (int col = 0; col < n; ++col) {
       patterns((row / bin) * m + col / bin, row * n + col) = 1.0;
@@ -56,7 +56,8 @@ PatternMatrix s_matrix(int n_lights) {
 
 PatternMatrix haar_signed(int n) {
   HAARLIGHT_EXPECTS(n >= 1 && std::has_single_bit(static_cast<unsigned>(n)), "a power of two");
-  PatternMatrix patterns = PatternMatrix::Zero(1 + 2 * (n * n - 1), n * n);
+  PatternMatrix patterns =
+      PatternMatrix::Zero(2 * (Eigen::Index{n} * n) - 1, Eigen::Index{n} * n);
   patterns.row(0).setOnes();
   int shot = 1;
   for (int size = n; size >= 2; size /= 2) {

@@ -24,7 +24,7 @@ constexpr std::array<std::string_view, 3> kCameraWords{"v4l2", "remote", "replay
 constexpr std::array<std::string_view, 3> kControllerWords{"modbus_tcp", "modbus_rtu", "usb"};
 constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
-constexpr double kMaxLength_mm = 1e6;
+constexpr double kMaxLengthMm = 1e6;
 
 template <std::size_t N>
 std::vector<std::string_view> words(const std::array<std::string_view, N>& list) {
@@ -66,7 +66,7 @@ Face read_face(ConfigTable& t) {
   require_orthogonal(t, "emits", face.v, face.emits, "v");
   face.rows = static_cast<int>(t.integer("rows", {.min = 1, .max = 256}));
   face.cols = static_cast<int>(t.integer("cols", {.min = 1, .max = 256}));
-  face.pitch_mm = t.number("pitch", {.min = 1e-3, .max = kMaxLength_mm});
+  face.pitch_mm = t.number("pitch", {.min = 1e-3, .max = kMaxLengthMm});
   const std::vector<double> emitter = t.numbers("emitter", 2);
   face.emitter_w_mm = emitter[0];
   face.emitter_h_mm = emitter[1];
@@ -89,7 +89,7 @@ ShadowPlane read_plane(ConfigTable& t) {
   ShadowPlane plane;
   plane.id = t.text("id");
   plane.n = unit_vector(t, "n");
-  plane.d = t.number("d", {.min = -kMaxLength_mm, .max = kMaxLength_mm});
+  plane.d = t.number("d", {.min = -kMaxLengthMm, .max = kMaxLengthMm});
   plane.origin = vector3(t, "origin");
   plane.u = unit_vector(t, "u");
   plane.v = unit_vector(t, "v");
@@ -103,7 +103,7 @@ ShadowPlane read_plane(ConfigTable& t) {
   const std::vector<double> extent = t.numbers("extent", 2);
   plane.extent_u_mm = extent[0];
   plane.extent_v_mm = extent[1];
-  plane.texel_mm = t.number("texel", {.min = 1e-3, .max = kMaxLength_mm});
+  plane.texel_mm = t.number("texel", {.min = 1e-3, .max = kMaxLengthMm});
   if (!(extent[0] > 0.0 && extent[1] > 0.0)) {
     t.problem("extent", "an extent must be larger than 0",
               "write extent = [width, height] in mm");
@@ -169,10 +169,11 @@ CameraSpec read_camera(ConfigTable& t) {
   Eigen::Matrix3d rotation;
   for (int row = 0; row < 3; ++row) {
     for (int col = 0; col < 3; ++col) {
-      rotation(row, col) = pose[static_cast<std::size_t>(4 * row + col)];
+      rotation(row, col) =
+          pose[4 * static_cast<std::size_t>(row) + static_cast<std::size_t>(col)];
     }
     camera.model.world_from_cam.translation()[row] =
-        pose[static_cast<std::size_t>(4 * row + 3)];
+        pose[4 * static_cast<std::size_t>(row) + 3];
   }
   camera.model.world_from_cam.linear() = rotation;
   if (!(rotation * rotation.transpose()).isIdentity(kUnitTol) || rotation.determinant() < 0.0) {

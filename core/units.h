@@ -24,7 +24,8 @@ class Quantity {
   }
   friend constexpr Quantity operator*(double s, Quantity a) { return Quantity(s * a.value_); }
   friend constexpr double operator/(Quantity a, Quantity b) { return a.value_ / b.value_; }
-  friend constexpr auto operator<=>(Quantity, Quantity) = default;
+  friend constexpr auto operator<=>(Quantity,
+                                    Quantity) = default;  // NOLINT(modernize-use-nullptr)
 
  private:
   double value_ = 0.0;

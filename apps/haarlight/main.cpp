@@ -61,7 +61,7 @@ int run_guarded(haarlight::Invocation& invocation) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   CLI::App app("haarlight: capture an object under every light, and relight it afterwards",
                "haarlight");
   app.set_version_flag("--version", std::string(haarlight::kVersion));
@@ -76,4 +76,7 @@ int main(int argc, char** argv) {
     return static_cast<int>(is_help ? haarlight::ExitCode::done : haarlight::ExitCode::usage);
   }
   return run_guarded(invocation);
+} catch (const std::exception& error) {
+  std::fputs(error.what(), stderr);
+  return static_cast<int>(haarlight::ExitCode::internal);
 }
