@@ -16,8 +16,8 @@ namespace haarlight {
 
 struct Hit {
   double distance_mm = 0.0;
-  Eigen::Vector3d point;      ///< world
-  Eigen::Vector3d normal;     ///< shading normal, unit, turned towards the ray's origin
+  Eigen::Vector3d point;        ///< world
+  Eigen::Vector3d normal;       ///< shading normal, unit, turned towards the ray's origin
   Eigen::Vector3d flat_normal;  ///< of the triangle, unit, turned towards the ray's origin
   int mesh = 0;
   int triangle = 0;
@@ -43,7 +43,8 @@ class RayCaster {
   [[nodiscard]] bool is_blocked(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
                                 double epsilon_mm = 0.05) const;
 
-  /// is_blocked from one point to many; `blocked[i]` = 1 or 0. Coherent: several rays at a time.
+  /// is_blocked from one point to many; `blocked[i]` = 1 or 0. Coherent: several rays at a
+  /// time.
   void are_blocked(const Eigen::Vector3d& from, std::span<const Eigen::Vector3d> to,
                    std::span<std::uint8_t> blocked, double epsilon_mm = 0.05) const;
 

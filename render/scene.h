@@ -49,8 +49,9 @@ struct Scene {
   std::vector<SquareLight> lights;
 };
 
-/// Wavefront OBJ with usemtl; materials from the .mtl beside it, or decoded from names of the form
-/// kd_ks_exponent as docs/scene-file.md tells; or PLY (ascii, binary little-endian), one mesh.
+/// Wavefront OBJ with usemtl; materials from the .mtl beside it, or decoded from names of the
+/// form kd_ks_exponent as docs/scene-file.md tells; or PLY (ascii, binary little-endian), one
+/// mesh.
 /// @throws Error  with file:line (or offset) and the cure: bad index, NaN, no triangles
 [[nodiscard]] Scene read_obj(const std::filesystem::path& path);
 [[nodiscard]] Scene read_ply(const std::filesystem::path& path);
@@ -64,9 +65,10 @@ struct SceneFile {
 [[nodiscard]] SceneFile read_scene(const std::filesystem::path& path);
 
 /// Tessellated primitives. The sphere carries analytic normals.
-[[nodiscard]] Mesh make_box(const Eigen::Vector3d& low, const Eigen::Vector3d& high, int material);
-[[nodiscard]] Mesh make_sphere(const Eigen::Vector3d& centre, double radius_mm, int n_subdivisions,
-                               int material);
+[[nodiscard]] Mesh make_box(const Eigen::Vector3d& low, const Eigen::Vector3d& high,
+                            int material);
+[[nodiscard]] Mesh make_sphere(const Eigen::Vector3d& centre, double radius_mm,
+                               int n_subdivisions, int material);
 [[nodiscard]] Mesh make_quad(const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                              const Eigen::Vector3d& c, const Eigen::Vector3d& d, int material);
 
