@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
+#include <string_view>
 
 #include "core/rig.h"
 
@@ -16,41 +18,49 @@ enum class EvidenceKind { measured, asserted, replayed };
 
 struct FrameEvidence {
   EvidenceKind kind = EvidenceKind::measured;
-  std::int64_t pattern_id = -1;       ///< the shot's pattern in the plan
-  std::uint32_t tag = 0;              ///< tag written with the pattern
-  std::uint32_t tag_echo = 0;         ///< tag the controller gave back after the latch
-  std::int64_t t_command_ns = 0;      ///< the latch was sent
-  std::int64_t t_ack_ns = 0;          ///< its acknowledgement came
-  std::int64_t t_stable_ns = 0;       ///< t_ack + settle + guard
+  std::int64_t pattern_id = -1;          ///< the shot's pattern in the plan
+  std::uint32_t tag = 0;                 ///< tag written with the pattern
+  std::uint32_t tag_echo = 0;            ///< tag the controller gave back after the latch
+  std::int64_t t_command_ns = 0;         ///< the latch was sent
+  std::int64_t t_ack_ns = 0;             ///< its acknowledgement came
+  std::int64_t t_stable_ns = 0;          ///< t_ack + settle + guard
   std::int64_t t_exposure_start_ns = 0;  ///< first row's exposure start, from the stamp's rule
   std::int64_t t_exposure_end_ns = 0;    ///< last row's exposure end
-  std::int64_t t_next_change_ns = 0;  ///< the next command to the lights
-  std::uint64_t sequence = 0;         ///< the camera's frame number
-  std::int64_t timestamp_ns = 0;      ///< the camera's stamp
-  std::uint32_t flags = 0;            ///< FrameFlag bits, see capture/camera.h
+  std::int64_t t_next_change_ns = 0;     ///< the next command to the lights
+  std::uint64_t sequence = 0;            ///< the camera's frame number
+  std::int64_t timestamp_ns = 0;         ///< the camera's stamp
+  std::uint32_t flags = 0;               ///< FrameFlag bits, see capture/camera.h
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;
   double gain_db = 0.0;
-  double read_us = 0.0;               ///< the rig's value used in the rule
+  double read_us = 0.0;  ///< the rig's value used in the rule
   double skew_us = 0.0;
-  double margin_us = 0.0;             ///< smallest distance of the exposure to a change of light
-  int discarded_before = 0;           ///< frames dropped since the latch
+  TimestampMeaning timestamp_meaning = TimestampMeaning::end_frame;  ///< used in the rule
+  std::int64_t step_before = -1;  ///< camera leads: the table's step counter before the frame
+  std::int64_t step_after = -1;   ///< and after it; -1 in the other modes
+  double margin_us = 0.0;         ///< smallest distance of the exposure to a change of light
+  int discarded_before = 0;       ///< frames dropped since the latch
   SyncMode sync = SyncMode::free_run;
   std::uint16_t min_dn = 0;
   std::uint16_t max_dn = 0;
   double mean_dn = 0.0;
-  double saturated_share = 0.0;       ///< of active pixels at the white level
-  double black_share = 0.0;           ///< of active pixels at or below the black level
-  std::string pixel_hash;             ///< content_hash of the active pixels' bytes
+  double saturated_share = 0.0;  ///< of active pixels at the white level
+  double black_share = 0.0;      ///< of active pixels at or below the black level
+  std::string pixel_hash;        ///< content_hash of the active pixels' bytes
 
   friend bool operator==(const FrameEvidence&, const FrameEvidence&) = default;
 };
 
 [[nodiscard]] std::string_view to_string(EvidenceKind kind) noexcept;
 
+/// The field names of the evidence JSON, in order: one for each member above, spelled the same.
+[[nodiscard]] std::span<const std::string_view> evidence_field_names() noexcept;
+
 /// Evidence as one line of JSON and back (the TIFF's ImageDescription and session.json use it).
+/// Times are whole nanoseconds; numbers keep every bit. @throws ContractViolation on NaN
 [[nodiscard]] std::string evidence_to_json(const FrameEvidence& evidence);
 /// @throws Error  naming the missing or wrong field; `where` is put before it
-[[nodiscard]] FrameEvidence evidence_from_json(const std::string& json, const std::string& where);
+[[nodiscard]] FrameEvidence evidence_from_json(const std::string& json,
+                                               const std::string& where);
 
 }  // namespace haarlight

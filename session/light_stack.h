@@ -3,15 +3,15 @@
 #include <cstdint>
 #include <filesystem>
 #include <span>
+#include <string>
 
 #include "core/files.h"
 #include "core/image.h"
-#include "core/progress.h"
-#include "session/session.h"
 
 /// @file
-/// The light stack T[pixel][light]: linear radiance of every pixel under each light at unit drive,
-/// exposure, gain and power. A cache inside the session, tiled in bands of rows, lights fastest.
+/// The light stack T[pixel][light]: linear radiance of every pixel under each light at unit
+/// drive, exposure, gain and power. A cache inside the session, tiled in bands of rows, lights
+/// fastest.
 
 namespace haarlight {
 
@@ -36,10 +36,19 @@ class LightStack {
   /// The band's values in C order (channels, rows, width, n_lights), float.
   [[nodiscard]] std::span<const float> band(int i_band) const;
 
-  /// One light's picture gathered from all bands, (height, width, channels). O(size of the stack).
+  /// Reads everything once and compares with the bands' stored checksums; `open` checks only
+  /// the header and the size, since a stack can be larger than memory.
+  /// @throws Error  naming the first damaged band
+  void check() const;
+
+  /// One light's picture gathered from all bands, (height, width, channels). O(size of the
+  /// stack).
   [[nodiscard]] Image<float> light_image(int k) const;
 
  private:
+  LightStack(std::filesystem::path path, const StackShape& shape, MappedFile file);
+
+  std::filesystem::path path_;
   StackShape shape_;
   MappedFile file_;
   std::uint64_t data_offset_ = 0;
@@ -56,20 +65,10 @@ class LightStackWriter {
 
  private:
   StackShape shape_;
+  std::filesystem::path path_;
   PendingFile file_;
+  std::string band_hashes_;
   int next_band_ = 0;
 };
-
-struct DevelopOptions {
-  std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
-  bool keep_bayer = false;  ///< leave the mosaic as one channel instead of demosaicing
-  ProgressStyle progress = ProgressStyle::none;
-};
-
-/// Black and dark -> linear -> exposure, drive and power -> demosaic, for every light shot of a
-/// session; returns the stack, made once and then cached in SESSION/cache/ under a key of
-/// everything it depends on. Out of core: bands are sized to the memory budget.
-/// @throws Error  a light without a frame, a frame that does not fit, NaN (by name), disk full
-[[nodiscard]] LightStack develop(const Session& session, const DevelopOptions& options = {});
 
 }  // namespace haarlight

@@ -40,9 +40,9 @@ struct Shot {
 
 /// A light of the session: a place (rig, or `.lp` positions) or only a direction.
 struct SessionLight {
-  std::string name;                ///< picture name as imported, or "face/row/col"
+  std::string name;  ///< picture name as imported, or "face/row/col"
   bool is_position = false;
-  Eigen::Vector3d place;           ///< mm in world, or a unit direction to the light
+  Eigen::Vector3d place;  ///< mm in world, or a unit direction to the light
   double relative_power = 1.0;
 };
 
@@ -51,9 +51,9 @@ enum class SampleType { u8, u16, f32 };
 /// The frames' common form.
 struct FrameForm {
   int width = 0;
-  int height = 0;            ///< active rows
-  int stored_height = 0;     ///< rows in the file, tag rows included (tag rows are kept as proof)
-  int channels = 1;          ///< 1 (grey or Bayer) or 3
+  int height = 0;         ///< active rows
+  int stored_height = 0;  ///< rows in the file, tag rows included (tag rows are kept as proof)
+  int channels = 1;       ///< 1 (grey or Bayer) or 3
   SampleType sample = SampleType::u16;
   Transfer transfer = Transfer::linear;  ///< srgb: develop decodes it
   BayerPattern bayer = BayerPattern::none;
@@ -75,13 +75,14 @@ struct FrameRecord {
 struct SessionInfo {
   int schema = 1;
   std::string id;
-  std::string created;           ///< ISO 8601, for people only
-  std::string plan_hash;
-  std::string rig_hash;          ///< empty for an import without a rig
+  std::string created;         ///< ISO 8601, for people only
+  std::string plan_hash;       ///< of the shot list, as the plan computes it
+  std::string plan_file_hash;  ///< content_hash of plan.json's bytes; filled when written
+  std::string rig_hash;        ///< empty for an import without a rig
   EvidenceKind evidence = EvidenceKind::measured;
   FrameForm form;
   std::vector<SessionLight> lights;
-  int grid_rows = 0;             ///< > 0: the lights form grids of rows x cols, faces in order
+  int grid_rows = 0;  ///< > 0: the lights form grids of rows x cols, faces in order
   int grid_cols = 0;
   std::vector<Shot> shots;
   std::vector<FrameRecord> frames;  ///< the newest committed attempt of each shot, by shot

@@ -10,21 +10,22 @@
 
 #include "core/error.h"
 #include "core/image.h"
+#include "session/journal.h"
 #include "session/session.h"
 #include "session/storage.h"
 
 /// @file
 /// Writes a session so that nothing committed is ever lost: frame to a temporary name, fsync,
-/// rename, folder fsync, and only then the journal row COMMITTED (SQLite, WAL, synchronous=FULL).
-/// One thread.
+/// rename, folder fsync, and only then the journal row COMMITTED (SQLite, WAL,
+/// synchronous=FULL). One thread.
 
 namespace haarlight {
 
 /// What recovery found and did; every item is also a journal event.
 struct RecoveryReport {
-  int n_committed = 0;       ///< rows whose frame is there and whose hash holds
-  int n_adopted = 0;         ///< frames without a row, evidence complete and hash good: now rows
-  int n_returned = 0;        ///< rows whose frame is missing or altered: pending again
+  int n_committed = 0;  ///< rows whose frame is there and whose hash holds
+  int n_adopted = 0;    ///< frames without a row, evidence complete and hash good: now rows
+  int n_returned = 0;   ///< rows whose frame is missing or altered: pending again
   std::vector<std::string> set_aside;  ///< files moved to aside/, with the reason
 };
 
@@ -40,12 +41,9 @@ class SessionWriter {
  public:
   /// Makes a new session folder: rig.toml, plan.json, empty journal, frames/, aside/; reserves
   /// `reserve_bytes` on the disk. `info.frames` is empty.
-  [[nodiscard]] static Result<SessionWriter> create(const std::filesystem::path& folder,
-                                                    const SessionInfo& info,
-                                                    const std::string& rig_toml,
-                                                    const std::string& plan_json,
-                                                    std::uint64_t reserve_bytes,
-                                                    Storage& storage);
+  [[nodiscard]] static Result<SessionWriter> create(
+      const std::filesystem::path& folder, const SessionInfo& info, const std::string& rig_toml,
+      const std::string& plan_json, std::uint64_t reserve_bytes, Storage& storage);
   /// Opens an unfinished (or finished) session, recovers it, and goes on.
   [[nodiscard]] static Result<SessionWriter> reopen(const std::filesystem::path& folder,
                                                     Storage& storage);
@@ -64,17 +62,23 @@ class SessionWriter {
   /// The plan as stored, bytes unchanged.
   [[nodiscard]] const std::string& plan_json() const;
 
-  /// Makes the frames durable, then their rows, in one journal transaction. On a Fault none of
-  /// the rows exists, buffers are still the caller's, and the call may be repeated (after a
-  /// failed fsync a new file is written).
+  /// Checks each frame's pixels against its evidence (hash, clean rule: Fault refused or
+  /// protocol, nothing written), then makes the frames durable, then their rows, in one journal
+  /// transaction. On a Fault none of the rows exists, buffers are still the caller's, and the
+  /// call may be repeated (after a failed fsync a new file is written).
   [[nodiscard]] Result<void> commit(std::span<const PendingFrame> frames);
 
   /// Marks a shot pending again (reshoot); old attempts stay on disk and in the journal.
   [[nodiscard]] Result<void> withdraw(int shot, const std::string& reason);
 
   /// Appends to the journal's event log (state changes, faults, discarded frames). The row's
-  /// number is the id that the daemon's event stream uses.
+  /// number is the id that the daemon's event stream uses. Not synced by itself: durable with
+  /// the next commit.
   Result<std::int64_t> log_event(const std::string& kind, const std::string& json);
+
+  /// Events after row `id`, oldest first, at most `limit` (Last-Event-ID of the event stream).
+  [[nodiscard]] Result<std::vector<JournalEvent>> events_after(std::int64_t id,
+                                                               int limit) const;
 
   /// Writes session.json, checkpoints the journal and takes it out of WAL mode. Every shot must
   /// be committed.

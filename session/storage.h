@@ -4,12 +4,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <span>
+#include <string>
 
 #include "core/error.h"
+#include "core/files.h"
 
 /// @file
-/// The few operations by which a frame reaches the disk, so that tests can fail, stop or forget at
-/// every one of them. Faults: no_space for ENOSPC/EDQUOT, io for the rest, sys_errno set.
+/// The few operations by which a frame reaches the disk, so that tests can fail, stop or forget
+/// at every one of them. Faults: no_space for ENOSPC/EDQUOT, io for the rest, sys_errno set.
 
 namespace haarlight {
 
@@ -23,12 +25,23 @@ class Storage {
   [[nodiscard]] virtual Result<void> rename(const std::filesystem::path& from,
                                             const std::filesystem::path& to) = 0;
   [[nodiscard]] virtual Result<void> sync_folder(const std::filesystem::path& folder) = 0;
-  [[nodiscard]] virtual Result<std::uint64_t> free_bytes(const std::filesystem::path& folder) = 0;
-  /// Called before each step of the journal (SQLite transaction), so that a test can stop there.
+  [[nodiscard]] virtual Result<std::uint64_t> free_bytes(
+      const std::filesystem::path& folder) = 0;
+  /// Removes a temporary file of this session's; missing is good.
+  [[nodiscard]] virtual Result<void> remove(const std::filesystem::path& path);
+  /// Makes `path` a file that holds `bytes` of the disk (fallocate); smaller than before: gives
+  /// blocks back. Fault unsupported where the file system cannot.
+  [[nodiscard]] virtual Result<void> reserve(const std::filesystem::path& path,
+                                             std::uint64_t bytes);
+  /// The SQLite VFS that the journal opens with; empty: SQLite's own. Tests put a shim here
+  /// that fails, stops or forgets at every write and sync of the journal's file and WAL.
+  [[nodiscard]] virtual std::string journal_vfs() const { return {}; }
+  /// Called before each step of the journal (SQLite transaction), so that a test can stop
+  /// there.
   [[nodiscard]] virtual Result<void> journal_step() { return {}; }
 };
 
-/// The kernel's files.
+/// The kernel's files. One thread.
 class DiskStorage final : public Storage {
  public:
   [[nodiscard]] Result<void> write(const std::filesystem::path& path,
@@ -38,6 +51,12 @@ class DiskStorage final : public Storage {
                                     const std::filesystem::path& to) override;
   [[nodiscard]] Result<void> sync_folder(const std::filesystem::path& folder) override;
   [[nodiscard]] Result<std::uint64_t> free_bytes(const std::filesystem::path& folder) override;
+
+ private:
+  // The file written last stays open until it is synced: an error of writeback is then reported
+  // by this descriptor's fsync and cannot get lost between a close and an open.
+  std::filesystem::path written_path_;
+  Fd written_;
 };
 
 }  // namespace haarlight

@@ -1,0 +1,159 @@
+#include "session/evidence.h"
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "session/json_value.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::array<std::string_view, 30> kFields = {"kind",
+                                                      "pattern_id",
+                                                      "tag",
+                                                      "tag_echo",
+                                                      "t_command_ns",
+                                                      "t_ack_ns",
+                                                      "t_stable_ns",
+                                                      "t_exposure_start_ns",
+                                                      "t_exposure_end_ns",
+                                                      "t_next_change_ns",
+                                                      "sequence",
+                                                      "timestamp_ns",
+                                                      "flags",
+                                                      "exposure_asked_us",
+                                                      "exposure_read_us",
+                                                      "gain_db",
+                                                      "read_us",
+                                                      "skew_us",
+                                                      "timestamp_meaning",
+                                                      "step_before",
+                                                      "step_after",
+                                                      "margin_us",
+                                                      "discarded_before",
+                                                      "sync",
+                                                      "min_dn",
+                                                      "max_dn",
+                                                      "mean_dn",
+                                                      "saturated_share",
+                                                      "black_share",
+                                                      "pixel_hash"};
+
+constexpr std::int64_t kMin64 = std::numeric_limits<std::int64_t>::min();
+constexpr std::int64_t kMax64 = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kMaxU32 = std::numeric_limits<std::uint32_t>::max();
+
+std::vector<std::string_view> sync_words() {
+  return {to_string(SyncMode::free_run), to_string(SyncMode::light_leads),
+          to_string(SyncMode::camera_leads), to_string(SyncMode::controller_leads)};
+}
+
+std::vector<std::string_view> meaning_words() {
+  return {to_string(TimestampMeaning::start_exposure),
+          to_string(TimestampMeaning::start_readout), to_string(TimestampMeaning::end_frame)};
+}
+
+double finite(double value) {
+  HAARLIGHT_EXPECTS(std::isfinite(value), "evidence in finite numbers");
+  return value;
+}
+
+}  // namespace
+
+std::string_view to_string(EvidenceKind kind) noexcept {
+  switch (kind) {
+    case EvidenceKind::measured:
+      return "measured";
+    case EvidenceKind::asserted:
+      return "asserted";
+    case EvidenceKind::replayed:
+      return "replayed";
+  }
+  return "unknown";
+}
+
+std::span<const std::string_view> evidence_field_names() noexcept { return kFields; }
+
+std::string evidence_to_json(const FrameEvidence& e) {
+  nlohmann::ordered_json json;
+  json["kind"] = to_string(e.kind);
+  json["pattern_id"] = e.pattern_id;
+  json["tag"] = e.tag;
+  json["tag_echo"] = e.tag_echo;
+  json["t_command_ns"] = e.t_command_ns;
+  json["t_ack_ns"] = e.t_ack_ns;
+  json["t_stable_ns"] = e.t_stable_ns;
+  json["t_exposure_start_ns"] = e.t_exposure_start_ns;
+  json["t_exposure_end_ns"] = e.t_exposure_end_ns;
+  json["t_next_change_ns"] = e.t_next_change_ns;
+  json["sequence"] = e.sequence;
+  json["timestamp_ns"] = e.timestamp_ns;
+  json["flags"] = e.flags;
+  json["exposure_asked_us"] = finite(e.exposure_asked_us);
+  json["exposure_read_us"] = finite(e.exposure_read_us);
+  json["gain_db"] = finite(e.gain_db);
+  json["read_us"] = finite(e.read_us);
+  json["skew_us"] = finite(e.skew_us);
+  json["timestamp_meaning"] = to_string(e.timestamp_meaning);
+  json["step_before"] = e.step_before;
+  json["step_after"] = e.step_after;
+  json["margin_us"] = finite(e.margin_us);
+  json["discarded_before"] = e.discarded_before;
+  json["sync"] = to_string(e.sync);
+  json["min_dn"] = e.min_dn;
+  json["max_dn"] = e.max_dn;
+  json["mean_dn"] = finite(e.mean_dn);
+  json["saturated_share"] = finite(e.saturated_share);
+  json["black_share"] = finite(e.black_share);
+  json["pixel_hash"] = e.pixel_hash;
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+FrameEvidence evidence_from_json(const std::string& json, const std::string& where) {
+  const JsonValue value = JsonValue::parse(json, where);
+  FrameEvidence e;
+  const std::vector<std::string_view> kinds = {to_string(EvidenceKind::measured),
+                                               to_string(EvidenceKind::asserted),
+                                               to_string(EvidenceKind::replayed)};
+  e.kind = static_cast<EvidenceKind>(value["kind"].choice(kinds));
+  e.pattern_id = value["pattern_id"].integer(kMin64, kMax64);
+  e.tag = static_cast<std::uint32_t>(value["tag"].integer(0, kMaxU32));
+  e.tag_echo = static_cast<std::uint32_t>(value["tag_echo"].integer(0, kMaxU32));
+  e.t_command_ns = value["t_command_ns"].integer(kMin64, kMax64);
+  e.t_ack_ns = value["t_ack_ns"].integer(kMin64, kMax64);
+  e.t_stable_ns = value["t_stable_ns"].integer(kMin64, kMax64);
+  e.t_exposure_start_ns = value["t_exposure_start_ns"].integer(kMin64, kMax64);
+  e.t_exposure_end_ns = value["t_exposure_end_ns"].integer(kMin64, kMax64);
+  e.t_next_change_ns = value["t_next_change_ns"].integer(kMin64, kMax64);
+  e.sequence = value["sequence"].unsigned_integer();
+  e.timestamp_ns = value["timestamp_ns"].integer(kMin64, kMax64);
+  e.flags = static_cast<std::uint32_t>(value["flags"].integer(0, kMaxU32));
+  e.exposure_asked_us = value["exposure_asked_us"].number(0.0);
+  e.exposure_read_us = value["exposure_read_us"].number(0.0);
+  e.gain_db = value["gain_db"].number();
+  e.read_us = value["read_us"].number(0.0);
+  e.skew_us = value["skew_us"].number(0.0);
+  e.timestamp_meaning =
+      static_cast<TimestampMeaning>(value["timestamp_meaning"].choice(meaning_words()));
+  e.step_before = value["step_before"].integer(-1, kMax64);
+  e.step_after = value["step_after"].integer(-1, kMax64);
+  e.margin_us = value["margin_us"].number();
+  e.discarded_before =
+      static_cast<int>(value["discarded_before"].integer(0, std::numeric_limits<int>::max()));
+  e.sync = static_cast<SyncMode>(value["sync"].choice(sync_words()));
+  e.min_dn = static_cast<std::uint16_t>(value["min_dn"].integer(0, 65535));
+  e.max_dn = static_cast<std::uint16_t>(value["max_dn"].integer(0, 65535));
+  e.mean_dn = value["mean_dn"].number();
+  e.saturated_share = value["saturated_share"].number(0.0, 1.0);
+  e.black_share = value["black_share"].number(0.0, 1.0);
+  e.pixel_hash = value["pixel_hash"].text();
+  return e;
+}
+
+}  // namespace haarlight

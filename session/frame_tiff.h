@@ -1,0 +1,78 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/image.h"
+#include "session/evidence.h"
+#include "session/session.h"
+
+/// @file
+/// One raw frame as a TIFF file in memory: uncompressed, strips of 64 rows, 1 or 3 channels of
+/// u8, u16 or f32, with a FrameDescription as JSON in the ImageDescription tag. The same frame
+/// gives the same bytes. Any TIFF reader opens it. Only the .cpp sees libtiff. Pure;
+/// thread-safe.
+
+namespace haarlight {
+
+inline constexpr int kStripRows = 64;
+
+/// Who a frame is, so that the journal can be rebuilt from the frames alone.
+struct FrameDescription {
+  std::string session;    ///< SessionInfo::id
+  std::string plan_hash;  ///< SessionInfo::plan_hash
+  int shot = 0;
+  int attempt = 0;
+  FrameEvidence evidence;
+  friend bool operator==(const FrameDescription&, const FrameDescription&) = default;
+};
+
+[[nodiscard]] std::string frame_description_to_json(const FrameDescription& description);
+/// @throws Error  naming the field
+[[nodiscard]] FrameDescription frame_description_from_json(const std::string& json,
+                                                           const std::string& where);
+
+/// @param pixels  (stored height, width, 1 or 3)
+/// @throws Error(io)  libtiff refused (a frame above 4 GiB)
+[[nodiscard]] std::vector<std::byte> encode_frame_tiff(ImageView<const std::uint8_t> pixels,
+                                                       const std::string& description);
+[[nodiscard]] std::vector<std::byte> encode_frame_tiff(ImageView<const std::uint16_t> pixels,
+                                                       const std::string& description);
+[[nodiscard]] std::vector<std::byte> encode_frame_tiff(ImageView<const float> pixels,
+                                                       const std::string& description);
+
+/// What a frame's TIFF says of itself.
+struct FrameTiffHeader {
+  int width = 0;
+  int height = 0;  ///< stored rows
+  int channels = 1;
+  SampleType sample = SampleType::u16;
+  std::string description;
+};
+
+/// @throws Error  not a TIFF, damaged, compressed, or not of this form
+[[nodiscard]] FrameTiffHeader read_frame_tiff_header(std::span<const std::byte> file,
+                                                     const std::string& where);
+
+/// The bytes of rows [y0, y1), packed (rows, width, channels), samples little-endian.
+/// @throws Error  as above, or the rows are not in the file
+[[nodiscard]] std::vector<std::byte> read_frame_tiff_rows(std::span<const std::byte> file,
+                                                          const FrameTiffHeader& header, int y0,
+                                                          int y1, const std::string& where);
+
+/// content_hash of rows' bytes, packed.
+[[nodiscard]] std::string hash_pixels(ImageView<const std::uint8_t> pixels);
+[[nodiscard]] std::string hash_pixels(ImageView<const std::uint16_t> pixels);
+[[nodiscard]] std::string hash_pixels(ImageView<const float> pixels);
+
+[[nodiscard]] std::size_t bytes_per_sample(SampleType sample) noexcept;
+
+/// frames/SHOT_aATTEMPT.tif, SHOT with at least six digits.
+[[nodiscard]] std::string frame_file_name(int shot, int attempt);
+/// Shot and attempt of such a name (without folder); false when it is not one.
+[[nodiscard]] bool parse_frame_file_name(const std::string& name, int& shot, int& attempt);
+
+}  // namespace haarlight

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "session/storage.h"
+
+/// @file
+/// The journal of a session being captured: an SQLite file (WAL, synchronous FULL, one owner)
+/// that says which frames are committed, and what happened. Tables: docs/session-format.md.
+/// Only the .cpp sees SQLite. One thread.
+
+namespace haarlight {
+
+enum class RowState {
+  committed,  ///< durable frame, evidence good
+  withdrawn,  ///< a person asked for another attempt
+  returned,   ///< recovery found the frame missing or altered
+};
+
+struct JournalRow {
+  int shot = 0;
+  int attempt = 0;
+  std::string file;
+  std::string file_hash;
+  std::string evidence;  ///< JSON
+  RowState state = RowState::committed;
+};
+
+struct JournalEvent {
+  std::int64_t id = 0;
+  std::string kind;
+  std::string json;
+};
+
+class Journal {
+ public:
+  /// Opens or makes the file and takes it for this process alone.
+  /// Fault protocol: not a journal of this session, or damaged (it may be rebuilt from the
+  /// frames); device_busy: another process has it.
+  [[nodiscard]] static Result<Journal> open(const std::filesystem::path& file,
+                                            const std::string& session_id, Storage& storage);
+  ~Journal();
+  Journal(Journal&&) noexcept;
+  Journal& operator=(Journal&&) noexcept;
+  Journal(const Journal&) = delete;
+  Journal& operator=(const Journal&) = delete;
+
+  /// Every row, by shot and attempt.
+  [[nodiscard]] Result<std::vector<JournalRow>> rows();
+  /// All rows in one transaction, durable when this returns; on a Fault none is there.
+  [[nodiscard]] Result<void> insert(std::span<const JournalRow> rows);
+  /// Durable. Rows of the shot and attempt get the state.
+  [[nodiscard]] Result<void> set_state(int shot, int attempt, RowState state);
+
+  /// Not synced by itself: durable with the next insert or close. @return the event's id
+  [[nodiscard]] Result<std::int64_t> log(const std::string& kind, const std::string& json);
+  /// Events after `id`, oldest first, at most `limit`.
+  [[nodiscard]] Result<std::vector<JournalEvent>> events_after(std::int64_t id, int limit);
+
+  /// Moves everything out of the WAL, leaves WAL mode (so that a read-only copy opens), closes.
+  [[nodiscard]] Result<void> close_for_archive();
+
+ private:
+  struct Impl;
+  explicit Journal(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+/// The rows of a finished session's journal, opened read-only.
+/// Fault protocol: damaged; io: not there.
+[[nodiscard]] Result<std::vector<JournalRow>> read_journal(const std::filesystem::path& file,
+                                                           const std::string& session_id);
+
+}  // namespace haarlight

@@ -1,0 +1,159 @@
+#include "session/session_writer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "session/frame_tiff.h"
+#include "tests/session/small_session.h"
+
+namespace haarlight {
+namespace {
+
+namespace fs = std::filesystem;
+using test::TemporaryFolder;
+using testing::HasSubstr;
+
+std::vector<std::string> expected_set(int n_lights) {
+  TemporaryFolder folder;
+  test::make_small_session(folder.path() / "s", n_lights);
+  return test::committed_set(folder.path() / "s");
+}
+
+TEST(SessionWriter, WritesASessionThatOpens) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  test::make_small_session(s, 16);
+  const Session session = Session::open(s);
+  ASSERT_EQ(session.info().frames.size(), 16U);
+  for (int k = 0; k < 16; ++k) {
+    const Image<float> rows =
+        session.read_rows(session.info().frames[static_cast<std::size_t>(k)], 2, 6);
+    const Image<std::uint16_t> truth = test::small_pixels(k);
+    for (int y = 2; y < 6; ++y) {
+      for (int x = 0; x < test::kSmallWidth; ++x) {
+        ASSERT_EQ(rows(y - 2, x), static_cast<float>(truth(y, x)));
+      }
+    }
+  }
+  EXPECT_FALSE(fs::exists(s / "journal.sqlite-wal"));
+  EXPECT_FALSE(fs::exists(s / "reserve.bin"));
+}
+
+TEST(SessionWriter, FinishedJournalOpensReadOnly) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  test::make_small_session(s, 4);
+  fs::permissions(s / "journal.sqlite", fs::perms::owner_read);
+  fs::permissions(s, fs::perms::owner_read | fs::perms::owner_exec);
+  const auto rows = read_journal(s / "journal.sqlite", "small");
+  fs::permissions(s, fs::perms::owner_all);
+  ASSERT_TRUE(rows.has_value()) << rows.error().what;
+  EXPECT_EQ(rows->size(), 4U);
+}
+
+TEST(SessionWriter, RefusesASecondWriter) {
+  TemporaryFolder folder;
+  DiskStorage storage;
+  auto first = SessionWriter::create(folder.path() / "s", test::small_info(2), "",
+                                     test::kSmallPlan, 0, storage);
+  ASSERT_TRUE(first.has_value()) << first.error().what;
+  auto second = SessionWriter::reopen(folder.path() / "s", storage);
+  ASSERT_FALSE(second.has_value());
+  EXPECT_EQ(second.error().code, Errc::device_busy) << second.error().what;
+}
+
+TEST(SessionWriter, RefusesPixelsThatWereNotChecked) {
+  TemporaryFolder folder;
+  DiskStorage storage;
+  const SessionInfo info = test::small_info(2);
+  auto writer =
+      SessionWriter::create(folder.path() / "s", info, "", test::kSmallPlan, 0, storage);
+  ASSERT_TRUE(writer.has_value());
+  Image<std::uint16_t> pixels = test::small_pixels(0);
+  const FrameEvidence evidence = test::small_evidence(info, 0, 0, pixels.view());
+  pixels(0, 0) ^= 1U;
+  const PendingFrame frame{0, 0, evidence, pixels.view()};
+  EXPECT_FALSE(writer->commit(std::span(&frame, 1)).has_value());
+  EXPECT_TRUE(fs::is_empty(folder.path() / "s" / "frames"));
+}
+
+TEST(SessionWriter, RefusesToFinishWithPendingShots) {
+  TemporaryFolder folder;
+  DiskStorage storage;
+  auto writer = SessionWriter::create(folder.path() / "s", test::small_info(2), "",
+                                      test::kSmallPlan, 0, storage);
+  ASSERT_TRUE(writer.has_value());
+  const auto done = writer->finish();
+  ASSERT_FALSE(done.has_value());
+  EXPECT_THAT(done.error().what, HasSubstr("2 shots"));
+  EXPECT_THROW((void)Session::open(folder.path() / "s"), Error);
+}
+
+TEST(SessionWriter, TakesAWithdrawnShotAgain) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  test::make_small_session(s, 4);
+  const auto before = test::committed_set(s);
+  DiskStorage storage;
+  {
+    auto writer = SessionWriter::reopen(s, storage);
+    ASSERT_TRUE(writer.has_value()) << writer.error().what;
+    EXPECT_EQ(writer->recovery().n_committed, 4);
+    ASSERT_TRUE(writer->withdraw(2, "a hand was in the picture").has_value());
+    EXPECT_FALSE(writer->committed()[2]);
+    EXPECT_EQ(writer->next_attempt(2), 1);
+    ASSERT_TRUE(test::capture_all(*writer, 1).has_value());
+  }
+  EXPECT_EQ(test::committed_set(s), before);
+  EXPECT_EQ(Session::open(s).info().frames[2].attempt, 1);
+  EXPECT_TRUE(fs::exists(s / "frames/000002_a0.tif"));
+}
+
+TEST(Recovery, AdoptsAGoodFrameWithoutARow) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  test::make_small_session(s, 4);
+  fs::remove(s / "journal.sqlite");
+  fs::remove(s / "session.json");
+  DiskStorage storage;
+  auto writer = SessionWriter::reopen(s, storage);
+  ASSERT_TRUE(writer.has_value()) << writer.error().what;
+  EXPECT_EQ(writer->recovery().n_adopted, 4);
+  ASSERT_TRUE(writer->finish().has_value());
+  EXPECT_EQ(test::committed_set(s), expected_set(4));
+}
+
+TEST(Recovery, ReturnsARowWithoutItsFrame) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  test::make_small_session(s, 4);
+  fs::remove(s / "frames/000001_a0.tif");
+  DiskStorage storage;
+  auto writer = SessionWriter::reopen(s, storage);
+  ASSERT_TRUE(writer.has_value()) << writer.error().what;
+  EXPECT_EQ(writer->recovery().n_returned, 1);
+  EXPECT_FALSE(writer->committed()[1]);
+  ASSERT_TRUE(test::capture_all(*writer, 1).has_value());
+  EXPECT_EQ(test::committed_set(s), expected_set(4));
+}
+
+TEST(Recovery, SetsAsideWhatAKilledWriterLeft) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  test::make_small_session(s, 4);
+  test::write_text(s / "frames/000001_a7.tif.new3", "half");
+  DiskStorage storage;
+  auto writer = SessionWriter::reopen(s, storage);
+  ASSERT_TRUE(writer.has_value()) << writer.error().what;
+  ASSERT_EQ(writer->recovery().set_aside.size(), 1U);
+  EXPECT_EQ(test::read_text(s / "aside/000001_a7.tif.new3"), "half");
+  EXPECT_TRUE(fs::exists(s / "aside/000001_a7.tif.new3.why.txt"));
+  const auto events = writer->events_after(0, 100);
+  ASSERT_TRUE(events.has_value());
+  EXPECT_EQ(events->back().kind, "set_aside");
+}
+
+}  // namespace
+}  // namespace haarlight

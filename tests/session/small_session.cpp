@@ -1,0 +1,169 @@
+#include "tests/session/small_session.h"
+
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include "core/files.h"
+#include "core/random.h"
+#include "session/clean_rule.h"
+#include "session/frame_check.h"
+#include "session/session.h"
+
+namespace haarlight::test {
+
+namespace fs = std::filesystem;
+
+TemporaryFolder::TemporaryFolder() {
+  const fs::path base =
+      fs::is_directory("/dev/shm") ? fs::path("/dev/shm") : fs::temp_directory_path();
+  std::string name = (base / "haarlight_test_XXXXXX").string();
+  if (::mkdtemp(name.data()) == nullptr) {
+    throw std::runtime_error("mkdtemp " + name);
+  }
+  path_ = name;
+}
+
+TemporaryFolder::~TemporaryFolder() {
+  std::error_code ignored;
+  fs::permissions(path_, fs::perms::owner_all, ignored);
+  fs::remove_all(path_, ignored);
+}
+
+SessionInfo small_info(int n_lights) {
+  SessionInfo info;
+  info.id = "small";
+  info.created = "2026-12-01T12:00:00Z";
+  info.plan_hash = content_hash(kSmallPlan);
+  info.form.width = kSmallWidth;
+  info.form.height = kSmallHeight;
+  info.form.stored_height = kSmallStored;
+  info.form.black_level = 64.0;
+  info.form.white_level = 4095.0;
+  for (int k = 0; k < n_lights; ++k) {
+    SessionLight light;
+    light.name = fmt::format("top/{}/{}", k / 8, k % 8);
+    light.is_position = true;
+    light.place = {k % 8 * 30.0, k / 8 * 30.0, 500.0};
+    info.lights.push_back(light);
+    Shot shot;
+    shot.index = k;
+    shot.lit = {{k, 65535}};
+    shot.exposure_us = 4000.0;
+    info.shots.push_back(shot);
+  }
+  return info;
+}
+
+Image<std::uint16_t> small_pixels(int shot) {
+  Image<std::uint16_t> pixels(kSmallStored, kSmallWidth, 1);
+  for (int y = 0; y < kSmallStored; ++y) {
+    for (int x = 0; x < kSmallWidth; ++x) {
+      const auto key = hash_key(static_cast<std::uint64_t>(shot), static_cast<std::uint64_t>(y),
+                                static_cast<std::uint64_t>(x));
+      pixels(y, x) = static_cast<std::uint16_t>(100 + key % 3000);
+    }
+  }
+  return pixels;
+}
+
+FrameEvidence small_evidence(const SessionInfo& info, int shot, int attempt,
+                             ImageView<const std::uint16_t> stored) {
+  FrameEvidence e;
+  constexpr std::int64_t kMillisecond = 1'000'000;
+  const std::int64_t t0 = (std::int64_t{shot} * 8 + attempt + 1) * 100 * kMillisecond;
+  e.pattern_id = shot;
+  e.tag = static_cast<std::uint32_t>(shot) + 1;
+  e.tag_echo = e.tag;
+  e.t_command_ns = t0;
+  e.t_ack_ns = t0 + kMillisecond;
+  e.t_stable_ns = t0 + 2 * kMillisecond;
+  e.exposure_asked_us = 4000.0;
+  e.exposure_read_us = 4000.0;
+  e.read_us = 250.5;
+  e.skew_us = 1000.25;
+  e.timestamp_ns = t0 + 10 * kMillisecond;
+  e.timestamp_meaning = TimestampMeaning::end_frame;
+  const ExposureWindow window = exposure_window(
+      {e.timestamp_ns, e.timestamp_meaning, e.exposure_read_us, e.read_us, e.skew_us});
+  e.t_exposure_start_ns = window.start_ns;
+  e.t_exposure_end_ns = window.end_ns;
+  e.t_next_change_ns = t0 + 50 * kMillisecond;
+  e.margin_us = judge_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
+  e.sequence = static_cast<std::uint64_t>(shot) * 8U + static_cast<std::uint64_t>(attempt);
+  const ImageView<const std::uint16_t> active(stored.data(), info.form.height, info.form.width,
+                                              info.form.channels, stored.row_stride());
+  describe_pixels(active, info.form, e);
+  return e;
+}
+
+Result<void> capture_all(SessionWriter& writer, int group) {
+  const SessionInfo info = writer.info();
+  const std::vector<bool> committed = writer.committed();
+  std::vector<Image<std::uint16_t>> pixels;
+  std::vector<PendingFrame> frames;
+  const auto flush = [&]() -> Result<void> {
+    auto done = frames.empty() ? Result<void>() : writer.commit(frames);
+    frames.clear();
+    pixels.clear();
+    return done;
+  };
+  pixels.reserve(static_cast<std::size_t>(group));
+  for (int shot = 0; shot < static_cast<int>(info.shots.size()); ++shot) {
+    if (committed[static_cast<std::size_t>(shot)]) {
+      continue;
+    }
+    const int attempt = writer.next_attempt(shot);
+    pixels.push_back(small_pixels(shot));
+    frames.push_back({shot, attempt, small_evidence(info, shot, attempt, pixels.back().view()),
+                      pixels.back().view()});
+    if (static_cast<int>(frames.size()) == group) {
+      if (auto done = flush(); !done) {
+        return done;
+      }
+    }
+  }
+  if (auto done = flush(); !done) {
+    return done;
+  }
+  return writer.finish();
+}
+
+void make_small_session(const fs::path& folder, int n_lights) {
+  DiskStorage storage;
+  auto writer =
+      SessionWriter::create(folder, small_info(n_lights), "", kSmallPlan, 1U << 16U, storage);
+  if (!writer) {
+    throw std::runtime_error(writer.error().what);
+  }
+  if (auto done = capture_all(*writer, 5); !done) {
+    throw std::runtime_error(done.error().what);
+  }
+}
+
+std::vector<std::string> committed_set(const fs::path& folder) {
+  const Session session = Session::open(folder);
+  std::vector<std::string> set = {session.info().plan_hash + " " +
+                                  session.info().plan_file_hash};
+  for (const FrameRecord& frame : session.info().frames) {
+    set.push_back(fmt::format("{} {} {} {} {}", frame.shot, frame.evidence.pattern_id,
+                              frame.evidence.tag, frame.evidence.tag_echo,
+                              frame.evidence.pixel_hash));
+  }
+  return set;
+}
+
+std::string read_text(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void write_text(const fs::path& file, const std::string& text) {
+  std::ofstream out(file, std::ios::binary | std::ios::trunc);
+  out << text;
+}
+
+}  // namespace haarlight::test

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/image.h"
+#include "session/session_writer.h"
+
+/// @file
+/// A small session for tests: n lights, tiny 16-bit frames whose noise is keyed by the pattern.
+
+namespace haarlight::test {
+
+/// A folder that is removed with everything in it, on /dev/shm where there is one.
+class TemporaryFolder {
+ public:
+  TemporaryFolder();
+  ~TemporaryFolder();
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+inline constexpr int kSmallWidth = 12;
+inline constexpr int kSmallHeight = 6;
+inline constexpr int kSmallStored = 8;
+
+[[nodiscard]] SessionInfo small_info(int n_lights);
+inline const std::string kSmallPlan = R"({"plan": "one at a time"})";
+
+/// The stored rows of shot `shot`: depend on the shot only, never on the attempt.
+[[nodiscard]] Image<std::uint16_t> small_pixels(int shot);
+/// Evidence that holds for these pixels; the times depend on the attempt.
+[[nodiscard]] FrameEvidence small_evidence(const SessionInfo& info, int shot, int attempt,
+                                           ImageView<const std::uint16_t> stored);
+
+/// Commits every shot that is pending, `group` at a time, then finishes.
+[[nodiscard]] Result<void> capture_all(SessionWriter& writer, int group);
+
+/// A whole session in `folder`.
+void make_small_session(const std::filesystem::path& folder, int n_lights);
+
+/// What must be equal between a disturbed and an undisturbed session: for every shot pattern,
+/// tag and pixel hash, with the plan's hash in front. Times, sequence numbers and attempts are
+/// out.
+[[nodiscard]] std::vector<std::string> committed_set(const std::filesystem::path& folder);
+
+[[nodiscard]] std::string read_text(const std::filesystem::path& file);
+void write_text(const std::filesystem::path& file, const std::string& text);
+
+}  // namespace haarlight::test
