@@ -57,6 +57,44 @@ std::string format_by_magic(std::span<const std::byte> bytes) {
   return {};
 }
 
+/// Offset just behind the JPEG's end marker, or 0 when the file ends before it. libjpeg fills
+/// what is missing with grey and only warns, so a cut file would pass as a picture.
+std::size_t jpeg_end(std::span<const std::byte> bytes) {
+  const auto at = [&](std::size_t i) { return std::to_integer<unsigned>(bytes[i]); };
+  constexpr unsigned kStartOfScan = 0xda;
+  constexpr unsigned kEndOfImage = 0xd9;
+  std::size_t i = 2;
+  while (i + 4 <= bytes.size()) {
+    if (at(i) != 0xff) {
+      return 0;
+    }
+    const unsigned marker = at(i + 1);
+    if (marker == 0xff) {  // fill byte
+      ++i;
+      continue;
+    }
+    if (marker == kEndOfImage) {
+      return i + 2;
+    }
+    i += 2 + 256 * at(i + 2) + at(i + 3);
+    if (marker != kStartOfScan) {
+      continue;
+    }
+    // Entropy-coded data up to the next marker that is neither a stuffed 0xff nor a restart.
+    while (i + 1 < bytes.size() &&
+           (at(i) != 0xff || at(i + 1) == 0 || (at(i + 1) >= 0xd0 && at(i + 1) <= 0xd7))) {
+      ++i;
+    }
+  }
+  return i + 2 == bytes.size() && at(i) == 0xff && at(i + 1) == kEndOfImage ? i + 2 : 0;
+}
+
+/// A whole PNG has its IEND chunk (length 0, so its checksum is always the same).
+bool has_png_end(std::span<const std::byte> bytes) {
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  return text.rfind("IEND\xae\x42\x60\x82") != std::string_view::npos;
+}
+
 [[noreturn]] void refuse(const std::string& what, const std::filesystem::path& path,
                          const std::string& cure) {
   throw Error(what, path.string(), cure);
@@ -70,6 +108,10 @@ PictureFile read_picture(const std::filesystem::path& path) {
   if (format.empty()) {
     refuse("not a picture that haarlight reads", path,
            "give a JPEG, PNG, TIFF, OpenEXR, Radiance HDR or TGA file");
+  }
+  if ((format == "jpeg" && jpeg_end(mapped.bytes()) == 0) ||
+      (format == "png" && !has_png_end(mapped.bytes()))) {
+    refuse("ends before the picture does", path, "the file was cut: copy it again");
   }
   const std::unique_ptr<OIIO::ImageInput> input = OIIO::ImageInput::create(format);
   if (!input) {

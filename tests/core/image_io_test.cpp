@@ -89,6 +89,22 @@ TEST(ReadPicture, RefusesTruncatedFiles) {
   }
 }
 
+TEST(ReadPicture, RefusesACutJpegThatLibjpegWouldFillWithGrey) {
+  const std::filesystem::path original =
+      HAARLIGHT_SOURCE_DIR "/../shared/data/rti_real/item1/image00.jpg";
+  if (!std::filesystem::exists(original)) {
+    GTEST_SKIP() << "no shared data here";
+  }
+  EXPECT_NO_THROW((void)read_picture(original));
+  const TemporaryFolder folder;
+  const std::string bytes = read_file(original);
+  for (const std::size_t missing : {std::size_t{1}, std::size_t{2}, bytes.size() / 2}) {
+    write_file_atomically(folder / "a.jpg",
+                          std::string_view(bytes).substr(0, bytes.size() - missing));
+    EXPECT_THAT(message_of(folder / "a.jpg"), HasSubstr("ends before the picture does"));
+  }
+}
+
 TEST(ReadLinearImage, NamesThePixelThatIsNotANumber) {
   const TemporaryFolder folder;
   Image<float> image = noise_image(4, 6, 3, 1.0F);
