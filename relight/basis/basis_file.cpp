@@ -1,0 +1,458 @@
+#include "relight/basis/basis_file.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "relight/basis/basis_header.h"
+#include "relight/basis/haar.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::array<unsigned char, 8> kMagic = {0x89, 'H', 'L', 'B', '\r', '\n', 0x1a, '\n'};
+constexpr std::size_t kPreambleBytes = 104;
+constexpr std::size_t kEntryBytes = 24;
+constexpr std::uint64_t kMaxHeaderBytes = std::uint64_t{64} << 20U;
+
+std::size_t count(int n) { return static_cast<std::size_t>(n); }
+
+/// The first 104 bytes, little-endian.
+struct Preamble {
+  std::uint32_t version = kBasisVersion;
+  std::uint32_t reserved = 0;
+  std::uint64_t file_bytes = 0;
+  std::array<std::uint64_t, 3> header{};  ///< offset, bytes, checksum
+  std::array<std::uint64_t, 3> index{};
+  std::array<std::uint64_t, 3> tables{};
+};
+
+template <class T>
+void put(std::byte* to, T value) {
+  for (std::size_t i = 0; i < sizeof(T); ++i) {
+    to[i] = static_cast<std::byte>((std::uint64_t{value} >> (8 * i)) & 0xffU);
+  }
+}
+
+template <class T>
+T get(const std::byte* from) {
+  std::uint64_t value = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i) {
+    value |= std::to_integer<std::uint64_t>(from[i]) << (8 * i);
+  }
+  return static_cast<T>(value);
+}
+
+std::array<std::byte, kPreambleBytes> to_bytes(const Preamble& preamble) {
+  std::array<std::byte, kPreambleBytes> bytes{};
+  std::memcpy(bytes.data(), kMagic.data(), kMagic.size());
+  put(bytes.data() + 8, preamble.version);
+  put(bytes.data() + 12, preamble.reserved);
+  put(bytes.data() + 16, preamble.file_bytes);
+  std::byte* to = bytes.data() + 24;
+  for (const auto* part : {&preamble.header, &preamble.index, &preamble.tables}) {
+    for (const std::uint64_t number : *part) {
+      put(to, number);
+      to += 8;
+    }
+  }
+  put(bytes.data() + 96, block_checksum(std::span(bytes).first(96)));
+  return bytes;
+}
+
+[[noreturn]] void throw_damaged(const std::string& what, const std::string& where) {
+  throw Error(what, where, "copy the file again, or make it again with haarlight compress");
+}
+
+Preamble read_preamble(std::span<const std::byte> bytes, const std::string& name) {
+  if (bytes.size() < kMagic.size() ||
+      std::memcmp(bytes.data(), kMagic.data(), kMagic.size()) != 0) {
+    throw Error("not a basis file", name,
+                "give a .hlb file that haarlight compress has written");
+  }
+  if (bytes.size() < kPreambleBytes) {
+    throw_damaged("the basis file ends within its first 104 bytes", name);
+  }
+  Preamble preamble;
+  preamble.version = get<std::uint32_t>(bytes.data() + 8);
+  if (preamble.version != kBasisVersion) {
+    throw Error(fmt::format("basis file of version {}, this program reads version {}",
+                            preamble.version, kBasisVersion),
+                name, "use a newer haarlight, or compress the session again");
+  }
+  if (get<std::uint64_t>(bytes.data() + 96) != block_checksum(bytes.first(96))) {
+    throw_damaged("the first bytes of the basis file are damaged (checksum)", name);
+  }
+  preamble.file_bytes = get<std::uint64_t>(bytes.data() + 16);
+  const std::byte* from = bytes.data() + 24;
+  for (auto* part : {&preamble.header, &preamble.index, &preamble.tables}) {
+    for (std::uint64_t& number : *part) {
+      number = get<std::uint64_t>(from);
+      from += 8;
+    }
+  }
+  if (preamble.file_bytes != bytes.size()) {
+    throw_damaged(fmt::format("the basis file has {} bytes, it was written with {}",
+                              bytes.size(), preamble.file_bytes),
+                  name);
+  }
+  return preamble;
+}
+
+std::span<const std::byte> checked_part(std::span<const std::byte> bytes,
+                                        const std::array<std::uint64_t, 3>& part,
+                                        const std::string& what, const std::string& name) {
+  const auto [offset, size, checksum] = part;
+  if (offset > bytes.size() || size > bytes.size() - offset) {
+    throw_damaged(fmt::format("the {} lies outside the file", what), name);
+  }
+  const auto found = bytes.subspan(offset, size);
+  if (block_checksum(found) != checksum) {
+    throw_damaged(fmt::format("the {} is damaged (checksum)", what), name);
+  }
+  return found;
+}
+
+std::size_t table_values(const BasisHeader& header) {
+  return count(header.dims.n_lights) *
+         (count(header.plate_rank) + 4 * count(header.dims.channels));
+}
+
+std::vector<float> tables_to_floats(const BasisTables& tables) {
+  std::vector<float> all;
+  for (const auto* part :
+       {&tables.plate_vectors, &tables.coefficient_norms, &tables.coefficient_errors,
+        &tables.light_norms, &tables.light_errors}) {
+    all.insert(all.end(), part->begin(), part->end());
+  }
+  return all;
+}
+
+BasisTables tables_from_floats(const std::vector<float>& all, const BasisHeader& header) {
+  BasisTables tables;
+  const std::size_t per_channel = count(header.dims.channels) * count(header.dims.n_lights);
+  auto from = all.begin();
+  const auto take = [&from](std::size_t n) {
+    const auto begin = from;
+    from += static_cast<std::ptrdiff_t>(n);
+    return std::vector<float>(begin, from);
+  };
+  tables.plate_vectors = take(count(header.plate_rank) * count(header.dims.n_lights));
+  tables.coefficient_norms = take(per_channel);
+  tables.coefficient_errors = take(per_channel);
+  tables.light_norms = take(per_channel);
+  tables.light_errors = take(per_channel);
+  return tables;
+}
+
+}  // namespace
+
+std::vector<int> coefficient_order(const BasisHeader& header) {
+  std::vector<int> order;
+  order.reserve(count(header.dims.n_lights));
+  if (header.basis == BasisKind::haar && header.coding == BasisCoding::quantised) {
+    const std::vector<int> one = haar_order(header.grid);
+    for (int g = 0; g < header.n_grids(); ++g) {
+      for (const int i : one) {
+        order.push_back(g * header.grid * header.grid + i);
+      }
+    }
+  } else {
+    for (int k = 0; k < header.dims.n_lights; ++k) {
+      order.push_back(k);
+    }
+  }
+  return order;
+}
+
+std::vector<int> default_group_ends(const BasisHeader& header) {
+  constexpr int kLightsPerGroup = 64;
+  std::vector<int> ends;
+  if (header.basis == BasisKind::haar && header.coding == BasisCoding::quantised) {
+    for (int g = 0; g < header.n_grids(); ++g) {
+      const int start = g * header.grid * header.grid;
+      for (int n = std::min(8, header.grid); n <= header.grid; n *= 2) {
+        ends.push_back(start + n * n);
+      }
+    }
+  } else {
+    for (int k = kLightsPerGroup; k < header.dims.n_lights; k += kLightsPerGroup) {
+      ends.push_back(k);
+    }
+    ends.push_back(header.dims.n_lights);
+  }
+  return ends;
+}
+
+BasisFile BasisFile::open(const std::filesystem::path& file) {
+  BasisFile basis;
+  basis.mapping_ = MappedFile(file);
+  basis.bytes_ = basis.mapping_.bytes();
+  basis.name_ = file.string();
+  basis.parse();
+  return basis;
+}
+
+BasisFile BasisFile::from_bytes(std::span<const std::byte> bytes, const std::string& name) {
+  BasisFile basis;
+  basis.bytes_ = bytes;
+  basis.name_ = name;
+  basis.parse();
+  return basis;
+}
+
+void BasisFile::parse() {
+  const Preamble preamble = read_preamble(bytes_, name_);
+  if (preamble.header[1] > kMaxHeaderBytes) {
+    throw_damaged("the header is larger than any header", name_);
+  }
+  const auto header = checked_part(bytes_, preamble.header, "header", name_);
+  header_ = basis_header_from_json(
+      std::string(reinterpret_cast<const char*>(header.data()), header.size()), name_);
+  tiles_x_ = (header_.dims.width + header_.tile - 1) / header_.tile;
+  tiles_y_ = (header_.dims.height + header_.tile - 1) / header_.tile;
+
+  const auto index = checked_part(bytes_, preamble.index, "index", name_);
+  const std::size_t n_blocks =
+      count(n_tiles()) * count(header_.dims.channels) * (header_.group_ends.size() + 1);
+  if (index.size() != n_blocks * kEntryBytes) {
+    throw_damaged("the index has the wrong size", name_);
+  }
+  index_.resize(n_blocks);
+  for (std::size_t i = 0; i < n_blocks; ++i) {
+    const std::byte* from = index.data() + i * kEntryBytes;
+    BlockEntry& entry = index_[i];
+    entry.offset = get<std::uint64_t>(from);
+    entry.checksum = get<std::uint64_t>(from + 8);
+    entry.bytes = get<std::uint32_t>(from + 16);
+    entry.n_entries = get<std::uint32_t>(from + 20);
+    if (entry.offset > bytes_.size() || entry.bytes > bytes_.size() - entry.offset) {
+      throw_damaged("a block lies outside the file", name_);
+    }
+  }
+
+  const auto tables = checked_part(bytes_, preamble.tables, "table part", name_);
+  tables_ = tables_from_floats(
+      decode_floats(tables, 1, table_values(header_), name_ + ", tables"), header_);
+  order_ = coefficient_order(header_);
+}
+
+TileRect BasisFile::tile_rect(int i_tile) const {
+  HAARLIGHT_EXPECTS(i_tile >= 0 && i_tile < n_tiles(), "a tile of the file");
+  const int x0 = i_tile % tiles_x_ * header_.tile;
+  const int y0 = i_tile / tiles_x_ * header_.tile;
+  return {x0, y0, std::min(header_.tile, header_.dims.width - x0),
+          std::min(header_.tile, header_.dims.height - y0)};
+}
+
+const BlockEntry& BasisFile::entry(int i_tile, int channel, int block) const {
+  HAARLIGHT_EXPECTS(channel >= 0 && channel < header_.dims.channels, "a channel of the file");
+  const std::size_t per_channel = header_.group_ends.size() + 1;
+  return index_[(count(i_tile) * count(header_.dims.channels) + count(channel)) * per_channel +
+                count(block)];
+}
+
+std::string BasisFile::block_name(int i_tile, int channel, int block) const {
+  return fmt::format("{}, tile {}, channel {}, {}", name_, i_tile, channel,
+                     block == 0 ? "pixels" : fmt::format("group {}", block - 1));
+}
+
+std::span<const std::byte> BasisFile::block_bytes(int i_tile, int channel, int block) const {
+  const BlockEntry& found = entry(i_tile, channel, block);
+  const auto bytes = bytes_.subspan(found.offset, found.bytes);
+  if (block_checksum(bytes) != found.checksum) {
+    throw_damaged("a block is damaged (checksum)", block_name(i_tile, channel, block));
+  }
+  return bytes;
+}
+
+PixelBlock BasisFile::pixels(int i_tile, int channel) const {
+  const TileRect rect = tile_rect(i_tile);
+  return decode_pixels(block_bytes(i_tile, channel, 0), count(rect.n_pixels()),
+                       count(header_.plate_rank), block_name(i_tile, channel, 0));
+}
+
+bool BasisFile::is_group_empty(int i_tile, int channel, int group) const {
+  return entry(i_tile, channel, group + 1).bytes == 0;
+}
+
+std::uint32_t BasisFile::group_bytes(int i_tile, int channel, int group) const {
+  return entry(i_tile, channel, group + 1).bytes;
+}
+
+SparseBlock BasisFile::sparse(int i_tile, int channel, int group) const {
+  HAARLIGHT_EXPECTS(header_.coding == BasisCoding::quantised, "a quantised file");
+  const TileRect rect = tile_rect(i_tile);
+  const std::size_t n_cells =
+      count(group_end(group) - group_begin(group)) * count(rect.n_pixels());
+  return decode_sparse(block_bytes(i_tile, channel, group + 1),
+                       entry(i_tile, channel, group + 1).n_entries, n_cells,
+                       block_name(i_tile, channel, group + 1));
+}
+
+std::vector<float> BasisFile::floats(int i_tile, int channel, int group) const {
+  HAARLIGHT_EXPECTS(header_.coding == BasisCoding::lossless, "a lossless file");
+  const TileRect rect = tile_rect(i_tile);
+  return decode_floats(block_bytes(i_tile, channel, group + 1),
+                       count(group_end(group) - group_begin(group)), count(rect.n_pixels()),
+                       block_name(i_tile, channel, group + 1));
+}
+
+std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
+  const std::size_t n_pixels = count(tile_rect(i_tile).n_pixels());
+  const std::size_t n_lights = count(header_.dims.n_lights);
+  std::vector<float> out(n_pixels * n_lights);
+  if (header_.coding == BasisCoding::lossless) {
+    for (int g = 0; g < n_groups(); ++g) {
+      const std::vector<float> rows = floats(i_tile, channel, g);
+      for (int k = group_begin(g); k < group_end(g); ++k) {
+        const std::size_t row = count(k - group_begin(g)) * n_pixels;
+        for (std::size_t p = 0; p < n_pixels; ++p) {
+          out[p * n_lights + count(k)] = rows[row + p];
+        }
+      }
+    }
+    return out;
+  }
+  const PixelBlock pixel_block = pixels(i_tile, channel);
+  // Small numbers first as integers (exact), one multiplication by the pixel's step afterwards.
+  for (int g = 0; g < n_groups(); ++g) {
+    const SparseBlock block = sparse(i_tile, channel, g);
+    for (std::size_t e = 0; e < block.cell.size(); ++e) {
+      const std::size_t place = count(group_begin(g)) + block.cell[e] / n_pixels;
+      const std::size_t p = block.cell[e] % n_pixels;
+      const double step = std::ldexp(header_.step, -int{pixel_block.shift[p]});
+      out[p * n_lights + count(order_[place])] = static_cast<float>(step * block.value[e]);
+    }
+  }
+  std::vector<double> row(n_lights);
+  std::vector<double> plate(count(header_.plate_rank));
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    float* values = out.data() + p * n_lights;
+    std::copy_n(values, n_lights, row.begin());
+    for (std::size_t j = 0; j < plate.size(); ++j) {
+      plate[j] = header_.plate_step * pixel_block.plate[j * n_pixels + p];
+    }
+    reconstruct_pixel(header_, tables_, plate, row);
+    std::transform(row.begin(), row.end(), values,
+                   [](double v) { return static_cast<float>(v); });
+  }
+  return out;
+}
+
+Image<float> BasisFile::light_image(int k) const {
+  HAARLIGHT_EXPECTS(k >= 0 && k < header_.dims.n_lights, "a light of the basis");
+  Image<float> image(header_.dims.height, header_.dims.width, header_.dims.channels);
+  for (int t = 0; t < n_tiles(); ++t) {
+    const TileRect rect = tile_rect(t);
+    for (int c = 0; c < header_.dims.channels; ++c) {
+      const std::vector<float> values = decode_tile(t, c);
+      for (int p = 0; p < rect.n_pixels(); ++p) {
+        image(rect.y0 + p / rect.width, rect.x0 + p % rect.width, c) =
+            values[count(p) * count(header_.dims.n_lights) + count(k)];
+      }
+    }
+  }
+  return image;
+}
+
+void BasisSource::read_tile(const TileRect& rect, std::span<float> out) const {
+  const BasisHeader& header = file_.header();
+  const std::size_t n_lights = count(header.dims.n_lights);
+  HAARLIGHT_EXPECTS(
+      out.size() == count(header.dims.channels) * count(rect.n_pixels()) * n_lights,
+      "room for the tile's values");
+  for (int t = 0; t < file_.n_tiles(); ++t) {
+    const TileRect tile = file_.tile_rect(t);
+    const int x0 = std::max(rect.x0, tile.x0);
+    const int y0 = std::max(rect.y0, tile.y0);
+    const int x1 = std::min(rect.x0 + rect.width, tile.x0 + tile.width);
+    const int y1 = std::min(rect.y0 + rect.height, tile.y0 + tile.height);
+    if (x0 >= x1 || y0 >= y1) {
+      continue;
+    }
+    for (int c = 0; c < header.dims.channels; ++c) {
+      const std::vector<float> values = file_.decode_tile(t, c);
+      for (int y = y0; y < y1; ++y) {
+        const std::size_t from = count((y - tile.y0) * tile.width + x0 - tile.x0) * n_lights;
+        const std::size_t to = (count(c) * count(rect.n_pixels()) +
+                                count((y - rect.y0) * rect.width + x0 - rect.x0)) *
+                               n_lights;
+        std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(from),
+                    count(x1 - x0) * n_lights, out.begin() + static_cast<std::ptrdiff_t>(to));
+      }
+    }
+  }
+}
+
+BasisWriter::BasisWriter(const std::filesystem::path& file) : file_(file) {
+  const std::array<std::byte, kPreambleBytes> empty{};
+  file_.append(empty);
+}
+
+void BasisWriter::append_block(const PackedTile::Block& block) {
+  HAARLIGHT_EXPECTS(block.bytes.size() <= std::numeric_limits<std::uint32_t>::max(),
+                    "a block below 4 GB");
+  index_.push_back({file_.size(), block_checksum(block.bytes),
+                    static_cast<std::uint32_t>(block.bytes.size()), block.n_entries});
+  file_.append(block.bytes);
+}
+
+void BasisWriter::append(const PackedTile& tile) {
+  append_block(tile.pixels);
+  for (const PackedTile::Block& block : tile.groups) {
+    append_block(block);
+  }
+}
+
+std::uint64_t BasisWriter::finish(const BasisHeader& header, const BasisTables& tables) {
+  Preamble preamble;
+  const auto add_part = [this](std::span<const std::byte> bytes) {
+    const std::array<std::uint64_t, 3> part = {file_.size(), bytes.size(),
+                                               block_checksum(bytes)};
+    file_.append(bytes);
+    return part;
+  };
+  const std::vector<float> table = tables_to_floats(tables);
+  HAARLIGHT_EXPECTS(table.size() == table_values(header), "tables of the header's shape");
+  preamble.tables = add_part(encode_floats(table, table.size()));
+  std::vector<std::byte> index(index_.size() * kEntryBytes);
+  for (std::size_t i = 0; i < index_.size(); ++i) {
+    std::byte* to = index.data() + i * kEntryBytes;
+    put(to, index_[i].offset);
+    put(to + 8, index_[i].checksum);
+    put(to + 16, index_[i].bytes);
+    put(to + 20, index_[i].n_entries);
+  }
+  preamble.index = add_part(index);
+  const std::string json = basis_header_to_json(header);
+  preamble.header = add_part(std::as_bytes(std::span(json.data(), json.size())));
+  preamble.file_bytes = file_.size();
+  file_.rewrite(0, to_bytes(preamble));
+  file_.commit();
+  return preamble.file_bytes;
+}
+
+void reconstruct_pixel(const BasisHeader& header, const BasisTables& tables,
+                       std::span<const double> plate_values, std::span<double> coefficients) {
+  if (header.basis == BasisKind::haar) {
+    const std::size_t per_grid = count(header.grid) * count(header.grid);
+    for (std::size_t g = 0; g < coefficients.size(); g += per_grid) {
+      haar_inverse(coefficients.subspan(g, per_grid), header.grid);
+    }
+  }
+  for (std::size_t j = 0; j < plate_values.size(); ++j) {
+    const float* vector = tables.plate_vectors.data() + j * coefficients.size();
+    for (std::size_t k = 0; k < coefficients.size(); ++k) {
+      coefficients[k] += plate_values[j] * double{vector[k]};
+    }
+  }
+}
+
+}  // namespace haarlight

@@ -1,0 +1,215 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/files.h"
+#include "relight/basis/block_codec.h"
+#include "relight/basis/stack_source.h"
+
+/// @file
+/// The basis file `.hlb`: a light stack compressed over its lights, self-sufficient (rig, plate
+/// and norms inside), with random access by tile. Every byte is written down in
+/// docs/basis-format.md; docs/read_hlb.py reads it with numpy.
+
+namespace haarlight {
+
+inline constexpr std::uint32_t kBasisVersion = 1;
+
+enum class BasisKind {
+  haar,    ///< 2-D Haar over each grid of lights
+  direct,  ///< the lights themselves; needs no grid
+};
+enum class BasisCoding {
+  quantised,  ///< multiples of a step, error as reached
+  lossless,   ///< the stack's floats bit for bit, light by light
+};
+[[nodiscard]] std::string_view to_string(BasisKind kind) noexcept;
+[[nodiscard]] std::string_view to_string(BasisCoding coding) noexcept;
+
+/// A light of a capture without a rig file.
+struct BasisLight {
+  std::string name;
+  bool is_position = false;
+  Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< mm in world, or unit direction to it
+  double relative_power = 1.0;
+};
+
+/// How far the decoded stack is from the one that was compressed.
+struct StackError {
+  double relative_l2 = 0.0;  ///< ||decoded - T|| / ||T|| over the whole stack
+  /// Largest ||decoded_p - T_p|| / max(||T_p||, dark_floor * rms) of a pixel's row over the
+  /// lights.
+  double worst_pixel = 0.0;
+  double worst_value = 0.0;  ///< largest |decoded - T| of one value / largest |T|
+};
+
+/// The header of a basis file.
+struct BasisHeader {
+  StackDims dims;
+  int tile = 32;  ///< pixels a side; tiles at the right and lower edge are smaller
+  BasisKind basis = BasisKind::haar;
+  BasisCoding coding = BasisCoding::quantised;
+  int grid = 0;                ///< n of each n x n grid, faces in order; 0 for direct
+  double step = 0.0;           ///< quantiser step before a pixel's shift
+  double dead_zone = 0.0;      ///< |c| below dead_zone * step became 0
+  double dark_floor = 0.0;     ///< see StackError::worst_pixel; a share of the rms pixel norm
+  std::string plate = "none";  ///< none, computed, captured
+  std::string plate_source;    ///< hash of what the plate came from
+  int plate_rank = 0;
+  double plate_step = 0.0;
+  std::vector<int> group_ends;  ///< last + 1 of each group in the order; the last is n_lights
+
+  std::string rig_toml;  ///< empty: see lights
+  std::string rig_hash;
+  std::vector<BasisLight> lights;
+
+  double asked_relative_l2 = 0.0;
+  double asked_worst_pixel = 0.0;  ///< infinity: no limit
+  StackError reached;
+  double stack_norm = 0.0;         ///< ||T||
+  double peak = 0.0;               ///< largest |T|
+  double mean_coefficients = 0.0;  ///< stored coefficients a pixel and channel
+  std::string source;              ///< session id or file name
+  std::string source_hash;         ///< of the plan, where there is one
+  std::string kind = "capture";    ///< capture, plate
+  std::string program;
+
+  [[nodiscard]] int n_grids() const { return grid > 0 ? dims.n_lights / (grid * grid) : 0; }
+};
+
+/// Tables over lights and coefficients, rounded upwards to float where they bound something.
+struct BasisTables {
+  std::vector<float> plate_vectors;      ///< (plate_rank, n_lights)
+  std::vector<float> coefficient_norms;  ///< (channels, n_lights): of the stored residual
+  std::vector<float>
+      coefficient_errors;           ///< (channels, n_lights): of decoded - true coefficients
+  std::vector<float> light_norms;   ///< (channels, n_lights): ||T_k||
+  std::vector<float> light_errors;  ///< (channels, n_lights): ||decoded_k - T_k||
+};
+
+/// The order in which coefficients are stored: order[i] is a light-domain index (row * n + col
+/// within its grid, grids one after the other; the light itself for direct and lossless).
+[[nodiscard]] std::vector<int> coefficient_order(const BasisHeader& header);
+/// The default groups: per grid 8 x 8 coarse coefficients, then a group a level; 64 lights for
+/// direct and lossless.
+[[nodiscard]] std::vector<int> default_group_ends(const BasisHeader& header);
+
+/// One block of the index.
+struct BlockEntry {
+  std::uint64_t offset = 0;
+  std::uint64_t checksum = 0;
+  std::uint32_t bytes = 0;
+  std::uint32_t n_entries = 0;
+};
+
+/// An open basis file, mapped. Const calls are thread-safe.
+class BasisFile {
+ public:
+  /// Checks everything but the blocks, which are checked when they are read.
+  /// @throws Error  not a basis file, newer version, truncated, damaged
+  [[nodiscard]] static BasisFile open(const std::filesystem::path& file);
+  /// The same from bytes in memory (fuzzing); `bytes` must outlive the object.
+  [[nodiscard]] static BasisFile from_bytes(std::span<const std::byte> bytes,
+                                            const std::string& name);
+
+  [[nodiscard]] const BasisHeader& header() const noexcept { return header_; }
+  [[nodiscard]] const BasisTables& tables() const noexcept { return tables_; }
+  [[nodiscard]] const std::string& name() const noexcept { return name_; }
+  [[nodiscard]] std::uint64_t n_bytes() const noexcept { return bytes_.size(); }
+
+  [[nodiscard]] int n_tiles() const noexcept { return tiles_x_ * tiles_y_; }
+  [[nodiscard]] int n_groups() const { return static_cast<int>(header_.group_ends.size()); }
+  [[nodiscard]] TileRect tile_rect(int i_tile) const;
+  /// order()[i] as coefficient_order() tells.
+  [[nodiscard]] const std::vector<int>& order() const noexcept { return order_; }
+  [[nodiscard]] int group_begin(int group) const {
+    return group == 0 ? 0 : header_.group_ends[static_cast<std::size_t>(group) - 1];
+  }
+  [[nodiscard]] int group_end(int group) const {
+    return header_.group_ends[static_cast<std::size_t>(group)];
+  }
+
+  [[nodiscard]] PixelBlock pixels(int i_tile, int channel) const;
+  /// @param group  of a quantised file
+  [[nodiscard]] SparseBlock sparse(int i_tile, int channel, int group) const;
+  [[nodiscard]] bool is_group_empty(int i_tile, int channel, int group) const;
+  [[nodiscard]] std::uint32_t group_bytes(int i_tile, int channel, int group) const;
+  /// (lights of the group, pixels) of a lossless file.
+  [[nodiscard]] std::vector<float> floats(int i_tile, int channel, int group) const;
+
+  /// A tile's values (pixels, n_lights), decoded.
+  [[nodiscard]] std::vector<float> decode_tile(int i_tile, int channel) const;
+
+  /// One light's picture, (height, width, channels).
+  [[nodiscard]] Image<float> light_image(int k) const;
+
+ private:
+  BasisFile() = default;
+  void parse();
+  [[nodiscard]] const BlockEntry& entry(int i_tile, int channel, int block) const;
+  [[nodiscard]] std::span<const std::byte> block_bytes(int i_tile, int channel,
+                                                       int block) const;
+  [[nodiscard]] std::string block_name(int i_tile, int channel, int block) const;
+
+  MappedFile mapping_;
+  std::span<const std::byte> bytes_;
+  std::string name_;
+  BasisHeader header_;
+  BasisTables tables_;
+  std::vector<BlockEntry> index_;
+  std::vector<int> order_;
+  int tiles_x_ = 0;
+  int tiles_y_ = 0;
+};
+
+/// A basis file as a light stack. Borrows it.
+class BasisSource final : public StackSource {
+ public:
+  explicit BasisSource(const BasisFile& file) : file_(file) {}
+  [[nodiscard]] StackDims dims() const override { return file_.header().dims; }
+  void read_tile(const TileRect& rect, std::span<float> out) const override;
+
+ private:
+  const BasisFile& file_;
+};
+
+/// The blocks of one tile and channel, packed.
+struct PackedTile {
+  struct Block {
+    std::vector<std::byte> bytes;
+    std::uint32_t n_entries = 0;
+  };
+  Block pixels;
+  std::vector<Block> groups;
+};
+
+/// Writes a basis file tile by tile; it appears in finish(). One thread.
+class BasisWriter {
+ public:
+  explicit BasisWriter(const std::filesystem::path& file);
+  /// Tiles in order, channels of a tile in order.
+  void append(const PackedTile& tile);
+  /// @return  bytes of the file
+  std::uint64_t finish(const BasisHeader& header, const BasisTables& tables);
+
+ private:
+  void append_block(const PackedTile::Block& block);
+
+  PendingFile file_;
+  std::vector<BlockEntry> index_;
+};
+
+/// Decoded values of one pixel, double: sum of plate vectors plus the inverse of the residual.
+/// @param coefficients  (n_lights) in light-domain index order; overwritten with the result
+/// @param plate_values  (plate_rank): already multiplied by the plate step
+void reconstruct_pixel(const BasisHeader& header, const BasisTables& tables,
+                       std::span<const double> plate_values, std::span<double> coefficients);
+
+}  // namespace haarlight

@@ -1,0 +1,273 @@
+#include "relight/basis/basis_header.h"
+
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "relight/basis/haar.h"
+
+namespace haarlight {
+
+namespace {
+
+using nlohmann::json;
+
+constexpr int kMaxSide = 1 << 16;
+constexpr int kMaxLights = 1 << 16;
+constexpr int kMaxChannels = 16;
+constexpr int kMaxRank = 64;
+
+json from_number(double v) { return std::isfinite(v) ? json(v) : json(nullptr); }
+
+[[noreturn]] void throw_bad(const std::string& what, const std::string& where) {
+  throw Error(what, where, "the file is damaged: make it again with haarlight compress");
+}
+
+/// Reads fields and checks ranges; every failure names the field.
+class Fields {
+ public:
+  Fields(const json& object, std::string prefix, const std::string& where)
+      : object_(object), prefix_(std::move(prefix)), where_(where) {
+    if (!object.is_object()) {
+      throw_bad(fmt::format("header field '{}' is not an object", prefix_), where_);
+    }
+  }
+
+  [[nodiscard]] const json& at(const char* key) const {
+    const auto it = object_.find(key);
+    if (it == object_.end()) {
+      throw_bad(fmt::format("header field '{}{}' is missing", prefix_, key), where_);
+    }
+    return *it;
+  }
+
+  [[nodiscard]] int integer(const char* key, int low, int high) const {
+    const json& value = at(key);
+    if (!value.is_number_integer()) {
+      throw_bad(fmt::format("header field '{}{}' is not an integer", prefix_, key), where_);
+    }
+    const auto v = value.get<std::int64_t>();
+    if (v < low || v > high) {
+      throw_bad(
+          fmt::format("header field '{}{}' = {} is outside {}..{}", prefix_, key, v, low, high),
+          where_);
+    }
+    return static_cast<int>(v);
+  }
+
+  /// A finite number; null stands for infinity.
+  [[nodiscard]] double number(const char* key, double low = 0.0) const {
+    const json& value = at(key);
+    if (value.is_null()) {
+      return std::numeric_limits<double>::infinity();
+    }
+    if (!value.is_number() || !(value.get<double>() >= low)) {
+      throw_bad(
+          fmt::format("header field '{}{}' is not a number of at least {}", prefix_, key, low),
+          where_);
+    }
+    return value.get<double>();
+  }
+
+  [[nodiscard]] std::string text(const char* key) const {
+    const json& value = at(key);
+    if (!value.is_string()) {
+      throw_bad(fmt::format("header field '{}{}' is not a text", prefix_, key), where_);
+    }
+    return value.get<std::string>();
+  }
+
+  [[nodiscard]] Fields object(const char* key) const {
+    return {at(key), prefix_ + key + ".", where_};
+  }
+
+ private:
+  const json& object_;
+  std::string prefix_;
+  const std::string& where_;
+};
+
+std::vector<BasisLight> lights_from_json(const json& list, const std::string& where) {
+  std::vector<BasisLight> lights;
+  if (!list.is_array()) {
+    throw_bad("header field 'lights.list' is not a list", where);
+  }
+  for (const json& item : list) {
+    const Fields fields(item, "lights.list[].", where);
+    BasisLight light;
+    light.name = fields.text("name");
+    light.relative_power = fields.number("power");
+    const json& place = fields.at("place");
+    const json& is_position = fields.at("is_position");
+    if (!place.is_array() || place.size() != 3 || !is_position.is_boolean()) {
+      throw_bad("a light of the header has no place", where);
+    }
+    light.is_position = is_position.get<bool>();
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (!place[i].is_number()) {
+        throw_bad("a light's place is not three numbers", where);
+      }
+      light.place[static_cast<Eigen::Index>(i)] = place[i].get<double>();
+    }
+    lights.push_back(std::move(light));
+  }
+  return lights;
+}
+
+void read_groups(BasisHeader& header, const json& list, const std::string& where) {
+  if (!list.is_array()) {
+    throw_bad("header field 'group_ends' is not a list", where);
+  }
+  int before = 0;
+  for (const json& item : list) {
+    const int end = item.is_number_integer() ? item.get<int>() : -1;
+    if (end <= before || end > header.dims.n_lights) {
+      throw_bad("header field 'group_ends' does not increase to the number of lights", where);
+    }
+    header.group_ends.push_back(end);
+    before = end;
+  }
+  if (before != header.dims.n_lights) {
+    throw_bad("header field 'group_ends' does not cover the lights", where);
+  }
+}
+
+void check_basis(const BasisHeader& header, const std::string& where) {
+  if (header.grid > 0 &&
+      (!is_haar_size(header.grid) || header.dims.n_lights % (header.grid * header.grid) != 0)) {
+    throw_bad(fmt::format("{} lights are no grids of {} x {}", header.dims.n_lights,
+                          header.grid, header.grid),
+              where);
+  }
+  if (header.basis == BasisKind::haar && header.grid == 0) {
+    throw_bad("a Haar basis without a grid", where);
+  }
+  if (header.coding == BasisCoding::quantised &&
+      (!std::isfinite(header.step) || !std::isfinite(header.plate_step))) {
+    throw_bad("the quantiser's step is not finite", where);
+  }
+  if (header.rig_toml.empty() &&
+      header.lights.size() != static_cast<std::size_t>(header.dims.n_lights)) {
+    throw_bad("the header tells neither the rig nor every light's place", where);
+  }
+}
+
+}  // namespace
+
+std::string_view to_string(BasisKind kind) noexcept {
+  return kind == BasisKind::haar ? "haar" : "direct";
+}
+
+std::string_view to_string(BasisCoding coding) noexcept {
+  return coding == BasisCoding::quantised ? "quantised" : "lossless";
+}
+
+std::string basis_header_to_json(const BasisHeader& header) {
+  json lights = json::array();
+  for (const BasisLight& light : header.lights) {
+    lights.push_back({{"name", light.name},
+                      {"is_position", light.is_position},
+                      {"place", {light.place.x(), light.place.y(), light.place.z()}},
+                      {"power", light.relative_power}});
+  }
+  const json root = {
+      {"format", "haarlight basis"},
+      {"version", kBasisVersion},
+      {"program", header.program},
+      {"kind", header.kind},
+      {"picture",
+       {{"width", header.dims.width},
+        {"height", header.dims.height},
+        {"channels", header.dims.channels}}},
+      {"tile", header.tile},
+      {"basis", std::string(to_string(header.basis))},
+      {"coding", std::string(to_string(header.coding))},
+      {"group_ends", header.group_ends},
+      {"step", header.step},
+      {"dead_zone", header.dead_zone},
+      {"dark_floor", header.dark_floor},
+      {"plate",
+       {{"kind", header.plate},
+        {"source", header.plate_source},
+        {"rank", header.plate_rank},
+        {"step", header.plate_step}}},
+      {"lights",
+       {{"count", header.dims.n_lights},
+        {"grid", header.grid},
+        {"rig_toml", header.rig_toml},
+        {"rig_hash", header.rig_hash},
+        {"list", lights}}},
+      {"asked",
+       {{"relative_l2", from_number(header.asked_relative_l2)},
+        {"worst_pixel", from_number(header.asked_worst_pixel)}}},
+      {"reached",
+       {{"relative_l2", from_number(header.reached.relative_l2)},
+        {"worst_pixel", from_number(header.reached.worst_pixel)},
+        {"worst_value", from_number(header.reached.worst_value)}}},
+      {"stack", {{"norm", header.stack_norm}, {"peak", header.peak}}},
+      {"mean_coefficients", header.mean_coefficients},
+      {"source", {{"name", header.source}, {"hash", header.source_hash}}},
+  };
+  return root.dump(1, ' ', false, json::error_handler_t::replace);
+}
+
+BasisHeader basis_header_from_json(const std::string& text, const std::string& where) {
+  const json root = json::parse(text, nullptr, false);
+  if (root.is_discarded()) {
+    throw_bad("the header is not JSON", where);
+  }
+  const Fields top(root, "", where);
+  BasisHeader header;
+  header.program = top.text("program");
+  header.kind = top.text("kind");
+  const Fields picture = top.object("picture");
+  header.dims.width = picture.integer("width", 1, kMaxSide);
+  header.dims.height = picture.integer("height", 1, kMaxSide);
+  header.dims.channels = picture.integer("channels", 1, kMaxChannels);
+  header.tile = top.integer("tile", 1, 256);
+  const Fields lights = top.object("lights");
+  header.dims.n_lights = lights.integer("count", 1, kMaxLights);
+  header.grid = lights.integer("grid", 0, 1024);
+  header.rig_toml = lights.text("rig_toml");
+  header.rig_hash = lights.text("rig_hash");
+  header.lights = lights_from_json(lights.at("list"), where);
+  const std::string basis = top.text("basis");
+  const std::string coding = top.text("coding");
+  if ((basis != "haar" && basis != "direct") ||
+      (coding != "quantised" && coding != "lossless")) {
+    throw Error(fmt::format("basis '{}' with coding '{}' is not known here", basis, coding),
+                where, "read it with a newer haarlight");
+  }
+  header.basis = basis == "haar" ? BasisKind::haar : BasisKind::direct;
+  header.coding = coding == "quantised" ? BasisCoding::quantised : BasisCoding::lossless;
+  header.step = top.number("step");
+  header.dead_zone = top.number("dead_zone");
+  header.dark_floor = top.number("dark_floor");
+  const Fields plate = top.object("plate");
+  header.plate = plate.text("kind");
+  header.plate_source = plate.text("source");
+  header.plate_rank = plate.integer("rank", 0, kMaxRank);
+  header.plate_step = plate.number("step");
+  read_groups(header, top.at("group_ends"), where);
+  const Fields asked = top.object("asked");
+  header.asked_relative_l2 = asked.number("relative_l2");
+  header.asked_worst_pixel = asked.number("worst_pixel");
+  const Fields reached = top.object("reached");
+  header.reached.relative_l2 = reached.number("relative_l2");
+  header.reached.worst_pixel = reached.number("worst_pixel");
+  header.reached.worst_value = reached.number("worst_value");
+  const Fields stack = top.object("stack");
+  header.stack_norm = stack.number("norm");
+  header.peak = stack.number("peak");
+  header.mean_coefficients = top.number("mean_coefficients");
+  const Fields source = top.object("source");
+  header.source = source.text("name");
+  header.source_hash = source.text("hash");
+  check_basis(header, where);
+  return header;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,19 @@
+#pragma once
+
+#include <string>
+
+#include "relight/basis/basis_file.h"
+
+/// @file
+/// The JSON header of a basis file. Fields: docs/basis-format.md.
+
+namespace haarlight {
+
+[[nodiscard]] std::string basis_header_to_json(const BasisHeader& header);
+
+/// Reads and checks every field: after it sizes are sane and consistent.
+/// @throws Error  naming the field; `where` is the file's name
+[[nodiscard]] BasisHeader basis_header_from_json(const std::string& json,
+                                                 const std::string& where);
+
+}  // namespace haarlight

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+/// @file
+/// The three kinds of block of a basis file, to bytes and back. Every integer goes through the
+/// same steps: zigzag (0, -1, 1, -2 -> 0, 1, 2, 3), split into four byte planes, zstd. Written
+/// down in docs/basis-format.md. Pure; safe from any thread.
+
+namespace haarlight {
+
+/// Nonzero coefficients of one group of a tile. Cell = (place of the coefficient in its group)
+/// * n_pixels + pixel; strictly increasing.
+struct SparseBlock {
+  std::vector<std::uint32_t> cell;
+  std::vector<std::int32_t> value;
+  friend bool operator==(const SparseBlock&, const SparseBlock&) = default;
+};
+
+/// What a tile knows of its pixels before any coefficient.
+struct PixelBlock {
+  std::vector<std::uint8_t> shift;  ///< (n_pixels): the pixel's step is step * 2^-shift
+  std::vector<std::int32_t> plate;  ///< (rank, n_pixels): multiples of the plate step
+  friend bool operator==(const PixelBlock&, const PixelBlock&) = default;
+};
+
+/// Empty bytes for a block without entries.
+[[nodiscard]] std::vector<std::byte> encode_sparse(const SparseBlock& block);
+/// @param n_entries  from the index
+/// @param n_cells    cells of the group: every cell must be below
+/// @param where      put into errors: file, tile and group
+/// @throws Error  damaged bytes
+[[nodiscard]] SparseBlock decode_sparse(std::span<const std::byte> bytes, std::size_t n_entries,
+                                        std::size_t n_cells, const std::string& where);
+
+/// Empty bytes when every number is zero.
+[[nodiscard]] std::vector<std::byte> encode_pixels(const PixelBlock& block);
+[[nodiscard]] PixelBlock decode_pixels(std::span<const std::byte> bytes, std::size_t n_pixels,
+                                       std::size_t rank, const std::string& where);
+
+/// Floats bit for bit, (n_rows, n_pixels); each row is coded as the difference of its bits to
+/// the row before. Empty bytes when every value is +0.
+[[nodiscard]] std::vector<std::byte> encode_floats(std::span<const float> values,
+                                                   std::size_t n_pixels);
+[[nodiscard]] std::vector<float> decode_floats(std::span<const std::byte> bytes,
+                                               std::size_t n_rows, std::size_t n_pixels,
+                                               const std::string& where);
+
+/// XXH3, 64 bits: the checksum of every part of a basis file.
+[[nodiscard]] std::uint64_t block_checksum(std::span<const std::byte> bytes) noexcept;
+
+}  // namespace haarlight

@@ -1,0 +1,201 @@
+#include "relight/basis/plate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/random.h"
+#include "render/analytic/polygon_light.h"
+
+namespace haarlight {
+
+namespace {
+
+using Eigen::MatrixXd;
+
+constexpr std::size_t kMaxSampleRows = 4096;
+constexpr int kIterations = 4;       // the plate's spectrum falls by 3-10 a vector
+constexpr int kOversampling = 8;     // [Halko11] recommends 5 to 10
+constexpr double kDarkLight = 1e-6;  // of the pixel's largest B: such a ratio says nothing
+
+std::size_t count(int n) { return static_cast<std::size_t>(n); }
+
+/// Rows of the plate from at most 64 spread tiles, normalised; rows of zeros are left out.
+MatrixXd sample_rows(const StackSource& plate) {
+  constexpr int kTile = 32;
+  constexpr int kMaxTiles = 64;
+  constexpr int kPixelStep = 4;  // at least 64 rows a tile
+  const StackDims dims = plate.dims();
+  const int tiles_x = (dims.width + kTile - 1) / kTile;
+  const int tiles_y = (dims.height + kTile - 1) / kTile;
+  const int n_tiles = tiles_x * tiles_y;
+  const int tile_step = (n_tiles + kMaxTiles - 1) / kMaxTiles;
+  const std::size_t n_lights = count(dims.n_lights);
+  std::vector<double> rows;
+  std::vector<float> values;
+  for (int t = 0; t < n_tiles; t += tile_step) {
+    const int x0 = t % tiles_x * kTile;
+    const int y0 = t / tiles_x * kTile;
+    const TileRect rect{x0, y0, std::min(kTile, dims.width - x0),
+                        std::min(kTile, dims.height - y0)};
+    values.resize(count(dims.channels) * count(rect.n_pixels()) * n_lights);
+    plate.read_tile(rect, values);
+    for (int c = 0; c < dims.channels; ++c) {
+      for (int y = 0; y < rect.height; y += kPixelStep) {
+        for (int x = 0; x < rect.width; x += kPixelStep) {
+          const std::size_t pixel =
+              count(c) * count(rect.n_pixels()) + count(y * rect.width + x);
+          const float* row = values.data() + pixel * n_lights;
+          double energy = 0.0;
+          for (std::size_t k = 0; k < n_lights; ++k) {
+            energy += double{row[k]} * double{row[k]};
+          }
+          if (energy > 0.0 && rows.size() < kMaxSampleRows * n_lights) {
+            const double scale = 1.0 / std::sqrt(energy);
+            for (std::size_t k = 0; k < n_lights; ++k) {
+              rows.push_back(scale * double{row[k]});
+            }
+          }
+        }
+      }
+    }
+  }
+  const auto n_rows = static_cast<Eigen::Index>(rows.size() / n_lights);
+  return Eigen::Map<
+      const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
+      rows.data(), n_rows, dims.n_lights);
+}
+
+MatrixXd orthonormal_columns(const MatrixXd& m) {
+  const Eigen::HouseholderQR<MatrixXd> qr(m);
+  return qr.householderQ() * MatrixXd::Identity(m.rows(), m.cols());
+}
+
+}  // namespace
+
+ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
+  if (rig.cameras.size() <= count(i_camera) || rig.planes.size() <= count(i_plane)) {
+    throw Error("a plate needs a camera and a shadow plane in the rig",
+                rig.file.empty() ? rig.name : rig.file.string(),
+                "add [[camera]] and [[plane]] to the rig file, or use --plate none");
+  }
+  camera_ = rig.cameras[count(i_camera)].model;
+  plane_ = rig.planes[count(i_plane)];
+  lights_ = light_elements(rig);
+}
+
+StackDims ComputedPlate::dims() const {
+  return {camera_.width, camera_.height, 1, static_cast<int>(lights_.size())};
+}
+
+void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const {
+  HAARLIGHT_EXPECTS(out.size() == count(rect.n_pixels()) * lights_.size(),
+                    "room for the tile's values");
+  std::vector<SquareLight> squares;
+  squares.reserve(lights_.size());
+  for (const LightElement& light : lights_) {
+    SquareLight square;
+    square.centre = light.centre;
+    square.u = light.u;
+    square.v = light.v;
+    square.emits = light.emits;
+    square.width_mm = light.width_mm;
+    square.height_mm = light.height_mm;
+    square.lobe_mu = light.lobe_mu;
+    squares.push_back(square);
+  }
+  for (int p = 0; p < rect.n_pixels(); ++p) {
+    const std::span<float> row = out.subspan(count(p) * lights_.size(), lights_.size());
+    const CameraRay ray =
+        ray_through(camera_, rect.x0 + p % rect.width + 0.5, rect.y0 + p / rect.width + 0.5);
+    // n.x + d = 0 on the ray o + t r: t = -(n.o + d)/(n.r).
+    const double height = plane_.n.dot(ray.origin_world) + plane_.d;
+    const double slope = plane_.n.dot(ray.direction_world);
+    const double t = -height / slope;
+    if (slope == 0.0 || !(t > 0.0) || !std::isfinite(t)) {
+      std::fill(row.begin(), row.end(), 0.0F);
+      continue;
+    }
+    const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
+    const Eigen::Vector3d normal = height > 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
+    for (std::size_t k = 0; k < squares.size(); ++k) {
+      row[k] =
+          static_cast<float>(light_irradiance(squares[k], point, normal) / std::numbers::pi);
+    }
+  }
+}
+
+float plate_gain(std::span<const float> t, std::span<const float> b) {
+  HAARLIGHT_EXPECTS(t.size() == b.size(), "one plate value a light");
+  const float largest = *std::max_element(b.begin(), b.end());
+  if (!(largest > 0.0F)) {
+    return 0.0F;
+  }
+  const double dark = kDarkLight * double{largest};
+  std::vector<double> ratios;
+  ratios.reserve(t.size());
+  for (std::size_t k = 0; k < t.size(); ++k) {
+    if (double{b[k]} > dark) {
+      ratios.push_back(double{t[k]} / double{b[k]});
+    }
+  }
+  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+  std::nth_element(ratios.begin(), middle, ratios.end());
+  const double gain = *middle;
+  double energy = 0.0;
+  double residual = 0.0;
+  for (std::size_t k = 0; k < t.size(); ++k) {
+    const double rest = double{t[k]} - gain * double{b[k]};
+    energy += double{t[k]} * double{t[k]};
+    residual += rest * rest;
+  }
+  return residual < energy ? static_cast<float>(gain) : 0.0F;
+}
+
+PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_rank) {
+  const MatrixXd rows = sample_rows(plate);
+  const int n_lights = plate.dims().n_lights;
+  PlateVectors found;
+  if (rows.rows() == 0) {
+    return found;
+  }
+  const Eigen::Index k = std::min<Eigen::Index>(
+      {static_cast<Eigen::Index>(max_rank + kOversampling), rows.rows(), n_lights});
+  // Start vectors keyed by place: the same plate gives the same basis on every machine.
+  MatrixXd z(n_lights, k);
+  for (Eigen::Index j = 0; j < k; ++j) {
+    for (Eigen::Index i = 0; i < n_lights; ++i) {
+      z(i, j) = uniform_unit(hash_key(0x706c617465, static_cast<std::uint64_t>(i),
+                                      static_cast<std::uint64_t>(j))) -
+                0.5;
+    }
+  }
+  for (int i = 0; i < kIterations; ++i) {
+    z = orthonormal_columns(rows.transpose() * (rows * z));
+  }
+  const MatrixXd projected = rows * z;
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(projected.transpose() * projected);
+  const MatrixXd vectors = z * eigen.eigenvectors().rowwise().reverse();
+  const Eigen::VectorXd energies = eigen.eigenvalues().reverse();
+  const auto total = static_cast<double>(rows.rows());  // every row has norm 1
+  double missed = total;
+  while (found.rank < std::min<Eigen::Index>(max_rank, k) &&
+         std::sqrt(std::max(missed, 0.0) / total) > target) {
+    missed -= energies[found.rank];
+    // The sign that makes the sum positive, so that the choice is not the solver's.
+    const double sign = vectors.col(found.rank).sum() < 0.0 ? -1.0 : 1.0;
+    for (int i = 0; i < n_lights; ++i) {
+      found.vectors.push_back(static_cast<float>(sign * vectors(i, found.rank)));
+    }
+    ++found.rank;
+  }
+  found.missed = std::sqrt(std::max(missed, 0.0) / total);
+  return found;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/image.h"
+#include "relight/basis/basis_file.h"
+
+/// @file
+/// Pictures from a basis file: sum of w_k T_k in the domain of the file. Source: [Ng03], the
+/// transport-weighted order of its coefficients. Method and bounds: docs/numerics/relight.md,
+/// "Relighting". Sums are double over the lights in a fixed order: results do not depend on the
+/// number of threads. Negative values of truncation are kept.
+
+namespace haarlight {
+
+/// Drive of every light, (n_lights, 1 or 3): one colour for all channels, or one each.
+using LightWeights = Eigen::MatrixXd;
+
+/// In which order the fast mode takes terms.
+enum class TermOrder {
+  transport,  ///< by |l_i| * ||T_i||: what a term adds to the picture at most
+  light,      ///< by |l_i| alone; leaves 79 % error with nine LEDs and 16 terms: for comparison
+};
+
+struct RelightOptions {
+  std::optional<int> terms;         ///< K largest terms a colour; 0 keeps the plate part alone
+  std::optional<double> max_error;  ///< smallest K whose bound on the relative L2 holds
+  TermOrder order = TermOrder::transport;
+};
+
+/// Rigorous bounds, from the norms in the file; no truth is needed. Per picture.
+struct RelightBound {
+  /// ||picture - exact picture of the basis file|| <= this: sum of the dropped |l_i| * ||T_i||.
+  double dropped = 0.0;
+  /// ||exact picture of the file - picture of the uncompressed stack|| <= this.
+  double coded = 0.0;
+  double picture_norm = 0.0;  ///< of the picture given out
+  /// (dropped + coded) / (picture_norm - dropped - coded); infinity when that is not positive
+  /// and 0 for a picture without any light.
+  double relative_l2 = 0.0;
+};
+
+struct RelitPicture {
+  Image<float> picture;  ///< linear; channels: the larger of the weights' and the file's
+  RelightBound bound;
+  int terms = 0;                 ///< terms summed, the largest over the colours
+  int terms_all = 0;             ///< terms the exact mode would sum: nonzero l_i with a norm
+  std::uint64_t bytes_read = 0;  ///< of blocks
+};
+
+/// Exact mode unless an option says otherwise. One pass over the file for all environments.
+/// @param weights  one matrix an environment, all finite
+/// @throws Error  damaged blocks; weights of another number of lights
+[[nodiscard]] std::vector<RelitPicture> relight(const BasisFile& basis,
+                                                std::span<const LightWeights> weights,
+                                                const RelightOptions& options = {});
+[[nodiscard]] RelitPicture relight(const BasisFile& basis, const LightWeights& weights,
+                                   const RelightOptions& options = {});
+
+/// sum of w_k T_k straight from a stack: the reference. Double accumulation.
+[[nodiscard]] Image<float> relight_stack(const StackSource& stack, const LightWeights& weights);
+
+}  // namespace haarlight

@@ -1,0 +1,77 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "session/light_stack.h"
+
+/// @file
+/// Where a light stack's values come from: a stack file, memory, a rig's closed form, or
+/// another basis file. Everything that compresses or compares reads through this one door, tile
+/// by tile.
+
+namespace haarlight {
+
+/// Pixels [x0, x0 + width) x [y0, y0 + height) of the picture.
+struct TileRect {
+  int x0 = 0;
+  int y0 = 0;
+  int width = 0;
+  int height = 0;
+  [[nodiscard]] int n_pixels() const noexcept { return width * height; }
+  friend bool operator==(const TileRect&, const TileRect&) = default;
+};
+
+struct StackDims {
+  int width = 0;
+  int height = 0;
+  int channels = 1;
+  int n_lights = 0;
+  [[nodiscard]] std::size_t n_pixels() const {
+    return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  }
+  friend bool operator==(const StackDims&, const StackDims&) = default;
+};
+
+/// T[pixel][light] by tiles. read_tile is thread-safe.
+class StackSource {
+ public:
+  virtual ~StackSource() = default;
+  [[nodiscard]] virtual StackDims dims() const = 0;
+  /// @param out  (channels, rect.height, rect.width, n_lights)
+  /// @throws Error  what the medium throws
+  virtual void read_tile(const TileRect& rect, std::span<float> out) const = 0;
+};
+
+/// A stack file. Borrows it.
+class LightStackSource final : public StackSource {
+ public:
+  explicit LightStackSource(const LightStack& stack) : stack_(stack) {}
+  [[nodiscard]] StackDims dims() const override;
+  void read_tile(const TileRect& rect, std::span<float> out) const override;
+
+ private:
+  const LightStack& stack_;
+};
+
+/// A stack in memory, (channels, height, width, n_lights).
+class MemoryStack final : public StackSource {
+ public:
+  explicit MemoryStack(const StackDims& dims);
+  MemoryStack(const StackDims& dims, std::vector<float> values);
+  [[nodiscard]] StackDims dims() const override { return dims_; }
+  void read_tile(const TileRect& rect, std::span<float> out) const override;
+  [[nodiscard]] float& at(int channel, int y, int x, int light);
+  [[nodiscard]] std::span<const float> values() const noexcept { return values_; }
+
+ private:
+  StackDims dims_;
+  std::vector<float> values_;
+};
+
+/// Reads all of a source. @throws Error  when it is larger than `max_bytes`
+[[nodiscard]] MemoryStack read_all(const StackSource& source,
+                                   std::size_t max_bytes = std::size_t{2} << 30U);
+
+}  // namespace haarlight

@@ -1,0 +1,357 @@
+#include "relight/light/light_weights.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "render/analytic/polygon_light.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr double kOverlapTol = 1e-6;  // share of a texel that two faces may both claim
+
+/// A part of a texel that falls on one light's cell.
+struct Piece {
+  int light = 0;
+  double share = 0.0;  ///< of the texel's solid angle
+};
+
+/// Room for clipping; one a worker.
+struct Scratch {
+  DirectionPolygon inside;
+  DirectionPolygon strip;
+  DirectionPolygon cell;
+  DirectionPolygon spare;
+  std::vector<Piece> pieces;
+  std::vector<int> candidates;
+  std::vector<double> dots;
+};
+
+/// A partition of (part of) the sphere into cells.
+class LightCells {
+ public:
+  virtual ~LightCells() = default;
+  /// Fills scratch.pieces.
+  virtual void cut(const EnvironmentTexel& texel, Scratch& scratch) const = 0;
+};
+
+void clip_in_place(DirectionPolygon& polygon, const Eigen::Vector3d& normal,
+                   DirectionPolygon& spare) {
+  clip_polygon(polygon, normal, spare);
+  polygon.swap(spare);
+}
+
+/// One face: the planes through the object's centre and the cells' borders. A direction d that
+/// meets the face's plane in front at centre + a u + b v has column.dot(d) >= 0 <=> a >=
+/// border.
+class FaceCells {
+ public:
+  FaceCells(const Face& face, const Eigen::Vector3d& object_centre, int first_light)
+      : face_(face), first_light_(first_light), to_centre_(face.centre - object_centre) {
+    is_lit_ = face.emits.dot(to_centre_) < 0.0;
+    front_ = face.u.cross(face.v);
+    side_ = front_.dot(to_centre_) < 0.0 ? -1.0 : 1.0;
+    front_ *= side_;
+    distance_ = front_.dot(to_centre_);
+    is_lit_ = is_lit_ && distance_ > 0.0;
+    axis_ = to_centre_.normalized();
+    double smallest = 1.0;
+    for (const double a : {-1.0, 1.0}) {
+      for (const double b : {-1.0, 1.0}) {
+        const Eigen::Vector3d corner = to_centre_ +
+                                       0.5 * a * face.cols * face.pitch_mm * face.u +
+                                       0.5 * b * face.rows * face.pitch_mm * face.v;
+        smallest = std::min(smallest, axis_.dot(corner.normalized()));
+      }
+    }
+    radius_ = std::acos(smallest) + 1e-6;
+  }
+
+  void cut(const EnvironmentTexel& texel, double texel_area, Scratch& scratch) const {
+    if (!is_lit_ || axis_.dot(texel.centre) <
+                        std::cos(std::min(radius_ + texel.radius, std::numbers::pi))) {
+      return;
+    }
+    scratch.inside = texel.corners;
+    const bool is_whole = std::all_of(
+        texel.corners.begin(), texel.corners.end(), [this](const Eigen::Vector3d& d) {
+          return front_.dot(d) > 0.0 && column_border(0).dot(d) >= 0.0 &&
+                 column_border(face_.cols).dot(d) <= 0.0 && row_border(0).dot(d) >= 0.0 &&
+                 row_border(face_.rows).dot(d) <= 0.0;
+        });
+    if (!is_whole) {
+      for (const Eigen::Vector3d& plane :
+           {front_, column_border(0), Eigen::Vector3d(-column_border(face_.cols)),
+            row_border(0), Eigen::Vector3d(-row_border(face_.rows))}) {
+        clip_in_place(scratch.inside, plane, scratch.spare);
+      }
+    }
+    if (scratch.inside.size() < 3) {
+      return;
+    }
+    const auto [low_col, high_col] = range(scratch.inside, face_.u, face_.cols);
+    const auto [low_row, high_row] = range(scratch.inside, face_.v, face_.rows);
+    for (int col = low_col; col <= high_col; ++col) {
+      scratch.strip = scratch.inside;
+      if (col > low_col) {
+        clip_in_place(scratch.strip, column_border(col), scratch.spare);
+      }
+      if (col < high_col) {
+        clip_in_place(scratch.strip, -column_border(col + 1), scratch.spare);
+      }
+      for (int row = low_row; row <= high_row; ++row) {
+        scratch.cell = scratch.strip;
+        if (row > low_row) {
+          clip_in_place(scratch.cell, row_border(row), scratch.spare);
+        }
+        if (row < high_row) {
+          clip_in_place(scratch.cell, -row_border(row + 1), scratch.spare);
+        }
+        if (scratch.cell.size() >= 3) {
+          scratch.pieces.push_back(
+              {first_light_ + row * face_.cols + col, solid_angle(scratch.cell) / texel_area});
+        }
+      }
+    }
+  }
+
+ private:
+  [[nodiscard]] Eigen::Vector3d column_border(int col) const {
+    const double a = (col - 0.5 * face_.cols) * face_.pitch_mm;
+    return side_ * face_.v.cross(to_centre_ + a * face_.u);
+  }
+  [[nodiscard]] Eigen::Vector3d row_border(int row) const {
+    const double b = (row - 0.5 * face_.rows) * face_.pitch_mm;
+    return -side_ * face_.u.cross(to_centre_ + b * face_.v);
+  }
+
+  /// Cells that a polygon on the face may touch along one axis; one more on each side where a
+  /// corner lies within rounding of a border.
+  [[nodiscard]] std::pair<int, int> range(const DirectionPolygon& polygon,
+                                          const Eigen::Vector3d& axis, int n) const {
+    constexpr double kRounding = 1e-9;  // of a cell
+    double low = n;
+    double high = 0.0;
+    for (const Eigen::Vector3d& d : polygon) {
+      // The point o + t d on the plane: t = distance / (front . d); its coordinate from the
+      // face's centre, in cells from the first border.
+      const double t = distance_ / front_.dot(d);
+      const double place = axis.dot(t * d - to_centre_) / face_.pitch_mm + 0.5 * n;
+      low = std::min(low, place);
+      high = std::max(high, place);
+    }
+    const int first = std::clamp(static_cast<int>(std::floor(low - kRounding)), 0, n - 1);
+    const int last = std::clamp(static_cast<int>(std::floor(high + kRounding)), first, n - 1);
+    return {first, last};
+  }
+
+  Face face_;
+  int first_light_;
+  Eigen::Vector3d to_centre_;
+  Eigen::Vector3d front_;
+  Eigen::Vector3d axis_;
+  double side_ = 1.0;
+  double distance_ = 0.0;
+  double radius_ = 0.0;
+  bool is_lit_ = true;
+};
+
+class RigCells final : public LightCells {
+ public:
+  explicit RigCells(const Rig& rig) {
+    int first = 0;
+    for (const Face& face : rig.faces) {
+      faces_.emplace_back(face, rig.object_centre, first);
+      first += face.n_lights();
+    }
+  }
+
+  void cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
+    scratch.pieces.clear();
+    const double area = solid_angle(texel.corners);
+    for (const FaceCells& face : faces_) {
+      face.cut(texel, area, scratch);
+    }
+    double sum = 0.0;
+    for (const Piece& piece : scratch.pieces) {
+      sum += piece.share;
+    }
+    if (sum > 1.0 + kOverlapTol) {
+      throw Error(
+          "two faces of the rig cover the same directions as seen from the object's centre",
+          fmt::format("direction ({:.3f}, {:.3f}, {:.3f})", texel.centre.x(), texel.centre.y(),
+                      texel.centre.z()),
+          "correct the faces or object_centre in the rig file: this light would count "
+          "twice");
+    }
+  }
+
+ private:
+  std::vector<FaceCells> faces_;
+};
+
+/// Light k's cell: d . (n_k - n_j) >= 0 for every j.
+class VoronoiCells final : public LightCells {
+ public:
+  explicit VoronoiCells(std::vector<Eigen::Vector3d> directions)
+      : directions_(std::move(directions)) {}
+
+  void cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
+    scratch.pieces.clear();
+    scratch.candidates.clear();
+    scratch.dots.resize(directions_.size());
+    double nearest = -1.0;
+    for (std::size_t k = 0; k < directions_.size(); ++k) {
+      scratch.dots[k] = texel.centre.dot(directions_[k]);
+      nearest = std::max(nearest, scratch.dots[k]);
+    }
+    // A light can be nearest somewhere in the texel only if its angle from the centre is within
+    // two radii of the smallest one.
+    const double reach = std::min(
+        std::acos(std::clamp(nearest, -1.0, 1.0)) + 2.0 * texel.radius, std::numbers::pi);
+    const double least = std::cos(reach);
+    for (std::size_t k = 0; k < directions_.size(); ++k) {
+      if (scratch.dots[k] >= least) {
+        scratch.candidates.push_back(static_cast<int>(k));
+      }
+    }
+    if (scratch.candidates.size() == 1) {
+      scratch.pieces.push_back({scratch.candidates.front(), 1.0});
+      return;
+    }
+    const double area = solid_angle(texel.corners);
+    for (const int k : scratch.candidates) {
+      const Eigen::Vector3d& own = directions_[static_cast<std::size_t>(k)];
+      int equals = 1;
+      scratch.cell = texel.corners;
+      for (const int j : scratch.candidates) {
+        if (j == k) {
+          continue;
+        }
+        const Eigen::Vector3d apart = own - directions_[static_cast<std::size_t>(j)];
+        if (apart.squaredNorm() < 1e-24) {
+          ++equals;
+          continue;
+        }
+        clip_in_place(scratch.cell, apart, scratch.spare);
+        if (scratch.cell.size() < 3) {
+          break;
+        }
+      }
+      if (scratch.cell.size() >= 3) {
+        scratch.pieces.push_back({k, solid_angle(scratch.cell) / area / equals});
+      }
+    }
+  }
+
+ private:
+  std::vector<Eigen::Vector3d> directions_;
+};
+
+/// Sums of a run of texel rows.
+struct Sums {
+  Eigen::MatrixXd radiance;
+  Eigen::VectorXd solid_angle;
+  Eigen::Vector3d total = Eigen::Vector3d::Zero();
+  Eigen::Vector3d missing = Eigen::Vector3d::Zero();
+};
+
+EnvironmentWeights integrate(const Environment& environment, const LightCells& cells,
+                             int n_lights) {
+  constexpr std::size_t kRuns = 64;  // fixed: the order of the sums does not know the threads
+  const int colours = environment.is_colour() ? 3 : 1;
+  const auto n_rows = static_cast<std::size_t>(environment.n_rows());
+  const std::size_t rows_per_run = (n_rows + kRuns - 1) / kRuns;
+  const std::size_t n_runs = (n_rows + rows_per_run - 1) / rows_per_run;
+  std::vector<Sums> runs(n_runs);
+  parallel_for(n_runs, 1, [&](std::size_t begin, std::size_t end) {
+    Scratch scratch;
+    for (std::size_t run = begin; run < end; ++run) {
+      Sums& sums = runs[run];
+      sums.radiance = Eigen::MatrixXd::Zero(n_lights, colours);
+      sums.solid_angle = Eigen::VectorXd::Zero(n_lights);
+      const std::size_t last = std::min(n_rows, (run + 1) * rows_per_run);
+      for (std::size_t row = run * rows_per_run; row < last; ++row) {
+        environment.for_each_texel(static_cast<int>(row), [&](const EnvironmentTexel& texel) {
+          cells.cut(texel, scratch);
+          double covered = 0.0;
+          for (const Piece& piece : scratch.pieces) {
+            const double area = piece.share * texel.solid_angle;
+            sums.solid_angle[piece.light] += area;
+            sums.radiance.row(piece.light) += area * texel.radiance.head(colours).transpose();
+            covered += piece.share;
+          }
+          sums.total += texel.solid_angle * texel.radiance;
+          sums.missing += (1.0 - covered) * texel.solid_angle * texel.radiance;
+        });
+      }
+    }
+  });
+  EnvironmentWeights result;
+  result.cell_radiance = Eigen::MatrixXd::Zero(n_lights, colours);
+  result.cell_solid_angle = Eigen::VectorXd::Zero(n_lights);
+  for (const Sums& sums : runs) {
+    result.cell_radiance += sums.radiance;
+    result.cell_solid_angle += sums.solid_angle;
+    result.total += sums.total;
+    result.missing += sums.missing;
+  }
+  const double total = result.total.head(colours).sum();
+  if (total > 0.0) {
+    const double missing = result.missing.head(colours).sum();
+    // 1 - covered is rounding where a texel is covered whole: no negative share is reported.
+    result.missing_share = std::max(0.0, missing / total);
+    result.conservation_error = std::abs(result.cell_radiance.sum() + missing - total) / total;
+  }
+  return result;
+}
+
+}  // namespace
+
+double facing_irradiance(const LightElement& light, const Eigen::Vector3d& object_centre) {
+  SquareLight square;
+  square.centre = light.centre;
+  square.u = light.u;
+  square.v = light.v;
+  square.emits = light.emits;
+  square.width_mm = light.width_mm;
+  square.height_mm = light.height_mm;
+  square.lobe_mu = light.lobe_mu;
+  return light_irradiance(square, object_centre, (light.centre - object_centre).normalized());
+}
+
+EnvironmentWeights rig_weights(const Environment& environment, const Rig& rig) {
+  EnvironmentWeights result = integrate(environment, RigCells(rig), rig.n_lights());
+  result.weights = result.cell_radiance;
+  for (int k = 0; k < rig.n_lights(); ++k) {
+    const double g = facing_irradiance(light_element(rig, k), rig.object_centre);
+    if (g > 0.0) {
+      result.weights.row(k) /= g;
+    } else {
+      result.weights.row(k).setZero();
+    }
+  }
+  return result;
+}
+
+EnvironmentWeights voronoi_weights(const Environment& environment,
+                                   const std::vector<Eigen::Vector3d>& directions) {
+  HAARLIGHT_EXPECTS(!directions.empty(), "at least one light");
+  for (const Eigen::Vector3d& direction : directions) {
+    HAARLIGHT_EXPECTS(std::abs(direction.norm() - 1.0) < 1e-6, "unit directions");
+  }
+  EnvironmentWeights result =
+      integrate(environment, VoronoiCells(directions), static_cast<int>(directions.size()));
+  result.weights = result.cell_radiance;
+  return result;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,256 @@
+#include "relight/basis/compress.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <memory>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "core/parallel.h"
+#include "tests/relight/basis/made_stack.h"
+
+namespace haarlight {
+namespace {
+
+using test::made_source;
+using test::MadeScene;
+using test::make_stack;
+
+class Compress : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::path(testing::TempDir()) /
+              ("compress_" +
+               std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  [[nodiscard]] std::filesystem::path file(const std::string& name) const {
+    return folder_ / name;
+  }
+  /// Nothing may be left when a command fails.
+  [[nodiscard]] bool is_folder_empty() const { return std::filesystem::is_empty(folder_); }
+
+  std::filesystem::path folder_;
+};
+
+/// ||decoded - truth|| / ||truth||, worst pixel and worst value, measured from outside.
+StackError measure_error(const BasisFile& basis, const MemoryStack& truth) {
+  const MemoryStack decoded = read_all(BasisSource(basis));
+  const auto n_lights = static_cast<std::size_t>(truth.dims().n_lights);
+  const std::size_t n_rows = truth.values().size() / n_lights;
+  double energy = 0.0;
+  double error = 0.0;
+  double peak = 0.0;
+  double worst = 0.0;
+  for (std::size_t i = 0; i < truth.values().size(); ++i) {
+    const double t = truth.values()[i];
+    const double rest = double{decoded.values()[i]} - t;
+    energy += t * t;
+    error += rest * rest;
+    peak = std::max(peak, std::abs(t));
+    worst = std::max(worst, std::abs(rest));
+  }
+  StackError found{std::sqrt(error / energy), 0.0, worst / peak};
+  const double floor = basis.header().dark_floor * std::sqrt(energy / double(n_rows));
+  for (std::size_t row = 0; row < n_rows; ++row) {
+    double row_energy = 0.0;
+    double row_error = 0.0;
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      const double t = truth.values()[row * n_lights + k];
+      const double rest = double{decoded.values()[row * n_lights + k]} - t;
+      row_energy += t * t;
+      row_error += rest * rest;
+    }
+    found.worst_pixel = std::max(found.worst_pixel,
+                                 std::sqrt(row_error) / std::max(std::sqrt(row_energy), floor));
+  }
+  return found;
+}
+
+TEST_F(Compress, ReachesTheErrorAskedAndSaysWhatItReached) {
+  const MemoryStack stack = make_stack({});
+  const MemoryStack plate = make_stack({.has_sphere = false});
+  for (const StackSource* with :
+       {static_cast<const StackSource*>(nullptr), static_cast<const StackSource*>(&plate)}) {
+    for (const double asked : {0.05, 0.01, 1e-3, 1e-5}) {
+      const auto path = file("a.hlb");
+      const CompressSummary summary =
+          compress_stack(made_source(stack, 16, with), path, {.relative_l2 = asked});
+      EXPECT_LE(summary.header.reached.relative_l2, asked);
+      EXPECT_GE(summary.header.reached.relative_l2, 0.9 * asked) << "not wasteful";
+      const BasisFile basis = BasisFile::open(path);
+      const StackError found = measure_error(basis, stack);
+      EXPECT_NEAR(found.relative_l2, summary.header.reached.relative_l2, 2e-7);
+      EXPECT_NEAR(found.worst_pixel, summary.header.reached.worst_pixel, 1e-5);
+      EXPECT_NEAR(found.worst_value, summary.header.reached.worst_value, 1e-6);
+      EXPECT_EQ(summary.bytes, std::filesystem::file_size(path));
+    }
+  }
+}
+
+TEST_F(Compress, PlateSavesCoefficients) {
+  const MemoryStack stack = make_stack({});
+  const MemoryStack plate = make_stack({.has_sphere = false});
+  const auto without = compress_stack(made_source(stack, 16), file("a.hlb"), {});
+  const auto with = compress_stack(made_source(stack, 16, &plate), file("b.hlb"), {});
+  EXPECT_LT(with.header.mean_coefficients, 0.3 * without.header.mean_coefficients);
+  EXPECT_LT(with.bytes, without.bytes);
+}
+
+TEST_F(Compress, BoundsEachPixelsOwnError) {
+  MemoryStack stack = make_stack({});
+  for (int k = 0; k < 256; ++k) {
+    stack.at(0, 5, 7, k) *= 0.02F;  // a dark pixel, which a global threshold would erase
+  }
+  const auto loose = compress_stack(made_source(stack, 16), file("a.hlb"), {});
+  const auto bound = compress_stack(made_source(stack, 16), file("b.hlb"),
+                                    {.relative_l2 = 0.01, .worst_pixel = 0.03});
+  EXPECT_GT(loose.header.reached.worst_pixel, 0.1);
+  EXPECT_LE(bound.header.reached.worst_pixel, 0.03);
+  EXPECT_LE(measure_error(BasisFile::open(file("b.hlb")), stack).worst_pixel, 0.03 + 1e-6);
+}
+
+TEST_F(Compress, ErrorZeroIsExactBitForBit) {
+  MemoryStack stack = make_stack({.channels = 3, .noise = 0.01});
+  stack.at(0, 0, 0, 0) = -0.0F;
+  stack.at(1, 3, 4, 5) = std::numeric_limits<float>::denorm_min();
+  stack.at(2, 8, 8, 8) = -std::numeric_limits<float>::max() / 2e9F;
+  const auto summary =
+      compress_stack(made_source(stack, 16), file("a.hlb"), {.relative_l2 = 0.0});
+  EXPECT_EQ(summary.header.coding, BasisCoding::lossless);
+  EXPECT_EQ(summary.header.reached.relative_l2, 0.0);
+  const MemoryStack decoded = read_all(BasisSource(BasisFile::open(file("a.hlb"))));
+  EXPECT_EQ(
+      std::memcmp(decoded.values().data(), stack.values().data(), stack.values().size_bytes()),
+      0);
+}
+
+TEST_F(Compress, ErrorBelowFloatsRoundingBecomesExact) {
+  const MemoryStack stack = make_stack({.width = 33, .height = 9, .grid = 8});
+  const auto summary =
+      compress_stack(made_source(stack, 8), file("a.hlb"), {.relative_l2 = 1e-17});
+  EXPECT_TRUE(summary.is_reached());
+  EXPECT_EQ(measure_error(BasisFile::open(file("a.hlb")), stack).relative_l2, 0.0);
+}
+
+TEST_F(Compress, DirectBasisTakesLightsWithoutAGrid) {
+  const MemoryStack full = make_stack({.width = 20, .height = 20, .grid = 8});
+  MemoryStack stack({20, 20, 1, 47});
+  for (int y = 0; y < 20; ++y) {
+    for (int x = 0; x < 20; ++x) {
+      for (int k = 0; k < 47; ++k) {
+        stack.at(0, y, x, k) = full.values()[static_cast<std::size_t>((y * 20 + x) * 64 + k)];
+      }
+    }
+  }
+  try {
+    (void)compress_stack(made_source(stack, 0), file("a.hlb"), {});
+    FAIL() << "a Haar basis without a grid";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.cure(), testing::HasSubstr("--basis direct"));
+  }
+  EXPECT_TRUE(is_folder_empty());
+  const auto summary =
+      compress_stack(made_source(stack, 0), file("a.hlb"), {.basis = BasisKind::direct});
+  EXPECT_TRUE(summary.is_reached());
+  EXPECT_LE(measure_error(BasisFile::open(file("a.hlb")), stack).relative_l2, 0.01);
+}
+
+TEST_F(Compress, RefusesNanByLightAndPixel) {
+  MemoryStack stack = make_stack({});
+  stack.at(0, 33, 35, 200) = std::numeric_limits<float>::quiet_NaN();
+  try {
+    (void)compress_stack(made_source(stack, 16), file("a.hlb"), {});
+    FAIL() << "NaN was taken";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.problem(), testing::HasSubstr("light 200 at pixel (35, 33)"));
+  }
+  EXPECT_TRUE(is_folder_empty());
+}
+
+TEST_F(Compress, BlackStackIsExactAndTiny) {
+  const MemoryStack stack({64, 64, 1, 256});
+  const auto summary = compress_stack(made_source(stack, 16), file("a.hlb"), {});
+  EXPECT_EQ(summary.header.reached.relative_l2, 0.0);
+  EXPECT_EQ(summary.header.mean_coefficients, 0.0);
+  EXPECT_LT(summary.bytes, 64U << 10U);
+  const MemoryStack decoded = read_all(BasisSource(BasisFile::open(file("a.hlb"))));
+  EXPECT_THAT(decoded.values(), testing::Each(0.0F));
+}
+
+TEST_F(Compress, PlateWithZerosIsNoTrouble) {
+  const MemoryStack stack = make_stack({});
+  MemoryStack plate = make_stack({.has_sphere = false});
+  for (int k = 0; k < 256; ++k) {
+    plate.at(0, 4, 4, k) = 0.0F;  // a pixel that does not see the plane
+    plate.at(0, 9, k % 40, k) = 0.0F;
+  }
+  const auto summary = compress_stack(made_source(stack, 16, &plate), file("a.hlb"), {});
+  EXPECT_LE(measure_error(BasisFile::open(file("a.hlb")), stack).relative_l2, 0.01);
+  EXPECT_EQ(summary.header.plate, "captured");
+  const MemoryStack black({40, 36, 1, 256});
+  const auto none = compress_stack(made_source(stack, 16, &black), file("b.hlb"), {});
+  EXPECT_EQ(none.header.plate_rank, 0);
+  EXPECT_TRUE(none.is_reached());
+}
+
+TEST_F(Compress, SameBytesWithOneTwoSevenThreads) {
+  const MemoryStack stack = make_stack({.width = 70, .height = 66, .grid = 8, .noise = 0.01});
+  const MemoryStack plate =
+      make_stack({.width = 70, .height = 66, .grid = 8, .has_sphere = false});
+  std::string first;
+  for (const int threads : {1, 2, 7}) {
+    const ThreadLimit limit(threads);
+    for (const std::uint64_t memory : {std::uint64_t{4} << 20U, std::uint64_t{1} << 30U}) {
+      (void)compress_stack(made_source(stack, 8, &plate), file("a.hlb"),
+                           {.worst_pixel = 0.1, .memory_bytes = memory});
+      const std::string bytes = read_file(file("a.hlb"));
+      if (first.empty()) {
+        first = bytes;
+      }
+      EXPECT_EQ(bytes, first) << threads << " threads, " << memory << " bytes";
+    }
+  }
+}
+
+TEST_F(Compress, RefusesAPlateOfAnotherShapeAndTooLittleMemory) {
+  const MemoryStack stack = make_stack({});
+  const MemoryStack plate({40, 35, 1, 256});
+  EXPECT_THROW((void)compress_stack(made_source(stack, 16, &plate), file("a.hlb"), {}), Error);
+  EXPECT_THROW(
+      (void)compress_stack(made_source(stack, 16), file("a.hlb"), {.memory_bytes = 1000}),
+      Error);
+  EXPECT_TRUE(is_folder_empty());
+}
+
+TEST_F(Compress, LightImageIsTheStacksWithinTheStatedError) {
+  const MemoryStack stack = make_stack({});
+  const auto summary = compress_stack(made_source(stack, 16), file("a.hlb"), {});
+  const BasisFile basis = BasisFile::open(file("a.hlb"));
+  for (const int k : {0, 77, 255}) {
+    const Image<float> image = basis.light_image(k);
+    double energy = 0.0;
+    double error = 0.0;
+    for (int y = 0; y < 36; ++y) {
+      for (int x = 0; x < 40; ++x) {
+        const double t = stack.values()[static_cast<std::size_t>((y * 40 + x) * 256 + k)];
+        energy += t * t;
+        error += (double{image(y, x)} - t) * (double{image(y, x)} - t);
+      }
+    }
+    EXPECT_LE(std::sqrt(error / energy), summary.worst_light + 1e-6);
+  }
+}
+
+}  // namespace
+}  // namespace haarlight
