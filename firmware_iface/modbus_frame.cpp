@@ -1,5 +1,7 @@
 #include "firmware_iface/modbus_frame.h"
 
+#include <algorithm>
+
 namespace haarlight {
 
 namespace {
@@ -91,23 +93,23 @@ FrameScan scan_rtu_request(std::span<const std::uint8_t> bytes) {
 std::vector<std::uint8_t> frame_tcp(std::uint16_t transaction, std::uint8_t unit,
                                     std::span<const std::uint8_t> pdu) {
   const std::size_t length = pdu.size() + 1;
-  std::vector<std::uint8_t> frame = {static_cast<std::uint8_t>(transaction >> 8U),
-                                     static_cast<std::uint8_t>(transaction & 0xFFU),
-                                     0,
-                                     0,
-                                     static_cast<std::uint8_t>(length >> 8U),
-                                     static_cast<std::uint8_t>(length & 0xFFU),
-                                     unit};
-  frame.insert(frame.end(), pdu.begin(), pdu.end());
+  std::vector<std::uint8_t> frame(kTcpHeader + pdu.size());
+  frame[0] = static_cast<std::uint8_t>(transaction >> 8U);
+  frame[1] = static_cast<std::uint8_t>(transaction & 0xFFU);
+  frame[4] = static_cast<std::uint8_t>(length >> 8U);
+  frame[5] = static_cast<std::uint8_t>(length & 0xFFU);
+  frame[6] = unit;
+  std::copy(pdu.begin(), pdu.end(), frame.begin() + kTcpHeader);
   return frame;
 }
 
 std::vector<std::uint8_t> frame_rtu(std::uint8_t unit, std::span<const std::uint8_t> pdu) {
-  std::vector<std::uint8_t> frame = {unit};
-  frame.insert(frame.end(), pdu.begin(), pdu.end());
-  const unsigned crc = rtu_crc(frame);
-  frame.push_back(static_cast<std::uint8_t>(crc & 0xFFU));
-  frame.push_back(static_cast<std::uint8_t>(crc >> 8U));
+  std::vector<std::uint8_t> frame(pdu.size() + kRtuOverhead);
+  frame[0] = unit;
+  std::copy(pdu.begin(), pdu.end(), frame.begin() + 1);
+  const unsigned crc = rtu_crc(std::span<const std::uint8_t>(frame).first(pdu.size() + 1));
+  frame[pdu.size() + 1] = static_cast<std::uint8_t>(crc & 0xFFU);
+  frame[pdu.size() + 2] = static_cast<std::uint8_t>(crc >> 8U);
   return frame;
 }
 

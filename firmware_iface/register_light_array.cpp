@@ -1,0 +1,590 @@
+#include "firmware_iface/register_light_array.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace haarlight {
+
+namespace {
+
+using registers::Exception;
+namespace in = registers::input;
+namespace hold = registers::holding;
+
+// Unchanged neighbours are written along when that is cheaper than another request: one more
+// RTU request and its answer cost about 9 + 8 bytes, a register 2 bytes, eight bits 1 byte.
+constexpr std::size_t kLevelGap = 8;
+constexpr std::size_t kBitGap = 136;
+
+/// Runs [first, end) that cover every index where `is_changed` holds, closer than `gap` joined,
+/// no longer than `longest`.
+template <class IsChanged, class Write>
+Result<void> write_runs(std::size_t n, std::size_t gap, std::size_t longest,
+                        IsChanged is_changed, Write write) {
+  std::size_t i = 0;
+  while (i < n) {
+    if (!is_changed(i)) {
+      ++i;
+      continue;
+    }
+    const std::size_t first = i;
+    std::size_t end = i + 1;
+    for (std::size_t k = end; k < n && k < first + longest && k <= end + gap; ++k) {
+      if (is_changed(k)) {
+        end = k + 1;
+      }
+    }
+    if (auto done = write(first, end); !done) {
+      return done;
+    }
+    i = end;
+  }
+  return {};
+}
+
+}  // namespace
+
+std::int64_t monotonic_now_ns() {
+  // libstdc++'s steady_clock is CLOCK_MONOTONIC.
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+RegisterLightArray::RegisterLightArray(std::unique_ptr<RegisterBus> bus,
+                                       RegisterLightArrayOptions options, NanosecondClock clock)
+    : bus_(std::move(bus)), options_(options), clock_(std::move(clock)) {
+  HAARLIGHT_EXPECTS(bus_ != nullptr, "a light array needs a bus");
+  HAARLIGHT_EXPECTS(options_.n_elements > 0 && options_.n_elements <= registers::kMaxElements,
+                    "1 to kMaxElements elements");
+  const auto n = static_cast<std::size_t>(options_.n_elements);
+  on_.resize(n);
+  levels_.resize(n, -1);
+  wanted_.resize(n);
+}
+
+RegisterLightArray::~RegisterLightArray() { disconnect(); }
+
+// ---- link ----
+
+void RegisterLightArray::on_link(LinkEvent event) {
+  const LinkState old = state_;
+  state_ = next_link_state(state_, event, bus_->recovery());
+  if (state_ == LinkState::lost && old != LinkState::lost) {
+    bus_->close();
+    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
+  }
+}
+
+tl::unexpected<Fault> RegisterLightArray::lose(Fault fault) {
+  on_link(link_event(fault));
+  return tl::unexpected<Fault>(std::move(fault));
+}
+
+Result<void> RegisterLightArray::open_bus() {
+  bus_->close();
+  auto opened = bus_->open();
+  if (!opened) {
+    ++n_open_failures_;
+    state_ = LinkState::lost;
+    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
+    return opened;
+  }
+  on_link(LinkEvent::opened);
+  return {};
+}
+
+Result<void> RegisterLightArray::make_ready(Hurry hurry) {
+  switch (state_) {
+    case LinkState::up:
+      return {};
+    case LinkState::closed:
+      if (hurry == Hurry::patient) {
+        return fail(Errc::device_gone, name() + ": not connected");
+      }
+      break;
+    case LinkState::lost: {
+      const std::int64_t left_ns = reopen_at_ns_ - clock_();
+      if (hurry == Hurry::patient && left_ns > 0) {
+        return fail(Errc::device_gone, fmt::format("{}: link lost, opened again in {} ms",
+                                                   name(), left_ns / 1'000'000 + 1));
+      }
+      break;
+    }
+    case LinkState::unknown: {
+      if (auto settled = bus_->settle(); !settled) {
+        return lose(settled.error());
+      }
+      return resynchronise();
+    }
+  }
+  if (auto opened = open_bus(); !opened) {
+    return opened;
+  }
+  return resynchronise();
+}
+
+Result<void> RegisterLightArray::prove_line() {
+  // A late answer of an earlier request cannot hold a number that was never used before.
+  echo_ = echo_ * 1664525U + 1013904223U + static_cast<std::uint32_t>(clock_());
+  const std::array<std::uint16_t, 2> sent = {high_word(echo_), low_word(echo_)};
+  if (auto ok = demand(bus_->write_holding(hold::kEcho, sent), "writing the echo"); !ok) {
+    return ok;
+  }
+  std::array<std::uint16_t, 2> got{};
+  if (auto ok = demand(bus_->read_holding(hold::kEcho, got), "reading the echo"); !ok) {
+    return ok;
+  }
+  if (got != sent) {
+    return lose(
+        Fault{Errc::protocol,
+              fmt::format("{}: echo is {:#010x}, expected {:#010x}: answers out of step",
+                          name(), join_words(got[0], got[1]), echo_),
+              0, __FILE__, __LINE__});
+  }
+  return {};
+}
+
+Result<void> RegisterLightArray::resynchronise() {
+  const std::optional<ControllerIdentity> before = identity_;
+  if (auto proven = prove_line(); !proven) {
+    return proven;
+  }
+  auto identity = read_identity();
+  if (!identity) {
+    return tl::unexpected<Fault>(identity.error());
+  }
+  auto block = read_status();
+  if (!block) {
+    return tl::unexpected<Fault>(block.error());
+  }
+  if (before && before->serial != identity->serial) {
+    return lose(Fault{Errc::protocol,
+                      fmt::format("{}: controller {} answers, {} was connected", name(),
+                                  identity->serial, before->serial),
+                      0, __FILE__, __LINE__});
+  }
+  identity->boot_id = block->status.boot_id;
+  identity->uptime_ms = block->status.uptime_ms;
+  identity_ = *identity;
+  std::uint32_t believed_sum = 0;
+  for (std::size_t k = 0; k < on_.size(); ++k) {
+    if (on_[k] != 0 && levels_[k] > 0) {
+      believed_sum +=
+          bank_sum_term(static_cast<int>(k), static_cast<std::uint16_t>(levels_[k]));
+    }
+  }
+  const bool is_same = before && before->boot_id == identity->boot_id && is_bank_certain_ &&
+                       block->shadow_sum == believed_sum;
+  if (!is_same) {
+    if (!before || before->boot_id != identity->boot_id) {
+      table_.clear();
+    }
+    std::fill(levels_.begin(), levels_.end(), -1);
+    if (auto dark = all_off_unchecked(); !dark) {
+      return dark;
+    }
+    block = read_status();
+    if (!block) {
+      return tl::unexpected<Fault>(block.error());
+    }
+    if (!block->status.is_dark || block->status.tag != 0 || block->shadow_sum != 0) {
+      return lose(Fault{Errc::protocol, name() + ": ALL_OFF was accepted, yet it is not dark",
+                        0, __FILE__, __LINE__});
+    }
+  }
+  std::vector<std::uint16_t> words = {static_cast<std::uint16_t>(options_.lease.count())};
+  if (auto ok = demand(bus_->write_holding(hold::kLeaseMs, words), "setting the lease"); !ok) {
+    return ok;
+  }
+  if (options_.power_limit) {
+    const auto limit =
+        static_cast<std::uint32_t>(std::llround(options_.power_limit->value() * 10.0));
+    words = {high_word(limit), low_word(limit)};
+    if (auto ok =
+            demand(bus_->write_holding(hold::kPowerLimit, words), "setting the power limit");
+        !ok) {
+      return ok;
+    }
+  }
+  n_open_failures_ = 0;
+  on_link(LinkEvent::resynchronised);
+  return {};
+}
+
+Result<ControllerIdentity> RegisterLightArray::read_identity() {
+  std::array<std::uint16_t, in::kIdentityCount> words{};
+  if (auto ok = demand(bus_->read_input(in::kMagic, words), "reading the identity"); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  auto identity = decode_identity(words);
+  if (!identity) {
+    return lose(identity.error());
+  }
+  if (identity->n_elements < options_.n_elements) {
+    return lose(Fault{Errc::unsupported,
+                      fmt::format("{}: the controller has {} elements, the rig {}", name(),
+                                  identity->n_elements, options_.n_elements),
+                      0, __FILE__, __LINE__});
+  }
+  return identity;
+}
+
+Result<StatusBlock> RegisterLightArray::read_status() {
+  std::array<std::uint16_t, in::kStatusCount> words{};
+  if (auto ok = demand(bus_->read_input(in::kStatusFirst, words), "reading the status"); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  auto block = decode_status(words);
+  if (!block) {
+    return lose(block.error());
+  }
+  return block;
+}
+
+Fault RegisterLightArray::refusal_fault(Exception exception, const char* operation) {
+  const auto number = static_cast<int>(exception);
+  switch (exception) {
+    case Exception::device_failure: {
+      const auto block = read_status();
+      return {Errc::refused,
+              fmt::format("{}: {} refused: {}", name(), operation,
+                          block ? to_string(block->refusal) : "reason not readable"),
+              0, __FILE__, __LINE__};
+    }
+    case Exception::bank_sum:
+      is_bank_certain_ = false;
+      on_link(LinkEvent::doubt);
+      return {Errc::protocol,
+              fmt::format("{}: {} refused: {}", name(), operation,
+                          to_string(registers::Refusal::bank_sum)),
+              0, __FILE__, __LINE__};
+    case Exception::busy:
+      on_link(LinkEvent::doubt);
+      return {Errc::device_busy, fmt::format("{}: {}: busy", name(), operation), 0, __FILE__,
+              __LINE__};
+    case Exception::gateway_target:
+      on_link(LinkEvent::fault_gone);
+      return {Errc::device_gone,
+              fmt::format("{}: {}: the gateway does not reach the unit", name(), operation), 0,
+              __FILE__, __LINE__};
+    case Exception::illegal_value:
+      return {Errc::refused, fmt::format("{}: {}: value out of range", name(), operation), 0,
+              __FILE__, __LINE__};
+    case Exception::none:
+    case Exception::illegal_function:
+    case Exception::illegal_address:
+      break;
+  }
+  // The controller does not know a register of the map, or invents exceptions.
+  is_bank_certain_ = false;
+  on_link(LinkEvent::doubt);
+  return {Errc::protocol, fmt::format("{}: {}: Modbus exception {}", name(), operation, number),
+          0, __FILE__, __LINE__};
+}
+
+Result<void> RegisterLightArray::demand(Result<Exception> answer, const char* operation) {
+  if (!answer) {
+    answer.error().what = fmt::format("{}: {}", operation, answer.error().what);
+    return lose(answer.error());
+  }
+  if (*answer != Exception::none) {
+    return tl::unexpected<Fault>(refusal_fault(*answer, operation));
+  }
+  return {};
+}
+
+Result<ControllerIdentity> RegisterLightArray::connect() {
+  bus_->close();
+  on_link(LinkEvent::close);
+  identity_.reset();
+  is_bank_certain_ = false;
+  n_open_failures_ = 0;
+  if (auto ready = make_ready(Hurry::at_once); !ready) {
+    return tl::unexpected<Fault>(ready.error());
+  }
+  return *identity_;
+}
+
+void RegisterLightArray::disconnect() noexcept {
+  try {
+    if (state_ == LinkState::up || state_ == LinkState::unknown) {
+      // One try; the lease does it where this fails.
+      [[maybe_unused]] const auto dark = all_off();
+    }
+  } catch (...) {  // out of memory while composing a message: the lease turns the lights off
+    state_ = LinkState::lost;
+  }
+  bus_->close();
+  state_ = LinkState::closed;
+}
+
+// ---- light ----
+
+Result<void> RegisterLightArray::check_pattern(std::span<const ElementLevel> pattern,
+                                               std::uint32_t tag) const {
+  if (tag == 0) {
+    return fail(Errc::refused, name() + ": tag 0 stands for dark; a pattern needs another one");
+  }
+  std::vector<bool> is_seen(wanted_.size());
+  for (const ElementLevel& e : pattern) {
+    if (e.element < 0 || e.element >= options_.n_elements) {
+      return fail(Errc::refused, fmt::format("{}: element {} of a rig of {}", name(), e.element,
+                                             options_.n_elements));
+    }
+    const auto k = static_cast<std::size_t>(e.element);
+    if (is_seen[k]) {
+      return fail(Errc::refused,
+                  fmt::format("{}: element {} twice in a pattern", name(), e.element));
+    }
+    is_seen[k] = true;
+  }
+  return {};
+}
+
+Result<void> RegisterLightArray::write_levels() {
+  const auto is_changed = [this](std::size_t k) {
+    return wanted_[k] > 0 && levels_[k] != wanted_[k];
+  };
+  std::vector<std::uint16_t> words;
+  return write_runs(
+      wanted_.size(), kLevelGap, registers::kMaxRegistersWritten, is_changed,
+      [&](std::size_t first, std::size_t end) -> Result<void> {
+        words.clear();
+        for (std::size_t k = first; k < end; ++k) {
+          const auto held = static_cast<std::uint16_t>(std::max(levels_[k], 0));
+          words.push_back(wanted_[k] > 0 ? wanted_[k] : held);
+        }
+        auto ok = demand(
+            bus_->write_holding(static_cast<std::uint16_t>(hold::kLevels + first), words),
+            "writing levels");
+        if (ok) {
+          std::copy(words.begin(), words.end(),
+                    levels_.begin() + static_cast<std::ptrdiff_t>(first));
+        }
+        return ok;
+      });
+}
+
+Result<void> RegisterLightArray::write_on_bits() {
+  const auto is_wanted = [this](std::size_t k) { return wanted_[k] > 0 ? 1 : 0; };
+  std::vector<std::uint8_t> bits;
+  return write_runs(
+      wanted_.size(), kBitGap, registers::kMaxCoilsWritten,
+      [&](std::size_t k) { return on_[k] != is_wanted(k); },
+      [&](std::size_t first, std::size_t end) -> Result<void> {
+        bits.clear();
+        for (std::size_t k = first; k < end; ++k) {
+          bits.push_back(static_cast<std::uint8_t>(is_wanted(k)));
+        }
+        auto ok = demand(bus_->write_coils(static_cast<std::uint16_t>(first), bits),
+                         "writing on bits");
+        if (ok) {
+          std::copy(bits.begin(), bits.end(), on_.begin() + static_cast<std::ptrdiff_t>(first));
+        }
+        return ok;
+      });
+}
+
+Result<void> RegisterLightArray::write_bank(std::span<const ElementLevel> pattern) {
+  std::fill(wanted_.begin(), wanted_.end(), std::uint16_t{0});
+  for (const ElementLevel& e : pattern) {
+    wanted_[static_cast<std::size_t>(e.element)] = e.level;
+  }
+  is_bank_certain_ = false;  // until every write is confirmed
+  if (auto ok = write_levels(); !ok) {
+    return ok;
+  }
+  if (auto ok = write_on_bits(); !ok) {
+    return ok;
+  }
+  is_bank_certain_ = true;
+  return {};
+}
+
+Result<void> RegisterLightArray::confirm_shown(std::uint32_t tag, std::uint32_t sum,
+                                               LatchReceipt& receipt) {
+  const auto block = read_status();
+  if (!block) {
+    return tl::unexpected<Fault>(block.error());
+  }
+  receipt.tag_echo = block->status.tag;
+  if (block->status.tag != tag || block->shown_sum != sum ||
+      block->status.boot_id != identity_->boot_id) {
+    is_bank_certain_ = false;
+    on_link(LinkEvent::doubt);
+    return fail(Errc::protocol,
+                fmt::format("{}: shows tag {} with sum {:#010x} (start {:#x}), expected tag {} "
+                            "with sum {:#010x} (start {:#x})",
+                            name(), block->status.tag, block->shown_sum, block->status.boot_id,
+                            tag, sum, identity_->boot_id));
+  }
+  return {};
+}
+
+Result<LatchReceipt> RegisterLightArray::show(std::span<const ElementLevel> pattern,
+                                              std::uint32_t tag) {
+  if (auto ok = check_pattern(pattern, tag); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  auto receipt = latch_pattern(pattern, tag);
+  if (!receipt && state_ == LinkState::unknown && is_bank_stale_) {
+    // The controller said no and is dark: its bank was cleared behind our back (lease, all-off
+    // by another host, restart). Every request was answered, so writing anew is no replay.
+    if (auto ok = resynchronise(); !ok) {
+      return tl::unexpected<Fault>(ok.error());
+    }
+    receipt = latch_pattern(pattern, tag);
+  }
+  return receipt;
+}
+
+Result<LatchReceipt> RegisterLightArray::latch_pattern(std::span<const ElementLevel> pattern,
+                                                       std::uint32_t tag) {
+  is_bank_stale_ = false;
+  if (auto ok = write_bank(pattern); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  const std::uint32_t sum = bank_sum(pattern);
+  const std::array<std::uint16_t, 5> words = {high_word(tag), low_word(tag), high_word(sum),
+                                              low_word(sum), registers::kAct};
+  LatchReceipt receipt;
+  receipt.t_command_ns = clock_();
+  auto answer = bus_->write_holding(hold::kTag, words);
+  receipt.t_ack_ns = clock_();
+  is_bank_stale_ = answer && *answer == Exception::bank_sum;
+  if (auto ok = demand(std::move(answer), "latching"); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  if (auto shown = confirm_shown(tag, sum, receipt); !shown) {
+    return tl::unexpected<Fault>(shown.error());
+  }
+  return receipt;
+}
+
+Result<void> RegisterLightArray::all_off_unchecked() {
+  const std::array<std::uint16_t, 1> word = {registers::kAct};
+  is_bank_certain_ = false;
+  auto ok = demand(bus_->write_holding(hold::kAllOff, word), "ALL_OFF");
+  if (ok) {
+    std::fill(on_.begin(), on_.end(), std::uint8_t{0});
+    is_bank_certain_ = true;
+  }
+  return ok;
+}
+
+Result<LatchReceipt> RegisterLightArray::all_off() {
+  if (auto ok = make_ready(Hurry::at_once); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  LatchReceipt receipt;
+  receipt.t_command_ns = clock_();
+  auto ok = all_off_unchecked();
+  receipt.t_ack_ns = clock_();
+  if (!ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  if (auto shown = confirm_shown(0, 0, receipt); !shown) {
+    return tl::unexpected<Fault>(shown.error());
+  }
+  return receipt;
+}
+
+Result<void> RegisterLightArray::renew_lease() {
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return ok;
+  }
+  // The length goes along: a controller that restarted would otherwise use its default.
+  const std::array<std::uint16_t, 2> words = {
+      static_cast<std::uint16_t>(options_.lease.count()), registers::kAct};
+  return demand(bus_->write_holding(hold::kLeaseMs, words), "renewing the lease");
+}
+
+Result<ControllerStatus> RegisterLightArray::status() {
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  const auto block = read_status();
+  if (!block) {
+    return tl::unexpected<Fault>(block.error());
+  }
+  if (block->status.boot_id != identity_->boot_id) {
+    is_bank_certain_ = false;
+    on_link(LinkEvent::doubt);  // it restarted: dark, bank and table forgotten
+  }
+  return block->status;
+}
+
+// ---- table ----
+
+Result<void> RegisterLightArray::upload_table(
+    std::span<const std::vector<ElementLevel>> patterns, std::span<const std::uint32_t> tags) {
+  HAARLIGHT_EXPECTS(patterns.size() == tags.size(), "one tag a pattern");
+  for (std::size_t i = 0; i < patterns.size(); ++i) {
+    if (auto ok = check_pattern(patterns[i], tags[i]); !ok) {
+      return ok;
+    }
+  }
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return ok;
+  }
+  if (patterns.size() > static_cast<std::size_t>(identity_->table_depth)) {
+    return fail(Errc::refused, fmt::format("{}: {} patterns, the table holds {}", name(),
+                                           patterns.size(), identity_->table_depth));
+  }
+  table_.clear();
+  for (std::size_t i = 0; i < patterns.size(); ++i) {
+    if (auto ok = write_bank(patterns[i]); !ok) {
+      return ok;
+    }
+    const std::uint32_t sum = bank_sum(patterns[i]);
+    const std::array<std::uint16_t, 6> words = {
+        high_word(tags[i]),           low_word(tags[i]), high_word(sum), low_word(sum), 0,
+        static_cast<std::uint16_t>(i)};
+    if (auto ok = demand(bus_->write_holding(hold::kTag, words), "storing a table entry");
+        !ok) {
+      return ok;
+    }
+    table_.push_back({tags[i], sum});
+  }
+  return arm_table(registers::StepSource::host);
+}
+
+Result<void> RegisterLightArray::arm_table(registers::StepSource source) {
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return ok;
+  }
+  const std::array<std::uint16_t, 2> words = {static_cast<std::uint16_t>(source),
+                                              static_cast<std::uint16_t>(table_.size())};
+  steps_taken_ = 0;
+  return demand(bus_->write_holding(hold::kStepSource, words), "arming the table");
+}
+
+Result<LatchReceipt> RegisterLightArray::step_table() {
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  const std::array<std::uint16_t, 1> word = {registers::kAct};
+  LatchReceipt receipt;
+  receipt.t_command_ns = clock_();
+  auto ok = demand(bus_->write_holding(hold::kStep, word), "stepping the table");
+  receipt.t_ack_ns = clock_();
+  if (!ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  const TableProof expected =
+      steps_taken_ < table_.size() ? table_[steps_taken_] : TableProof{};
+  ++steps_taken_;
+  if (auto shown = confirm_shown(expected.tag, expected.sum, receipt); !shown) {
+    return tl::unexpected<Fault>(shown.error());
+  }
+  return receipt;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,110 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/units.h"
+#include "firmware_iface/light_array.h"
+#include "firmware_iface/link_state.h"
+#include "firmware_iface/register_bus.h"
+#include "firmware_iface/register_codec.h"
+
+/// @file
+/// The light array behind the register map, whatever carries the registers.
+
+namespace haarlight {
+
+struct RegisterLightArrayOptions {
+  int n_elements = 0;  ///< of the rig
+  std::chrono::milliseconds lease{2000};
+  std::optional<Watts> power_limit = std::nullopt;  ///< none: the controller's own
+};
+
+/// Monotonic nanoseconds; a virtual one in simulations.
+using NanosecondClock = std::function<std::int64_t()>;
+[[nodiscard]] std::int64_t monotonic_now_ns();
+
+/// See LightArray. After a fault nothing is known about the light: the next call reopens the
+/// link or lets the line fall silent, proves it by an echo, and reads back; when bank and light
+/// are not as last confirmed, ALL_OFF comes first. No write is ever sent twice.
+///
+/// Cost: a one-light step after another one is 5 requests or fewer (off bit, on bit, level
+/// where it differs, tag + sum + latch in one, status).
+class RegisterLightArray final : public LightArray {
+ public:
+  RegisterLightArray(std::unique_ptr<RegisterBus> bus, RegisterLightArrayOptions options,
+                     NanosecondClock clock = monotonic_now_ns);
+  ~RegisterLightArray() override;
+  RegisterLightArray(const RegisterLightArray&) = delete;
+  RegisterLightArray& operator=(const RegisterLightArray&) = delete;
+
+  [[nodiscard]] Result<ControllerIdentity> connect() override;
+  void disconnect() noexcept override;
+  [[nodiscard]] Result<LatchReceipt> show(std::span<const ElementLevel> pattern,
+                                          std::uint32_t tag) override;
+  [[nodiscard]] Result<LatchReceipt> all_off() override;
+  [[nodiscard]] Result<void> renew_lease() override;
+  [[nodiscard]] Result<ControllerStatus> status() override;
+  [[nodiscard]] Result<void> upload_table(std::span<const std::vector<ElementLevel>> patterns,
+                                          std::span<const std::uint32_t> tags) override;
+  [[nodiscard]] Result<void> arm_table(registers::StepSource source) override;
+  [[nodiscard]] Result<LatchReceipt> step_table() override;
+
+  [[nodiscard]] LinkState link_state() const noexcept { return state_; }
+
+ private:
+  enum class Hurry { patient, at_once };
+  struct TableProof {
+    std::uint32_t tag = 0;
+    std::uint32_t sum = 0;
+  };
+
+  void on_link(LinkEvent event);
+  /// Notes a fault of the bus and hands it on.
+  tl::unexpected<Fault> lose(Fault fault);
+  [[nodiscard]] Result<void> make_ready(Hurry hurry);
+  [[nodiscard]] Result<void> open_bus();
+  [[nodiscard]] Result<void> resynchronise();
+  [[nodiscard]] Result<void> prove_line();
+  [[nodiscard]] Result<ControllerIdentity> read_identity();
+  [[nodiscard]] Result<StatusBlock> read_status();
+  /// A request that the controller must accept, or a fault.
+  [[nodiscard]] Result<void> demand(Result<registers::Exception> answer, const char* operation);
+  [[nodiscard]] Fault refusal_fault(registers::Exception exception, const char* operation);
+  [[nodiscard]] Result<void> all_off_unchecked();
+  [[nodiscard]] Result<void> check_pattern(std::span<const ElementLevel> pattern,
+                                           std::uint32_t tag) const;
+  [[nodiscard]] Result<LatchReceipt> latch_pattern(std::span<const ElementLevel> pattern,
+                                                   std::uint32_t tag);
+  [[nodiscard]] Result<void> write_bank(std::span<const ElementLevel> pattern);
+  [[nodiscard]] Result<void> write_levels();
+  [[nodiscard]] Result<void> write_on_bits();
+  [[nodiscard]] Result<void> confirm_shown(std::uint32_t tag, std::uint32_t sum,
+                                           LatchReceipt& receipt);
+  [[nodiscard]] std::string name() const { return bus_->name(); }
+
+  std::unique_ptr<RegisterBus> bus_;
+  RegisterLightArrayOptions options_;
+  NanosecondClock clock_;
+  LinkState state_ = LinkState::closed;
+  int n_open_failures_ = 0;
+  std::int64_t reopen_at_ns_ = 0;
+  std::uint32_t echo_ = 0;
+  std::optional<ControllerIdentity> identity_;
+
+  // What the shadow bank holds, as far as it was confirmed.
+  bool is_bank_certain_ = false;
+  bool is_bank_stale_ = false;  ///< the last latch was refused by its bank sum
+  std::vector<std::uint8_t> on_;
+  std::vector<std::int32_t> levels_;   ///< -1 = not known
+  std::vector<std::uint16_t> wanted_;  ///< scratch: level of each element, 0 = off
+  std::vector<TableProof> table_;      ///< of the entries uploaded since the last start
+  std::uint32_t steps_taken_ = 0;
+};
+
+}  // namespace haarlight
