@@ -298,11 +298,12 @@ void Environment::for_each_texel(
     for (int i = 0; i < n * parts; ++i) {
       const double s = -1.0 + step * i;
       const double t = -1.0 + step * j;
-      // From inside s goes right and t down; from outside this order runs counter-clockwise.
+      // In OpenGL's table s x t points outwards: this order runs counter-clockwise from
+      // outside.
       texel.corners = {turn * cube_direction(face, s, t),
-                       turn * cube_direction(face, s + step, t),
+                       turn * cube_direction(face, s, t + step),
                        turn * cube_direction(face, s + step, t + step),
-                       turn * cube_direction(face, s, t + step)};
+                       turn * cube_direction(face, s + step, t)};
       for (Eigen::Vector3d& corner : texel.corners) {
         corner.normalize();
       }
