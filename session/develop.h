@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 
 #include "core/progress.h"
+#include "session/demosaic.h"
 #include "session/light_stack.h"
 #include "session/session.h"
 
@@ -12,18 +14,13 @@
 
 namespace haarlight {
 
-/// How a Bayer mosaic becomes three channels.
-enum class Demosaic {
-  bilinear,    ///< mean of the nearest samples of a colour: exact where the picture is linear
-  edge_aware,  ///< green along the smaller gradient, then colour differences [Hamilton97]
-  none,        ///< leave the mosaic as one channel
-};
-
 struct DevelopOptions {
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   Demosaic demosaic = Demosaic::bilinear;
   bool keep_bayer = false;  ///< the same as Demosaic::none
   bool use_cache = true;    ///< false: make it again even if the cached one fits
+  std::filesystem::path
+      cache_folder;  ///< empty: SESSION/cache; name one for a read-only archive
   ProgressStyle progress = ProgressStyle::none;
 };
 

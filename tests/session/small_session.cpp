@@ -144,6 +144,30 @@ void make_small_session(const fs::path& folder, int n_lights) {
   }
 }
 
+void make_session(const fs::path& folder, const SessionInfo& info,
+                  const std::function<Image<std::uint16_t>(int shot)>& pixels) {
+  DiskStorage storage;
+  auto writer = SessionWriter::create(folder, info, "", kSmallPlan, 0, storage);
+  const auto require = [](const auto& result) {
+    if (!result) {
+      throw std::runtime_error(result.error().what);
+    }
+  };
+  require(writer);
+  for (const Shot& shot : info.shots) {
+    const Image<std::uint16_t> stored = pixels(shot.index);
+    FrameEvidence evidence;
+    evidence.kind = EvidenceKind::asserted;
+    evidence.exposure_read_us = shot.exposure_us;
+    const ImageView<const std::uint16_t> active(stored.pixels().data(), info.form.height,
+                                                info.form.width, info.form.channels);
+    describe_pixels(active, info.form, evidence);
+    const PendingFrame frame{shot.index, 0, evidence, stored.view()};
+    require(writer->commit(std::span(&frame, 1)));
+  }
+  require(writer->finish());
+}
+
 std::vector<std::string> committed_set(const fs::path& folder) {
   const Session session = Session::open(folder);
   std::vector<std::string> set = {session.info().plan_hash + " " +

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -44,6 +45,10 @@ inline const std::string kSmallPlan = R"({"plan": "one at a time"})";
 
 /// A whole session in `folder`.
 void make_small_session(const std::filesystem::path& folder, int n_lights);
+
+/// A finished session of the given shots with asserted evidence; `pixels` gives a shot's stored rows.
+void make_session(const std::filesystem::path& folder, const SessionInfo& info,
+                  const std::function<Image<std::uint16_t>(int shot)>& pixels);
 
 /// What must be equal between a disturbed and an undisturbed session: for every shot pattern,
 /// tag and pixel hash, with the plan's hash in front. Times, sequence numbers and attempts are

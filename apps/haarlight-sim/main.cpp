@@ -1,0 +1,192 @@
+/// @file
+/// `haarlight-sim RIG.toml --scene SCENE.toml`: a virtual rig on real sockets, until SIGTERM.
+
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <iostream>
+#include <optional>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "core/log.h"
+#include "core/parallel.h"
+#include "core/report.h"
+#include "render/scene.h"
+#include "sim/transport.h"
+#include "sim/virtual_rig.h"
+
+namespace {
+
+using haarlight::ExitCode;
+
+struct Arguments {
+  std::string rig;
+  std::string scene;
+  std::string faults;
+  std::string ready_file;
+  std::string cache;
+  std::uint64_t seed = 1;
+  double lit_electrons = 0.0;
+  int n_subpixels = 2;
+  int threads = 0;
+  bool only_transport = false;
+  bool quiet = false;
+};
+
+void add_options(CLI::App& app, Arguments& arguments) {
+  app.add_option("RIG", arguments.rig, "Rig file: lights, cameras, controller, their addresses")
+      ->required()
+      ->type_name("RIG.toml");
+  app.add_option("--scene", arguments.scene, "What stands in the rig")
+      ->required()
+      ->type_name("SCENE.toml");
+  app.add_option("--faults", arguments.faults, "What goes wrong, and when")
+      ->type_name("F.toml");
+  app.add_option("--seed", arguments.seed, "Of noise and faults")->capture_default_str();
+  app.add_option("--lit-electrons", arguments.lit_electrons,
+                 "Electrons of a lit pixel of the plane; 0 = half the full well")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--subpixels", arguments.n_subpixels, "N x N sub-pixel centres a pixel")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
+  app.add_option("--cache", arguments.cache, "Folder of rendered transport matrices")
+      ->type_name("DIR");
+  app.add_option("--ready-file", arguments.ready_file,
+                 "Written when the rig can be used: its addresses as JSON")
+      ->type_name("PATH");
+  app.add_option("--threads", arguments.threads, "Threads of the rendering; 0 = all")
+      ->check(CLI::Range(0, 1024));
+  app.add_flag("--only-transport", arguments.only_transport,
+               "Render the transport matrix into the cache and end");
+  app.add_flag("--quiet", arguments.quiet, "No progress, no messages");
+  app.footer(
+      "Example:\n"
+      "  haarlight-sim configs/rigs/small8.toml --scene configs/scenes/blocks.toml\n"
+      "Ends cleanly on SIGTERM or SIGINT. How a lab tests its own scripts against it:\n"
+      "docs/simulator.md.");
+}
+
+std::vector<haarlight::Transport> make_transports(const haarlight::Rig& rig,
+                                                  const Arguments& arguments) {
+  const haarlight::SceneFile scene = haarlight::read_scene(arguments.scene);
+  haarlight::TransportOptions options;
+  options.n_subpixels = arguments.n_subpixels;
+  options.cache_folder = arguments.cache;
+  options.progress = haarlight::choose_progress_style(arguments.quiet);
+  std::optional<haarlight::ThreadLimit> limit;
+  if (arguments.threads > 0) {
+    limit.emplace(arguments.threads);
+  }
+  std::vector<haarlight::Transport> transports;
+  for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+    transports.push_back(
+        haarlight::make_transport(rig, static_cast<int>(i), scene.scene, options));
+    const haarlight::Transport& transport = transports.back();
+    if (!arguments.quiet) {
+      fmt::print(stderr,
+                 "transport of camera {}: {} x {} pixels, {} lights; {:.1f} million rays in "
+                 "{:.1f} s, {:.1f} Mrays/s when it was made\n",
+                 rig.cameras[i].id, transport.width(), transport.height(), transport.n_lights(),
+                 static_cast<double>(transport.n_rays()) / 1e6, transport.seconds(),
+                 static_cast<double>(transport.n_rays()) / 1e6 / transport.seconds());
+    }
+  }
+  return transports;
+}
+
+std::string json_text(const std::string& text) {
+  std::string quoted = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      quoted += '\\';
+    }
+    quoted += c;
+  }
+  return quoted + '"';
+}
+
+void announce(const haarlight::Rig& rig, const Arguments& arguments) {
+  std::string cameras;
+  for (const haarlight::CameraSpec& camera : rig.cameras) {
+    fmt::print("camera {} {}\n", camera.id, camera.device);
+    cameras += fmt::format("{}{{\"id\": {}, \"device\": {}}}", cameras.empty() ? "" : ", ",
+                           json_text(camera.id), json_text(camera.device));
+  }
+  fmt::print("controller {}\nready\n", rig.controller.address);
+  std::fflush(stdout);
+  if (!arguments.ready_file.empty()) {
+    haarlight::write_file_atomically(
+        arguments.ready_file,
+        std::string_view(fmt::format("{{\"controller\": {}, \"cameras\": [{}]}}\n",
+                                     json_text(rig.controller.address), cameras)));
+  }
+}
+
+int run(const Arguments& arguments) {
+  // Blocked in every thread, so that the wait below is the one that hears them.
+  sigset_t ends;
+  sigemptyset(&ends);
+  sigaddset(&ends, SIGTERM);
+  sigaddset(&ends, SIGINT);
+  if (arguments.quiet) {
+    haarlight::set_log_level(haarlight::LogLevel::error);
+  }
+  const haarlight::Rig rig = haarlight::read_rig(arguments.rig);
+  haarlight::VirtualRigOptions options;
+  options.seed = arguments.seed;
+  options.lit_electrons = arguments.lit_electrons;
+  if (!arguments.faults.empty()) {
+    options.faults = haarlight::read_fault_script(arguments.faults);
+  }
+  const std::vector<haarlight::Transport> transports = make_transports(rig, arguments);
+  if (arguments.only_transport) {
+    return static_cast<int>(ExitCode::done);
+  }
+  pthread_sigmask(SIG_BLOCK, &ends, nullptr);
+  haarlight::VirtualRig virtual_rig(rig, transports, options);
+  announce(virtual_rig.rig(), arguments);
+  int received = 0;
+  sigwait(&ends, &received);
+  if (!arguments.quiet) {
+    for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+      const haarlight::CameraServerCounts counts =
+          virtual_rig.camera(static_cast<int>(i)).counts();
+      fmt::print(stderr,
+                 "camera {}: {} frames delivered ({} of them mixed), lost: {} no buffer, {} "
+                 "overrun, {} doubtful; {} faults by script\n",
+                 rig.cameras[i].id, counts.n_delivered, counts.n_mixed, counts.n_no_buffer,
+                 counts.n_overrun, counts.n_doubtful, counts.n_faults);
+    }
+  }
+  return static_cast<int>(ExitCode::done);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  CLI::App app("haarlight-sim: a virtual rig on real sockets", "haarlight-sim");
+  app.set_version_flag("--version", std::string(haarlight::kVersion));
+  Arguments arguments;
+  add_options(app, arguments);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    const bool is_help = error.get_exit_code() == 0;
+    app.exit(error, std::cout, std::cerr);
+    return static_cast<int>(is_help ? ExitCode::done : ExitCode::usage);
+  }
+  return run(arguments);
+} catch (const haarlight::Error& error) {
+  fmt::print(stderr, "haarlight-sim: {}\n", error.what());
+  return static_cast<int>(error.code());
+} catch (const std::exception& error) {
+  std::fputs("haarlight-sim: ", stderr);
+  std::fputs(error.what(), stderr);
+  std::fputs("\n  cure: this is our own bug, please report it\n", stderr);
+  return static_cast<int>(ExitCode::internal);
+}

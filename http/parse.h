@@ -1,0 +1,67 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+/// @file
+/// The parts of HTTP that we read ourselves: target, query, cookies, Host, Origin, and our own
+/// path patterns. Everything here takes bytes from the network. Pure.
+
+namespace haarlight {
+
+/// A request target cut up. Segments are percent-decoded after the cut, so an encoded slash
+/// cannot make a new segment.
+struct RequestTarget {
+  std::vector<std::string> segments;         ///< "/v1/state" = {"v1", "state"}; "/" = {}
+  bool ends_with_slash = false;              ///< "/docs/"; also true for "/"
+  std::map<std::string, std::string> query;  ///< the last one wins where a name repeats
+};
+
+/// Nothing when the target is not an absolute path, has a broken percent escape, an empty, "."
+/// or
+/// ".." segment, or a decoded control character, slash or backslash in a segment.
+[[nodiscard]] std::optional<RequestTarget> parse_target(std::string_view raw);
+
+/// %XX decoded; nothing for a broken escape.
+[[nodiscard]] std::optional<std::string> percent_decode(std::string_view text);
+
+/// The value of one cookie in a Cookie header, without quotes; nothing when it is not there.
+[[nodiscard]] std::optional<std::string> find_cookie(std::string_view header,
+                                                     std::string_view name);
+
+/// A Host header: name in lower case without port and brackets.
+struct Authority {
+  std::string host;
+  bool is_ip_literal = false;  ///< a numeric address: DNS has no say in it
+  bool is_loopback = false;    ///< 127/8, ::1 or "localhost"
+};
+[[nodiscard]] std::optional<Authority> parse_authority(std::string_view text);
+
+/// A route's path: literal segments and captures in braces, "/v1/sessions/{id}".
+class PathPattern {
+ public:
+  /// @throws ContractViolation  not absolute, empty segment or capture name, name used twice
+  explicit PathPattern(std::string_view pattern);
+
+  /// The captures by name, or nothing when the path does not fit.
+  [[nodiscard]] std::optional<std::map<std::string, std::string>> match(
+      const std::vector<std::string>& segments) const;
+
+  /// True when this one must be tried before `other`: more segments, then the earlier literal.
+  [[nodiscard]] bool precedes(const PathPattern& other) const;
+
+  [[nodiscard]] const std::string& text() const noexcept { return text_; }
+
+ private:
+  struct Segment {
+    std::string text;
+    bool is_capture = false;
+  };
+  std::string text_;
+  std::vector<Segment> segments_;
+};
+
+}  // namespace haarlight

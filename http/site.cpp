@@ -1,0 +1,82 @@
+#include "http/site.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "http/json_text.h"
+
+namespace haarlight {
+
+std::string HttpRequest::query_or(const std::string& name, std::string_view fallback) const {
+  const auto it = query.find(name);
+  return it == query.end() ? std::string(fallback) : it->second;
+}
+
+HttpResponse error_response(int status, std::string_view what, std::string_view where,
+                            std::string_view cure) {
+  return {status, "application/json", json_error_body(what, where, cure), {}};
+}
+
+HttpResponse error_response(const Error& error) {
+  const auto status_of = [](ExitCode code) {
+    switch (code) {
+      case ExitCode::usage:
+      case ExitCode::bad_input:
+        return 400;
+      case ExitCode::unavailable:
+        return 503;
+      case ExitCode::interrupted:
+        return 409;
+      case ExitCode::done:
+      case ExitCode::target_missed:
+      case ExitCode::internal:
+      case ExitCode::io:
+        break;
+    }
+    return 500;
+  };
+  return error_response(status_of(error.code()), error.problem(), error.where(), error.cure());
+}
+
+void HttpSite::add(HttpRoute route) {
+  HAARLIGHT_EXPECTS(static_cast<bool>(route.handler), "a route has a handler");
+  PathPattern pattern(route.pattern);
+  insert({std::move(pattern), std::move(route), nullptr});
+}
+
+void HttpSite::get(std::string pattern, HttpHandler handler) {
+  add({"GET", std::move(pattern), std::move(handler), Access::read, false});
+}
+
+void HttpSite::post(std::string pattern, HttpHandler handler) {
+  add({"POST", std::move(pattern), std::move(handler), Access::write, false});
+}
+
+void HttpSite::add_events(std::string pattern, std::shared_ptr<EventStream> stream) {
+  HAARLIGHT_EXPECTS(stream != nullptr, "an event stream");
+  PathPattern compiled(pattern);
+  insert({std::move(compiled),
+          {"GET", std::move(pattern), {}, Access::read, false},
+          std::move(stream)});
+}
+
+void HttpSite::set_static_files(std::string prefix, std::filesystem::path folder) {
+  const auto target = parse_target(prefix);
+  HAARLIGHT_EXPECTS(target.has_value(), "a prefix is an absolute path");
+  prefix_ = target->segments;
+  folder_ = std::move(folder);
+}
+
+void HttpSite::insert(Entry entry) {
+  for (const Entry& other : entries_) {
+    HAARLIGHT_EXPECTS(other.route.method != entry.route.method ||
+                          other.pattern.text() != entry.pattern.text(),
+                      "a route is given once");
+  }
+  const auto place = std::find_if(entries_.begin(), entries_.end(), [&](const Entry& other) {
+    return entry.pattern.precedes(other.pattern);
+  });
+  entries_.insert(place, std::move(entry));
+}
+
+}  // namespace haarlight

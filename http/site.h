@@ -1,0 +1,102 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/error.h"
+#include "http/event_stream.h"
+#include "http/parse.h"
+
+/// @file
+/// What a server answers: routes, event streams and folders of static files.
+
+namespace haarlight {
+
+struct HttpRequest {
+  std::string method;                           ///< "GET", "POST", ...; HEAD arrives as GET
+  std::string path;                             ///< as sent, without the query
+  std::map<std::string, std::string> captures;  ///< of the route's pattern, decoded
+  std::map<std::string, std::string> query;     ///< decoded
+  std::map<std::string, std::string> headers;   ///< Accept, Content-Type, If-None-Match, Range:
+                                                ///< names in lower case
+  std::string body;
+
+  /// A query value, or `fallback`.
+  [[nodiscard]] std::string query_or(const std::string& name, std::string_view fallback) const;
+};
+
+struct HttpResponse {
+  int status = 200;
+  std::string content_type = "application/json";
+  std::string body = {};
+  std::map<std::string, std::string> headers = {};  ///< any others
+};
+
+/// The project's one form of an error: {"error": {"what", "where", "cure"}}.
+[[nodiscard]] HttpResponse error_response(int status, std::string_view what,
+                                          std::string_view where, std::string_view cure);
+/// bad_input, usage: 400; unavailable: 503; interrupted: 409; the rest: 500.
+[[nodiscard]] HttpResponse error_response(const Error& error);
+
+/// Who may use a route.
+enum class Access {
+  open,   ///< anyone that may connect: health, metrics, login, the page's files
+  read,   ///< the token is needed when the server is not on loopback
+  write,  ///< the token is needed when there is one (there must be one off loopback)
+};
+
+/// A handler runs on the one HTTP thread: it looks things up or leaves a message for another
+/// thread, and never waits. A haarlight::Error becomes error_response(error); any other
+/// exception becomes 500 and a line in the log.
+using HttpHandler = std::function<HttpResponse(const HttpRequest& request)>;
+
+struct HttpRoute {
+  std::string method;   ///< "GET", "POST", "PUT", "DELETE"
+  std::string pattern;  ///< "/v1/sessions/{id}"
+  HttpHandler handler;
+  Access access = Access::read;
+  bool is_always = false;  ///< served even when the server is overloaded and refuses the others
+};
+
+/// Filled before the server starts; the server takes it by value.
+class HttpSite {
+ public:
+  /// @throws ContractViolation  a pattern that PathPattern refuses, or a route given twice
+  void add(HttpRoute route);
+  void get(std::string pattern, HttpHandler handler);   ///< Access::read
+  void post(std::string pattern, HttpHandler handler);  ///< Access::write
+
+  /// GET `pattern` is an event stream. Last-Event-ID resumes it.
+  void add_events(std::string pattern, std::shared_ptr<EventStream> stream);
+
+  /// GET of anything below `prefix` that no route takes is a file of `folder`; "/" is
+  /// index.html. Nothing outside the folder is ever served; symbolic links and names that start
+  /// with a dot are not followed. One folder a site.
+  void set_static_files(std::string prefix, std::filesystem::path folder);
+
+  struct Entry {
+    PathPattern pattern;
+    HttpRoute route;                      ///< handler empty for an event stream
+    std::shared_ptr<EventStream> stream;  ///< or none
+  };
+  /// Most particular first.
+  [[nodiscard]] const std::vector<Entry>& entries() const noexcept { return entries_; }
+  [[nodiscard]] const std::filesystem::path& static_folder() const noexcept { return folder_; }
+  [[nodiscard]] const std::vector<std::string>& static_prefix() const noexcept {
+    return prefix_;
+  }
+
+ private:
+  void insert(Entry entry);
+
+  std::vector<Entry> entries_;
+  std::vector<std::string> prefix_;
+  std::filesystem::path folder_;
+};
+
+}  // namespace haarlight

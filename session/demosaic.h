@@ -1,0 +1,37 @@
+#pragma once
+
+#include <string_view>
+
+#include "core/image.h"
+#include "core/rig.h"
+
+/// @file
+/// From a Bayer mosaic to three channels, linear in and out. Error on a known picture:
+/// docs/session-format.md, "Demosaic". Pure.
+
+namespace haarlight {
+
+/// How a Bayer mosaic becomes three channels.
+enum class Demosaic {
+  bilinear,    ///< mean of the nearest samples of a colour: exact where the picture is linear
+  edge_aware,  ///< green along the smaller gradient, then colour differences [Hamilton97]
+  none,        ///< leave the mosaic as one channel
+};
+[[nodiscard]] std::string_view to_string(Demosaic method) noexcept;
+
+/// Rows above and below that the result of a row depends on; even, so that bands keep the
+/// phase.
+inline constexpr int kDemosaicMargin = 4;
+
+/// The colour of a mosaic's sample: 0 red, 1 green, 2 blue.
+[[nodiscard]] int bayer_colour(BayerPattern pattern, int y, int x) noexcept;
+
+/// Measured samples are kept unchanged; borders mirror about the outermost sample, which keeps
+/// the phase.
+/// @param mosaic   (h, w, 1), row 0 of the pattern's phase 0; at least 2 x 2
+/// @param method   not none
+/// @return         (h, w, 3)
+[[nodiscard]] Image<float> demosaic(ImageView<const float> mosaic, BayerPattern pattern,
+                                    Demosaic method);
+
+}  // namespace haarlight

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <vector>
+
+#include "core/patterns.h"
+#include "session/session.h"
+
+/// @file
+/// Which frames of a session measure what: the light shots grouped by pattern, how each is
+/// scaled, and how single lights come out of the groups. From session.json alone; reads no
+/// pixels. Pure.
+
+namespace haarlight {
+
+/// A frame's part in a measurement: linear signal / scale = radiance at unit drive and power.
+struct ScaledFrame {
+  const FrameRecord* frame = nullptr;
+  double scale = 1.0;  ///< exposure in s * 10^(gain_db/20) * drift [* drive * power]
+};
+
+/// Exposures of one pattern.
+struct PatternGroup {
+  std::vector<LightLevel> lit;
+  std::vector<ScaledFrame> frames;
+};
+
+struct ExposurePlan {
+  /// One a light, in order, when single; else one a pattern.
+  std::vector<PatternGroup> groups;
+  bool is_single = true;   ///< every group is one light: nothing to demultiplex
+  PatternMatrix patterns;  ///< (groups, lights): drive * relative power; empty when single
+  std::vector<const FrameRecord*> dark;
+  std::vector<const FrameRecord*> flat;
+};
+
+/// @throws Error  a light that no committed shot lights, patterns that do not tell lights apart
+[[nodiscard]] ExposurePlan plan_exposures(const Session& session);
+
+}  // namespace haarlight

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+
+#include "core/rig.h"
+#include "sim/fault_script.h"
+#include "sim/virtual_camera.h"
+
+/// @file
+/// A virtual camera behind a real socket: unix SEQPACKET, frames as memory files passed by
+/// SCM_RIGHTS (capture/remote_camera_protocol.h). It runs freely: frame n starts at its own
+/// time whatever the client does; when the client holds every buffer, frames are lost and the
+/// sequence shows it. One client at a time, one thread of its own.
+
+namespace haarlight {
+
+/// Where a camera sees the light from. Called from the camera's thread.
+struct LightSource {
+  /// The state at t0 and each change in (t0, t1]; t1 is in the past.
+  std::function<LightHistory(std::int64_t t0_ns, std::int64_t t1_ns)> history;
+  /// An edge of the strobe line, at the end of each exposure; may be empty.
+  std::function<void()> strobe;
+};
+
+struct CameraServerOptions {
+  VirtualCameraOptions camera;
+  int n_buffers = 8;  ///< frames the client may hold
+  FrameFaults faults;
+  std::uint64_t fault_seed = 1;
+  /// A frame whose exposure begins within this time after the light became steady is one that a
+  /// host may or may not have to refuse, as its acknowledgement travels faster or slower. It is
+  /// lost (a gap in the sequence), so that the committed pixels don't depend on the host's
+  /// speed. 0 = deliver it.
+  double doubtful_us = 2000.0;
+};
+
+struct CameraServerCounts {
+  std::uint64_t n_delivered = 0;
+  std::uint64_t n_mixed = 0;      ///< delivered while the light changed
+  std::uint64_t n_no_buffer = 0;  ///< lost: the client held all buffers
+  std::uint64_t n_overrun = 0;    ///< lost: this machine was too slow
+  std::uint64_t n_doubtful = 0;   ///< lost: see doubtful_us
+  std::uint64_t n_faults = 0;     ///< late, dropped, duplicated, stale or swapped by script
+};
+
+/// Runs from construction to destruction. Thread-safe.
+class CameraServer {
+ public:
+  /// Listens on `socket`; a stale socket file is replaced, a live one refused.
+  /// @throws Error  unusable path, camera that does not fit the transport
+  CameraServer(const CameraSpec& spec, const ControllerSpec& controller,
+               const Transport& transport, LightSource light, std::filesystem::path socket,
+               const CameraServerOptions& options = {});
+  ~CameraServer();
+  CameraServer(const CameraServer&) = delete;
+  CameraServer& operator=(const CameraServer&) = delete;
+
+  [[nodiscard]] const std::filesystem::path& socket() const;
+  [[nodiscard]] CameraServerCounts counts() const;
+  /// When the first frame began (CLOCK_MONOTONIC ns); nothing before.
+  [[nodiscard]] std::optional<std::int64_t> first_frame_ns() const;
+  /// Cuts the client off, as a pulled cable would; it may connect again.
+  void disconnect_client();
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,52 @@
+#include "sim/fault_script.h"
+
+#include "core/config_table.h"
+#include "core/files.h"
+
+namespace haarlight {
+
+FaultScript parse_fault_script(const std::string& text, const std::string& name) {
+  ConfigTable root = ConfigTable::parse_text(text, name);
+  FaultScript script;
+  constexpr Range kShare{.min = 0.0, .max = 1.0};
+  constexpr Range kTime{.min = 0.0, .max = 1e6};
+  if (auto frames = root.table("frames")) {
+    FrameFaults& f = script.frames;
+    f.late_share = frames->number_or("late_share", 0.0, kShare);
+    f.late_ms = frames->number_or("late_ms", f.late_ms, kTime);
+    f.drop_share = frames->number_or("drop_share", 0.0, kShare);
+    f.duplicate_share = frames->number_or("duplicate_share", 0.0, kShare);
+    f.stale_share = frames->number_or("stale_share", 0.0, kShare);
+    f.swap_share = frames->number_or("swap_share", 0.0, kShare);
+    f.jitter_us = frames->number_or("jitter_us", 0.0, kTime);
+    if (f.late_share + f.drop_share + f.duplicate_share + f.stale_share + f.swap_share > 1.0) {
+      frames->problem("", "the shares add up to more than 1",
+                      "each frame suffers one fault at most");
+    }
+  }
+  for (ConfigTable& table : root.tables("bus")) {
+    BusFault bus;
+    bus.at_s = table.number("at_s", kTime);
+    bus.for_s = table.number("for_s", kTime);
+    bus.is_dead = table.choice("kind", {"dead", "slow"}) == 0;
+    bus.delay_ms = table.number_or("delay_ms", 0.0, kTime);
+    if (!bus.is_dead && bus.delay_ms == 0.0) {
+      table.problem("delay_ms", "a slow bus needs a delay", "add delay_ms");
+    }
+    script.bus.push_back(bus);
+  }
+  for (ConfigTable& table : root.tables("restart")) {
+    ControllerRestart restart;
+    restart.at_s = table.number("at_s", kTime);
+    restart.off_ms = table.number_or("off_ms", restart.off_ms, kTime);
+    script.restarts.push_back(restart);
+  }
+  root.finish();
+  return script;
+}
+
+FaultScript read_fault_script(const std::filesystem::path& path) {
+  return parse_fault_script(read_file(path, 1U << 20U), path.string());
+}
+
+}  // namespace haarlight

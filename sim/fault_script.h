@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+/// @file
+/// What goes wrong in the virtual rig, and when. Written as TOML, see docs/simulator.md:
+///
+///     [frames]
+///     late_share = 0.01       late_ms = 30.0
+///     drop_share = 0.01       duplicate_share = 0.01
+///     stale_share = 0.01      swap_share = 0.01      jitter_us = 50.0
+///     [[bus]]
+///     at_s = 2.0   for_s = 1.5   kind = "dead"        # or "slow" with delay_ms
+///     [[restart]]
+///     at_s = 5.0   off_ms = 300
+
+namespace haarlight {
+
+/// Shares of all frames, drawn by (seed, sequence).
+struct FrameFaults {
+  double late_share = 0.0;  ///< arrives `late_ms` after it should, its stamp right
+  double late_ms = 30.0;
+  double drop_share = 0.0;       ///< lost: a gap in the sequence
+  double duplicate_share = 0.0;  ///< delivered twice, same sequence, stamp and memory
+  double stale_share = 0.0;      ///< new sequence and stamp, the pixels of the frame before
+  double swap_share = 0.0;       ///< delivered after its successor
+  double jitter_us = 0.0;        ///< rms of the exposure's start, 3 sigma at most
+};
+
+/// The bus answers late, or not at all, for a while.
+struct BusFault {
+  double at_s = 0.0;
+  double for_s = 0.0;
+  bool is_dead = true;
+  double delay_ms = 0.0;
+};
+
+struct ControllerRestart {
+  double at_s = 0.0;
+  double off_ms = 300.0;
+};
+
+/// Seconds count from the first frame that the camera streams.
+struct FaultScript {
+  FrameFaults frames;
+  std::vector<BusFault> bus;
+  std::vector<ControllerRestart> restarts;
+};
+
+/// @throws Error  every problem with file:line and its cure
+[[nodiscard]] FaultScript read_fault_script(const std::filesystem::path& path);
+[[nodiscard]] FaultScript parse_fault_script(const std::string& text, const std::string& name);
+
+}  // namespace haarlight

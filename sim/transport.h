@@ -1,0 +1,40 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "core/progress.h"
+#include "core/rig.h"
+#include "render/direct_light.h"
+#include "render/scene.h"
+#include "sim/transport_file.h"
+
+/// @file
+/// Renders the transport matrix T[pixel][light] of a virtual rig once; it is kept by the hash
+/// of everything it depends on. Direct light only, definition of shared twin scenes:
+/// docs/simulator.md.
+
+namespace haarlight {
+
+struct TransportOptions {
+  int n_subpixels = 2;  ///< mean of n x n sub-pixel centres
+  DirectLightOptions direct;
+  std::filesystem::path cache_folder;  ///< empty: default_transport_cache()
+  ProgressStyle progress = ProgressStyle::none;
+};
+
+/// $XDG_CACHE_HOME/haarlight, or ~/.cache/haarlight, or the temporary folder.
+[[nodiscard]] std::filesystem::path default_transport_cache();
+
+/// The hash of everything T depends on: lights, camera geometry and mosaic, scene, options.
+[[nodiscard]] std::string transport_key(const Rig& rig, int camera, const Scene& scene,
+                                        const TransportOptions& options);
+
+/// T of one camera of the rig: a mono sensor answers to the mean of red, green and blue, a
+/// Bayer sensor to the colour of each pixel. Made on all threads, the same bits on any number
+/// of them; memory: pixels x lights x 4 bytes. A cache file that is damaged is made again.
+/// @throws Error(io)  the cache folder cannot be written
+[[nodiscard]] Transport make_transport(const Rig& rig, int camera, const Scene& scene,
+                                       const TransportOptions& options = {});
+
+}  // namespace haarlight

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "core/files.h"
+#include "core/image.h"
+
+/// @file
+/// The transport matrix on disk: one float plane a light, light after light, so that a virtual
+/// camera reads the planes it needs and nothing else. Little-endian:
+///
+///     0   "HLTRANS1"            8   u32 width, height, n_lights, 0     24  f64 scale
+///     32  u64 rays  40  f64 seconds  48  32 characters: content hash of the planes
+///     80  32 characters: the key of what it was made from             4096  the planes
+///
+/// No ray caster and no TBB behind this header: the virtual camera links it alone.
+
+namespace haarlight {
+
+/// Radiance of every sensor pixel under each light at unit radiance. Move-only, thread-safe.
+class Transport {
+ public:
+  /// @throws Error  not such a file, cut short, or its planes don't have their hash
+  [[nodiscard]] static Transport open(const std::filesystem::path& file);
+
+  [[nodiscard]] int width() const noexcept { return width_; }
+  [[nodiscard]] int height() const noexcept { return height_; }
+  [[nodiscard]] int n_lights() const noexcept { return n_lights_; }
+  /// What a lit pixel of the plane shows under one light: the median over pixels of the mean
+  /// over lights (of the pixels that see anything, when most see nothing). Divide by it.
+  [[nodiscard]] double scale() const noexcept { return scale_; }
+  [[nodiscard]] const std::string& key() const noexcept { return key_; }
+  /// Of the run that made it.
+  [[nodiscard]] std::uint64_t n_rays() const noexcept { return n_rays_; }
+  [[nodiscard]] double seconds() const noexcept { return seconds_; }
+
+  /// Plane of light k, (height, width, 1), not divided by scale().
+  [[nodiscard]] ImageView<const float> plane(int k) const;
+
+ private:
+  int width_ = 0;
+  int height_ = 0;
+  int n_lights_ = 0;
+  double scale_ = 1.0;
+  std::uint64_t n_rays_ = 0;
+  double seconds_ = 0.0;
+  std::string key_;
+  MappedFile file_;
+};
+
+/// The pieces of a file to be written.
+struct TransportData {
+  int width = 0;
+  int height = 0;
+  int n_lights = 0;
+  std::uint64_t n_rays = 0;
+  double seconds = 0.0;
+  std::string key;                ///< 32 characters
+  std::span<const float> planes;  ///< (n_lights, height, width)
+};
+
+/// Computes the scale and writes the file whole. @throws Error(io)
+void write_transport(const std::filesystem::path& file, const TransportData& data);
+
+}  // namespace haarlight

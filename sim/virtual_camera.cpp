@@ -1,0 +1,292 @@
+#include "sim/virtual_camera.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/random.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::size_t kNormalTable = 65536;  // one index = 16 bits of a hash
+constexpr float kPoissonLimit = 30.0F;       // electrons; below it counts by inversion
+
+std::int64_t ns_from_us(double us) { return std::llround(us * 1e3); }
+
+/// The middle of each of n equal shares of the standard normal: Newton's method on its
+/// distribution function.
+std::vector<float> normal_quantiles(std::size_t n) {
+  std::vector<float> quantiles(n);
+  double x = -4.5;
+  for (std::size_t i = 0; i < n / 2; ++i) {
+    const double p = (static_cast<double>(i) + 0.5) / static_cast<double>(n);
+    for (int step = 0; step < 60; ++step) {
+      const double distribution = 0.5 * std::erfc(-x * std::numbers::sqrt2 / 2.0);
+      const double density =
+          std::exp(-0.5 * x * x) * std::numbers::inv_sqrtpi / std::numbers::sqrt2;
+      const double change = std::clamp((distribution - p) / density, -0.5, 0.5);
+      x -= change;
+      if (std::abs(change) < 1e-12) {
+        break;
+      }
+    }
+    quantiles[i] = static_cast<float>(x);
+    quantiles[n - 1 - i] = static_cast<float>(-x);
+  }
+  return quantiles;
+}
+
+/// A level that changes at `t_ns` (delay included) to `level`, over a ramp.
+struct Step {
+  double t_ns = 0.0;
+  double level = 0.0;
+};
+
+/// Mean over [begin, end] of a level that starts at `initial` and follows the steps linearly,
+/// rising in `rise_ns` and falling in `fall_ns`; a step in the middle of a ramp starts where it
+/// is.
+double mean_level(double initial, const std::vector<Step>& steps, double rise_ns,
+                  double fall_ns, double begin_ns, double end_ns) {
+  double integral = 0.0;
+  double level = initial;
+  double at = -1e300;
+  // Adds the part of [t0, t1] in the window, where the level runs linearly from l0 to l1.
+  const auto add = [&](double t0, double t1, double l0, double l1) {
+    const double a = std::max(t0, begin_ns);
+    const double b = std::min(t1, end_ns);
+    if (b <= a) {
+      return;
+    }
+    const double slope = t1 > t0 ? (l1 - l0) / (t1 - t0) : 0.0;
+    const double middle = l0 + slope * (0.5 * (a + b) - t0);
+    integral += (b - a) * middle;
+  };
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    const Step& step = steps[i];
+    add(at, step.t_ns, level, level);
+    const double next = i + 1 < steps.size() ? steps[i + 1].t_ns : 1e300;
+    const double ramp = step.level > level ? rise_ns : step.level < level ? fall_ns : 0.0;
+    const double ramp_end = std::min(step.t_ns + ramp, next);
+    if (ramp > 0.0) {
+      const double reached = level + (step.level - level) * (ramp_end - step.t_ns) / ramp;
+      add(step.t_ns, ramp_end, level, reached);
+      level = reached;
+    } else {
+      level = step.level;
+    }
+    at = ramp_end;
+  }
+  add(at, 1e300, level, level);
+  return integral / (end_ns - begin_ns);
+}
+
+}  // namespace
+
+VirtualCamera::VirtualCamera(const CameraSpec& spec, const ControllerSpec& controller,
+                             const Transport& transport, const VirtualCameraOptions& options)
+    : spec_(spec), controller_(controller), transport_(&transport), options_(options) {
+  if (transport.width() != spec.frame_width || transport.height() != spec.active_rows) {
+    throw Error(fmt::format("transport of {} x {} for a camera of {} x {}", transport.width(),
+                            transport.height(), spec.frame_width, spec.active_rows),
+                "virtual camera", "make the transport from this rig file");
+  }
+  if (!(spec.noise.full_well_e > 0.0) || !(spec.noise.gain_e_per_dn > 0.0) ||
+      !(spec.exposure_us > 0.0)) {
+    throw Error("a virtual camera needs a full well, a gain and an exposure", "virtual camera",
+                "set noise = { gain, read, full_well, black } and exposure_us in the rig file");
+  }
+  const int n_tag_rows = spec.frame_height - spec.active_rows;
+  if (n_tag_rows > 0 && tag_block_side(spec.frame_width, n_tag_rows) == 0) {
+    throw Error(
+        fmt::format("{} rows of {} pixels cannot hold the tag", n_tag_rows, spec.frame_width),
+        "virtual camera", "give 8 rows below active_area, or none");
+  }
+  if (options_.lit_electrons == 0.0) {
+    options_.lit_electrons = 0.5 * spec.noise.full_well_e;
+  }
+  mean_.resize(static_cast<std::size_t>(spec.frame_width) *
+               static_cast<std::size_t>(spec.active_rows));
+  normal_ = normal_quantiles(kNormalTable);
+}
+
+double VirtualCamera::electrons_per_unit(double exposure_us) const {
+  return options_.lit_electrons * exposure_us / spec_.exposure_us;
+}
+
+std::int64_t VirtualCamera::history_begin_ns(const Exposure& exposure) const {
+  const double ramp = std::max(controller_.rise_us, controller_.fall_us);
+  return exposure.start_ns - ns_from_us(controller_.latch_us + ramp) - 1;
+}
+
+std::int64_t VirtualCamera::end_ns(const Exposure& exposure) const {
+  const double skew = spec_.shutter == Shutter::rolling ? spec_.skew_us : 0.0;
+  return exposure.start_ns + ns_from_us(exposure.exposure_us + skew);
+}
+
+std::int64_t VirtualCamera::stamp_ns(const Exposure& exposure) const {
+  switch (spec_.timestamp) {
+    case TimestampMeaning::start_exposure:
+      return exposure.start_ns;
+    case TimestampMeaning::start_readout:
+      return exposure.start_ns + ns_from_us(exposure.exposure_us);
+    case TimestampMeaning::end_frame:
+      return exposure.start_ns + ns_from_us(exposure.exposure_us + spec_.read_us);
+  }
+  return exposure.start_ns;
+}
+
+LightSeen VirtualCamera::look(const LightHistory& history, const Exposure& exposure) const {
+  LightSeen seen;
+  HAARLIGHT_EXPECTS(!history.states.empty(), "a history with the state at its start");
+  const std::int64_t latch = ns_from_us(controller_.latch_us);
+  const std::int64_t ramp = ns_from_us(std::max(controller_.rise_us, controller_.fall_us));
+  const std::int64_t end = end_ns(exposure);
+  for (const LightTransition& state : history.states) {
+    const std::int64_t changes = state.t_ns + latch;
+    if (changes >= end) {
+      break;
+    }
+    seen.tag.tag = state.tag;
+    seen.tag.is_mixed = seen.tag.is_mixed || changes + ramp > exposure.start_ns;
+    seen.last_change_ns = changes + ramp;
+    seen.change_key = static_cast<std::uint64_t>(state.t_ns);
+  }
+  // A history that does not reach back far enough cannot vouch for a clean frame.
+  seen.tag.is_mixed = seen.tag.is_mixed || !history.is_complete;
+  return seen;
+}
+
+std::vector<VirtualCamera::Element> VirtualCamera::mean_drives(const LightHistory& history,
+                                                               const Exposure& exposure) const {
+  // Every element that is lit at some time, with its level in each state.
+  const std::size_t n_states = history.states.size();
+  std::map<int, std::vector<double>> levels;
+  for (std::size_t i = 0; i < n_states; ++i) {
+    for (const ElementLevel& lit : *history.states[i].pattern) {
+      if (lit.element < transport_->n_lights()) {
+        std::vector<double>& of_element = levels[lit.element];
+        of_element.resize(n_states, 0.0);
+        of_element[i] = lit.level / 65535.0;
+      }
+    }
+  }
+  const auto offset = [&](std::int64_t t_ns) {
+    return static_cast<double>(t_ns - exposure.start_ns);
+  };
+  const double latch_ns = controller_.latch_us * 1e3;
+  const bool is_rolling = spec_.shutter == Shutter::rolling && spec_.skew_us > 0.0;
+  const int n_rows = is_rolling && n_states > 1 ? spec_.active_rows : 1;
+  const double row_step_ns =
+      spec_.active_rows > 1 && is_rolling ? spec_.skew_us * 1e3 / (spec_.active_rows - 1) : 0.0;
+  std::vector<Element> elements;
+  for (const auto& [index, of_element] : levels) {
+    std::vector<Step> steps;
+    for (std::size_t i = 1; i < n_states; ++i) {
+      steps.push_back({offset(history.states[i].t_ns) + latch_ns, of_element[i]});
+    }
+    Element element;
+    element.index = index;
+    bool is_lit = false;
+    for (int row = 0; row < n_rows; ++row) {
+      const double begin = row * row_step_ns;
+      const double mean =
+          mean_level(of_element[0], steps, controller_.rise_us * 1e3, controller_.fall_us * 1e3,
+                     begin, begin + exposure.exposure_us * 1e3);
+      element.drive.push_back(static_cast<float>(mean));
+      is_lit = is_lit || mean > 0.0;
+    }
+    if (is_lit) {
+      elements.push_back(std::move(element));
+    }
+  }
+  return elements;
+}
+
+void VirtualCamera::sum_light(const std::vector<Element>& elements, double electrons) {
+  std::fill(mean_.begin(), mean_.end(), 0.0F);
+  const auto width = static_cast<std::size_t>(spec_.frame_width);
+  const double unit = electrons / transport_->scale();
+  for (const Element& element : elements) {
+    const ImageView<const float> plane = transport_->plane(element.index);
+    for (int y = 0; y < spec_.active_rows; ++y) {
+      const auto drive = static_cast<double>(
+          element.drive[element.drive.size() == 1 ? 0 : static_cast<std::size_t>(y)]);
+      if (drive == 0.0) {
+        continue;
+      }
+      const auto factor = static_cast<float>(unit * drive);
+      const float* light = plane.row(y).data();
+      float* sum = mean_.data() + static_cast<std::size_t>(y) * width;
+      for (std::size_t x = 0; x < width; ++x) {
+        sum[x] += factor * light[x];
+      }
+    }
+  }
+}
+
+void VirtualCamera::read_out(double gain_db, std::uint64_t noise_key,
+                             ImageView<std::uint16_t> words) const {
+  const SensorNoise& noise = spec_.noise;
+  const auto amplification = static_cast<float>(
+      std::pow(10.0, (gain_db - spec_.gain_db) / 20.0) / noise.gain_e_per_dn);
+  const auto black = static_cast<float>(noise.black_dn) + 0.5F;  // rounding included
+  const auto full_well = static_cast<float>(noise.full_well_e);
+  const auto read = static_cast<float>(noise.read_e);
+  const float read2 = read * read;
+  const auto white = static_cast<float>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
+  const auto width = static_cast<std::size_t>(spec_.frame_width);
+  for (int y = 0; y < spec_.active_rows; ++y) {
+    const float* mean = mean_.data() + static_cast<std::size_t>(y) * width;
+    std::uint16_t* out = words.row(y).data();
+    std::uint64_t hash = 0;
+    for (std::size_t x = 0; x < width; ++x) {
+      float electrons = mean[x];
+      if (options_.has_noise) {
+        if (x % 4 == 0) {
+          hash = hash_key(noise_key, static_cast<std::uint64_t>(y) * width + x);
+        }
+        const float z = normal_[(hash >> (16U * (x % 4))) & 0xffffU];
+        if (electrons >= kPoissonLimit || electrons == 0.0F) {
+          electrons += std::sqrt(electrons + read2) * z;
+        } else {
+          electrons = static_cast<float>(poisson(electrons, hash_key(noise_key, ~x, y + 1U))) +
+                      read * z;
+        }
+      }
+      const float word = black + std::min(electrons, full_well) * amplification;
+      out[x] = static_cast<std::uint16_t>(std::clamp(word, 0.0F, white));
+    }
+  }
+}
+
+void VirtualCamera::take(const LightHistory& history, const Exposure& exposure,
+                         const LightSeen& seen, std::uint64_t noise_key,
+                         ImageView<std::uint16_t> words) {
+  HAARLIGHT_EXPECTS(words.height() == spec_.frame_height && words.width() == spec_.frame_width,
+                    "a frame of the camera's size");
+  const auto& pattern = history.states.front().pattern;
+  const bool is_steady = history.states.size() == 1;
+  if (!is_steady || pattern != steady_ || exposure.exposure_us != steady_exposure_us_) {
+    sum_light(mean_drives(history, exposure), electrons_per_unit(exposure.exposure_us));
+    steady_ = is_steady ? pattern : nullptr;
+    steady_exposure_us_ = exposure.exposure_us;
+  }
+  read_out(exposure.gain_db, hash_key(options_.seed, noise_key), words);
+  const int n_tag_rows = spec_.frame_height - spec_.active_rows;
+  if (n_tag_rows > 0) {
+    const double white = static_cast<double>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
+    const auto low =
+        static_cast<std::uint16_t>(std::clamp(spec_.noise.black_dn, 0.0, 0.25 * white));
+    encode_tag_rows({words.row(spec_.active_rows).data(), n_tag_rows, spec_.frame_width, 1,
+                     words.row_stride()},
+                    seen.tag, low, static_cast<std::uint16_t>(0.75 * white));
+  }
+}
+
+}  // namespace haarlight

@@ -1,0 +1,98 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "capture/tag_rows.h"
+#include "core/image.h"
+#include "core/rig.h"
+#include "firmware_iface/light_history.h"
+#include "sim/transport_file.h"
+
+/// @file
+/// The sensor of the virtual rig: integrates the lights' true state over each row's exposure
+/// and turns it into sensor words with photon and read noise. Model, per pixel:
+///
+///     mu    = lit_electrons  (E / E_rig)  sum_k drive_k(row)  T_k / scale          electrons
+///     e     = Poisson(mu) + read N(0, 1),  e <= full well
+///     word  = round(black + e 10^(dB/20) / gain), clipped to 0 .. 2^bits - 1
+///
+/// Poisson by inversion below 30 electrons, above by a normal of variance mu (together with the
+/// read noise), whose relative error in the variance is below 0.3 %. An LED follows a change
+/// after `latch`, then rises or falls linearly over `rise` or `fall` (the longest delays the
+/// rig file allows, so that a rig file that promises too little is found out).
+
+namespace haarlight {
+
+struct VirtualCameraOptions {
+  std::uint64_t seed = 1;
+  /// Electrons of a lit pixel of the plane under one light at the rig file's exposure;
+  /// 0 = half the full well.
+  double lit_electrons = 0.0;
+  bool has_noise = true;
+};
+
+/// One frame to be taken.
+struct Exposure {
+  std::int64_t start_ns = 0;  ///< of the first row
+  double exposure_us = 0.0;
+  double gain_db = 0.0;
+};
+
+/// What the light did during a frame.
+struct LightSeen {
+  FrameTag tag;
+  std::int64_t last_change_ns =
+      0;                         ///< when the light last became steady before the frame's start
+  std::uint64_t change_key = 0;  ///< differs from one latch to the next
+};
+
+/// One thread.
+class VirtualCamera {
+ public:
+  /// Keeps a reference to `transport`.
+  /// @throws Error  transport of another size, tag rows too small, no full well
+  VirtualCamera(const CameraSpec& spec, const ControllerSpec& controller,
+                const Transport& transport, const VirtualCameraOptions& options = {});
+
+  /// The span of light history that a frame needs.
+  [[nodiscard]] std::int64_t history_begin_ns(const Exposure& exposure) const;
+  [[nodiscard]] std::int64_t end_ns(const Exposure& exposure) const;  ///< of the last row
+  /// What its timestamp says.
+  [[nodiscard]] std::int64_t stamp_ns(const Exposure& exposure) const;
+
+  [[nodiscard]] LightSeen look(const LightHistory& history, const Exposure& exposure) const;
+
+  /// Takes the frame.
+  /// @param noise_key  which noise: the same key and light give the same words
+  /// @param words      (frame_height, frame_width, 1), tag rows included
+  void take(const LightHistory& history, const Exposure& exposure, const LightSeen& seen,
+            std::uint64_t noise_key, ImageView<std::uint16_t> words);
+
+  /// Electrons of a value T / scale = 1 at this exposure and drive 1.
+  [[nodiscard]] double electrons_per_unit(double exposure_us) const;
+  [[nodiscard]] const CameraSpec& spec() const noexcept { return spec_; }
+
+ private:
+  struct Element {
+    int index = 0;
+    std::vector<float> drive;  ///< mean over each row's exposure; one value when all are equal
+  };
+  [[nodiscard]] std::vector<Element> mean_drives(const LightHistory& history,
+                                                 const Exposure& exposure) const;
+  void sum_light(const std::vector<Element>& elements, double electrons);
+  void read_out(double gain_db, std::uint64_t noise_key, ImageView<std::uint16_t> words) const;
+
+  CameraSpec spec_;
+  ControllerSpec controller_;
+  const Transport* transport_;
+  VirtualCameraOptions options_;
+  std::vector<float> mean_;    ///< electrons, (height, width)
+  std::vector<float> normal_;  ///< quantiles of the standard normal
+  // The last steady pattern, whose mean is still in mean_.
+  std::shared_ptr<const std::vector<ElementLevel>> steady_;
+  double steady_exposure_us_ = 0.0;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,216 @@
+#include "sim/virtual_rig.h"
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
+#include <stop_token>
+#include <system_error>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/log.h"
+
+namespace haarlight {
+
+namespace {
+
+using namespace std::chrono_literals;
+
+/// One thing the fault script does, in seconds since the first frame.
+struct FaultEvent {
+  double at_s = 0.0;
+  std::function<void(ControllerServer&)> act;
+};
+
+std::vector<FaultEvent> timetable(const FaultScript& script) {
+  std::vector<FaultEvent> events;
+  for (const BusFault& bus : script.bus) {
+    if (bus.is_dead) {
+      events.push_back({bus.at_s, [](ControllerServer& server) {
+                          server.inject({.kind = WireFault::drop_reply, .count = -1});
+                        }});
+      events.push_back(
+          {bus.at_s + bus.for_s, [](ControllerServer& server) { server.clear_faults(); }});
+    } else {
+      const auto delay =
+          std::chrono::microseconds(static_cast<std::int64_t>(bus.delay_ms * 1e3));
+      events.push_back(
+          {bus.at_s, [delay](ControllerServer& server) { server.set_reply_delay(delay); }});
+      events.push_back({bus.at_s + bus.for_s,
+                        [](ControllerServer& server) { server.set_reply_delay(0us); }});
+    }
+  }
+  for (const ControllerRestart& restart : script.restarts) {
+    const auto off = std::chrono::milliseconds(static_cast<std::int64_t>(restart.off_ms));
+    events.push_back({restart.at_s, [off](ControllerServer& server) { server.restart(off); }});
+  }
+  std::stable_sort(events.begin(), events.end(),
+                   [](const FaultEvent& a, const FaultEvent& b) { return a.at_s < b.at_s; });
+  return events;
+}
+
+/// The number behind the last colon of an address.
+int number_after_colon(const std::string& address, int fallback) {
+  const std::size_t colon = address.rfind(':');
+  int value = fallback;
+  if (colon != std::string::npos) {
+    std::from_chars(address.data() + colon + 1, address.data() + address.size(), value);
+  }
+  return value;
+}
+
+ControllerServerOptions controller_options(const Rig& rig, const VirtualRigOptions& options) {
+  ControllerServerOptions server;
+  server.controller = controller_config(rig);
+  server.unit = rig.controller.unit;
+  const bool is_own = !options.own_folder.empty();
+  switch (rig.controller.kind) {
+    case ControllerKind::modbus_tcp:
+      server.tcp_port = is_own ? 0 : number_after_colon(rig.controller.address, 1502);
+      break;
+    case ControllerKind::modbus_rtu:
+      server.has_tcp = false;
+      server.has_rtu = true;
+      server.baud = number_after_colon(rig.controller.address, 115200);
+      break;
+    case ControllerKind::usb:
+      throw Error("a controller on USB is not simulated", rig.file.string(),
+                  "set kind = \"modbus_tcp\" or \"modbus_rtu\" in [controller]");
+  }
+  return server;
+}
+
+}  // namespace
+
+struct VirtualRig::Impl {
+  Rig rig;
+  ControllerServer controller;
+  std::filesystem::path rtu_link;
+  std::vector<std::unique_ptr<CameraServer>> cameras;
+  std::vector<FaultEvent> events;
+  std::mutex mutex;
+  std::condition_variable_any wake;
+  std::jthread fault_thread;
+
+  Impl(const Rig& wanted, std::span<const Transport> transports,
+       const VirtualRigOptions& options)
+      : rig(wanted), controller(controller_options(wanted, options)) {
+    if (transports.size() != rig.cameras.size()) {
+      throw Error(fmt::format("{} transport matrices for {} cameras", transports.size(),
+                              rig.cameras.size()),
+                  rig.file.string(), "make one for each camera");
+    }
+    if (rig.controller.kind == ControllerKind::modbus_tcp) {
+      rig.controller.address = controller.tcp_address();
+    } else {
+      serve_rtu_link(options);
+    }
+    for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+      CameraSpec& spec = rig.cameras[i];
+      if (spec.kind != CameraKind::remote) {
+        throw Error(fmt::format("camera {} is not remote", spec.id), rig.file.string(),
+                    "set kind = \"remote\" and device = a socket's path");
+      }
+      if (!options.own_folder.empty()) {
+        spec.device = (options.own_folder / (spec.id + ".sock")).string();
+      }
+      LightSource light;
+      light.history = [this](std::int64_t t0, std::int64_t t1) {
+        return controller.transitions(t0, t1);
+      };
+      if (rig.sync == SyncMode::camera_leads && i == 0) {
+        light.strobe = [this] { controller.strobe(); };
+      }
+      CameraServerOptions server;
+      server.camera.seed = options.seed + i;
+      server.camera.lit_electrons = options.lit_electrons;
+      server.n_buffers = options.n_buffers;
+      server.faults = options.faults.frames;
+      server.fault_seed = options.seed + 1000 + i;
+      server.doubtful_us = options.doubtful_us;
+      cameras.push_back(std::make_unique<CameraServer>(spec, rig.controller, transports[i],
+                                                       std::move(light), spec.device, server));
+    }
+    events = timetable(options.faults);
+    if (!events.empty()) {
+      fault_thread = std::jthread([this](const std::stop_token& stop) { run_faults(stop); });
+    }
+  }
+
+  ~Impl() {
+    fault_thread = std::jthread();  // stops and joins before what it touches goes
+    cameras.clear();
+    if (!rtu_link.empty()) {
+      std::error_code ignored;
+      std::filesystem::remove(rtu_link, ignored);
+    }
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  /// The rig file's serial path leads to the pseudo-terminal while the rig lives.
+  void serve_rtu_link(const VirtualRigOptions& options) {
+    if (!options.own_folder.empty()) {
+      rig.controller.address = controller.rtu_address();
+      return;
+    }
+    const std::string& address = rig.controller.address;
+    const std::filesystem::path link = address.substr(0, address.rfind(':'));
+    std::error_code failed;
+    if (std::filesystem::is_symlink(link, failed) && !std::filesystem::exists(link, failed)) {
+      std::filesystem::remove(link, failed);  // left over from a killed process
+    }
+    std::filesystem::create_directories(link.parent_path(), failed);
+    std::filesystem::create_symlink(controller.rtu_path(), link, failed);
+    if (failed) {
+      throw Error("the serial line's path cannot be made: " + failed.message(), link.string(),
+                  "give an unused path in a folder that can be written", ExitCode::unavailable);
+    }
+    rtu_link = link;
+  }
+
+  /// False when stopping.
+  bool sleep_until(const std::stop_token& stop, std::chrono::steady_clock::time_point until) {
+    std::unique_lock lock(mutex);
+    wake.wait_until(lock, stop, until, [] { return false; });
+    return !stop.stop_requested();
+  }
+
+  void run_faults(const std::stop_token& stop) {
+    try {
+      std::optional<std::int64_t> first;
+      while (!(first = cameras.front()->first_frame_ns())) {
+        if (!sleep_until(stop, std::chrono::steady_clock::now() + 5ms)) {
+          return;
+        }
+      }
+      const std::chrono::steady_clock::time_point start{std::chrono::nanoseconds(*first)};
+      for (const FaultEvent& event : events) {
+        const auto at = std::chrono::nanoseconds(static_cast<std::int64_t>(event.at_s * 1e9));
+        if (!sleep_until(stop, start + at)) {
+          return;
+        }
+        event.act(controller);
+      }
+    } catch (const std::exception& error) {
+      log_error(fmt::format("fault script: {}", error.what()));
+    }
+  }
+};
+
+VirtualRig::VirtualRig(const Rig& rig, std::span<const Transport> transports,
+                       const VirtualRigOptions& options)
+    : impl_(std::make_unique<Impl>(rig, transports, options)) {}
+VirtualRig::~VirtualRig() = default;
+const Rig& VirtualRig::rig() const { return impl_->rig; }
+ControllerServer& VirtualRig::controller() { return impl_->controller; }
+CameraServer& VirtualRig::camera(int i) {
+  return *impl_->cameras.at(static_cast<std::size_t>(i));
+}
+
+}  // namespace haarlight

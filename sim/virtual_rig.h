@@ -1,0 +1,52 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/rig.h"
+#include "sim/camera_server.h"
+#include "sim/controller_server.h"
+#include "sim/fault_script.h"
+
+/// @file
+/// The whole virtual rig in one object: controller server, one camera server for each remote
+/// camera of the rig file, and the fault script's clock. What haarlight-sim runs, and what
+/// tests run in their own process.
+
+namespace haarlight {
+
+struct VirtualRigOptions {
+  std::uint64_t seed = 1;
+  double lit_electrons = 0.0;  ///< see VirtualCameraOptions
+  FaultScript faults;
+  int n_buffers = 8;
+  double doubtful_us = 2000.0;  ///< see CameraServerOptions
+  /// Choose a free port and sockets in this folder instead of the rig file's addresses.
+  std::filesystem::path own_folder;
+};
+
+/// Runs from construction to destruction. Thread-safe. No TBB, no ray caster.
+class VirtualRig {
+ public:
+  /// @param transports  one a camera of the rig, in its order; kept by reference
+  /// @throws Error  addresses in use, a camera that is not remote, a controller by USB
+  VirtualRig(const Rig& rig, std::span<const Transport> transports,
+             const VirtualRigOptions& options = {});
+  ~VirtualRig();
+  VirtualRig(const VirtualRig&) = delete;
+  VirtualRig& operator=(const VirtualRig&) = delete;
+
+  /// The rig with the addresses that are really served: hand it to a capture.
+  [[nodiscard]] const Rig& rig() const;
+  [[nodiscard]] ControllerServer& controller();
+  [[nodiscard]] CameraServer& camera(int i);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,160 @@
+#include <algorithm>
+#include <chrono>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "http/server.h"
+#include "tests/http/raw_client.h"
+
+namespace haarlight {
+namespace {
+
+using std::chrono::milliseconds;
+using Clock = std::chrono::steady_clock;
+
+HttpSite small_site() {
+  HttpSite site;
+  site.get("/v1/state", [](const HttpRequest&) { return HttpResponse{.body = "{}"}; });
+  site.post("/v1/run", [](const HttpRequest& request) {
+    return HttpResponse{.body = std::to_string(request.body.size())};
+  });
+  site.add({"POST", "/v1/all-off",
+            [](const HttpRequest&) { return HttpResponse{.body = "dark"}; }, Access::write,
+            true});
+  return site;
+}
+
+TEST(HttpLimits, RefusesABodyThatIsTooLarge) {
+  const HttpServer server({.max_body_bytes = 1000}, small_site());
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/run", {}, std::string(1000, 'x')).body,
+            "1000");
+  RawClient announced(server.port());
+  announced.send("POST /v1/run HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1001\r\n\r\n");
+  EXPECT_EQ(announced.read_response()->status, 413);
+  RawClient absurd(server.port());
+  absurd.send(
+      "POST /v1/run HTTP/1.1\r\nHost: localhost\r\n"
+      "Content-Length: 99999999999999999999999\r\n\r\n");
+  EXPECT_GE(absurd.read_response()->status, 400);
+  RawClient chunked(server.port());
+  chunked.send(
+      "POST /v1/run HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+      "400\r\n" +
+      std::string(1024, 'x') + "\r\n0\r\n\r\n");
+  EXPECT_EQ(chunked.read_response()->status, 413);
+}
+
+TEST(HttpLimits, RefusesAHeaderThatIsTooLarge) {
+  const HttpServer server({.max_header_bytes = 4096}, small_site());
+  RawClient client(server.port());
+  client.send("GET /v1/state HTTP/1.1\r\nHost: localhost\r\nX: " + std::string(100000, 'x') +
+              "\r\n\r\n");
+  const auto response = client.read_response();
+  EXPECT_TRUE(!response || response->status >= 400);
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").status, 200);
+}
+
+TEST(HttpLimits, SurvivesBrokenRequests) {
+  const HttpServer server({.idle_timeout = milliseconds(200)}, small_site());
+  for (const char* broken :
+       {"\r\n\r\n", "GET\r\n\r\n", "GET / HTTP/9.9\r\n\r\n", "\x16\x03\x01\x02",
+        "GET / HTTP/1.1\r\n\r\n", "GET http://x/ HTTP/1.1\r\nHost: x\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost\r\n\r\n",
+        "POST /v1/run HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+        "POST /v1/run HTTP/1.1\r\nHost: localhost\r\nContent-Length: -5\r\n\r\n",
+        "GET /%00 HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        " GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"}) {
+    RawClient client(server.port());
+    client.send(broken);
+    const auto response = client.read_response(milliseconds(1000));
+    EXPECT_TRUE(!response || response->status >= 400) << broken;
+  }
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").status, 200);
+}
+
+TEST(HttpLimits, ClosesASlowHeaderAndASlowBody) {
+  const HttpServer server(
+      {.idle_timeout = milliseconds(150), .request_timeout = milliseconds(150)}, small_site());
+  RawClient silent(server.port());
+  RawClient header(server.port());
+  RawClient body(server.port());
+  body.send("POST /v1/run HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\n");
+  const auto start = Clock::now();
+  for (int i = 0; i < 15; ++i) {  // a byte now and then keeps an inactivity timer happy
+    header.send("G");
+    body.send("x");
+    std::this_thread::sleep_for(milliseconds(20));
+  }
+  EXPECT_TRUE(silent.is_closed_within(milliseconds(2000)));
+  EXPECT_TRUE(header.is_closed_within(milliseconds(2000)));
+  EXPECT_TRUE(body.is_closed_within(milliseconds(2000)));
+  EXPECT_LT(Clock::now() - start, milliseconds(2500));
+  EXPECT_GE(server.counters().timed_out, 3U);
+}
+
+TEST(HttpLimits, AnswersFastBeside200IdleConnections) {
+  const HttpServer server({}, small_site());
+  std::vector<std::unique_ptr<RawClient>> idle;
+  for (int i = 0; i < 200; ++i) {
+    idle.push_back(std::make_unique<RawClient>(server.port()));
+  }
+  std::vector<double> times_ms;
+  for (int i = 0; i < 20; ++i) {
+    const auto start = Clock::now();
+    EXPECT_EQ(exchange(server.port(), "POST", "/v1/all-off").body, "dark");
+    times_ms.push_back(std::chrono::duration<double, std::milli>(Clock::now() - start).count());
+  }
+  RecordProperty("slowest_ms",
+                 std::to_string(*std::max_element(times_ms.begin(), times_ms.end())));
+  EXPECT_LT(*std::max_element(times_ms.begin(), times_ms.end()), 100.0);  // spec/capture.md
+}
+
+TEST(HttpLimits, MakesRoomForAllOffWhenFull) {
+  const HttpServer server({.max_connections = 32, .max_listeners = 4}, small_site());
+  std::vector<std::unique_ptr<RawClient>> idle;
+  for (int i = 0; i < 400; ++i) {
+    idle.push_back(std::make_unique<RawClient>(server.port()));
+  }
+  const auto start = Clock::now();
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/all-off").body, "dark");
+  EXPECT_LT(Clock::now() - start, milliseconds(500));
+  EXPECT_GE(server.counters().evicted, 300U);
+}
+
+TEST(HttpLimits, ServesAllOffButNoOtherWhenOverloaded) {
+  const HttpServer server({.max_connections = 8, .max_listeners = 2}, small_site());
+  std::vector<std::unique_ptr<RawClient>> slow;
+  for (int i = 0; i < 6; ++i) {
+    slow.push_back(std::make_unique<RawClient>(server.port()));
+    slow.back()->send(
+        "POST /v1/all-off HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\n");
+  }
+  const auto deadline = Clock::now() + std::chrono::seconds(5);
+  int status = 0;
+  while (status != 503 && Clock::now() < deadline) {
+    status = exchange(server.port(), "GET", "/v1/state").status;
+  }
+  EXPECT_EQ(status, 503);
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/all-off").body, "dark");
+}
+
+TEST(HttpLimits, LimitsListeners) {
+  auto stream = std::make_shared<EventStream>();
+  HttpSite site = small_site();
+  site.add_events("/v1/events", stream);
+  const HttpServer server({.max_listeners = 2}, std::move(site));
+  std::vector<std::unique_ptr<RawClient>> listeners;
+  for (int i = 0; i < 2; ++i) {
+    listeners.push_back(std::make_unique<RawClient>(server.port()));
+    listeners.back()->send("GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    (void)listeners.back()->read_until("retry");
+  }
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/events").status, 503);
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").status, 200);
+}
+
+}  // namespace
+}  // namespace haarlight
