@@ -19,8 +19,8 @@ struct DevelopOptions {
   Demosaic demosaic = Demosaic::bilinear;
   bool keep_bayer = false;  ///< the same as Demosaic::none
   bool use_cache = true;    ///< false: make it again even if the cached one fits
-  std::filesystem::path
-      cache_folder;  ///< empty: SESSION/cache; name one for a read-only archive
+  /// Empty: SESSION/cache. Name a folder for a read-only archive.
+  std::filesystem::path cache_folder{};
   ProgressStyle progress = ProgressStyle::none;
 };
 

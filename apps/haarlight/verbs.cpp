@@ -8,6 +8,11 @@
 namespace haarlight {
 
 void add_check(CLI::App& root, Invocation& invocation);
+void add_import(CLI::App& root, Invocation& invocation);
+void add_verify(CLI::App& root, Invocation& invocation);
+void add_rebuild(CLI::App& root, Invocation& invocation);
+void add_develop(CLI::App& root, Invocation& invocation);
+void add_export(CLI::App& root, Invocation& invocation);
 
 namespace {
 
@@ -15,6 +20,11 @@ using AddVerb = void (*)(CLI::App& root, Invocation& invocation);
 
 constexpr AddVerb kVerbs[] = {
     add_check,
+    add_import,
+    add_verify,
+    add_rebuild,
+    add_develop,
+    add_export,
 };
 
 }  // namespace

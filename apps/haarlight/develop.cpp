@@ -1,0 +1,100 @@
+/// @file
+/// `haarlight develop SESSION`: raw frames to the light stack, and one EXR a light for people.
+
+#include "session/develop.h"
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "apps/haarlight/verb.h"
+#include "core/files.h"
+#include "core/image_io.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct DevelopArguments {
+  std::string session;
+  std::string demosaic = "bilinear";
+  std::string exr;
+  std::string cache;
+};
+
+std::uint64_t write_pictures(const LightStack& stack, const fs::path& folder, bool force,
+                             ProgressStyle style) {
+  require_absent(folder, force);
+  fs::create_directories(folder);
+  Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights), style);
+  std::uint64_t bytes = 0;
+  for (int k = 0; k < stack.shape().n_lights; ++k) {
+    const fs::path file = folder / fmt::format("light_{:04}.exr", k);
+    write_image(file, stack.light_image(k).view());
+    bytes += fs::file_size(file);
+    progress.advance();
+  }
+  return bytes;
+}
+
+ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& common,
+                     Report& report) {
+  report.add_input(arguments.session);
+  report.add_asked("demosaic", arguments.demosaic);
+  report.add_asked("memory_bytes", static_cast<std::int64_t>(common.memory_bytes));
+  DevelopOptions options;
+  options.memory_bytes = common.memory_bytes;
+  options.progress = common.progress();
+  options.use_cache = !common.force;
+  options.cache_folder = arguments.cache;
+  if (arguments.demosaic != "bilinear") {
+    options.demosaic = arguments.demosaic == "none" ? Demosaic::none : Demosaic::edge_aware;
+  }
+  const Session session = Session::open(arguments.session);
+  const LightStack stack = develop(session, options);
+  const StackShape& shape = stack.shape();
+  std::uint64_t bytes = sizeof(float) * static_cast<std::uint64_t>(shape.width) *
+                        static_cast<std::uint64_t>(shape.height) *
+                        static_cast<std::uint64_t>(shape.channels) *
+                        static_cast<std::uint64_t>(shape.n_lights);
+  report.add_reached("lights", std::int64_t{shape.n_lights});
+  report.add_reached("bands", std::int64_t{shape.n_bands()});
+  if (!arguments.exr.empty()) {
+    bytes += write_pictures(stack, arguments.exr, common.force, options.progress);
+  }
+  report.set_bytes(bytes);
+  fmt::print("{}: {} x {} x {} under {} lights, {} bands\n", arguments.session, shape.width,
+             shape.height, shape.channels, shape.n_lights, shape.n_bands());
+  return ExitCode::done;
+}
+
+}  // namespace
+
+void add_develop(CLI::App& root, Invocation& invocation) {
+  auto arguments = std::make_shared<DevelopArguments>();
+  CLI::App* verb =
+      root.add_subcommand("develop", "Turn a session's raw frames into linear pictures");
+  verb->add_option("SESSION", arguments->session, "Session folder")->required();
+  verb->add_option("--demosaic", arguments->demosaic, "How a Bayer mosaic becomes colour")
+      ->check(CLI::IsMember({"bilinear", "edge-aware", "none"}))
+      ->capture_default_str();
+  verb->add_option("--exr", arguments->exr, "Also write one OpenEXR picture a light here")
+      ->type_name("DIR");
+  verb->add_option("--cache", arguments->cache,
+                   "Keep the result here instead of SESSION/cache (a read-only session)")
+      ->type_name("DIR");
+  verb->footer(
+      "Values are linear shares of the camera's range a second at full drive and unit power.\n"
+      "The result is a cache that compress and relight use; --force makes it again.\n"
+      "Example:\n  haarlight develop door.session --exr door.exr/");
+  add_common_options(*verb, invocation);
+  verb->callback([arguments, &invocation] {
+    invocation.command = "develop";
+    invocation.run = [arguments, &invocation](Report& report) {
+      return run_develop(*arguments, invocation.common, report);
+    };
+  });
+}
+
+}  // namespace haarlight

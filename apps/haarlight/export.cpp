@@ -1,0 +1,127 @@
+/// @file
+/// `haarlight export SESSION --lp|--dome -o FILE`: what other programs read.
+
+#include "session/export.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "apps/haarlight/verb.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "session/develop.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ExportArguments {
+  std::string session;
+  bool lp = false;
+  bool dome = false;
+  std::string out;
+  std::string png;
+};
+
+/// The exposure that puts the 99.9th percentile of all lights' values at white.
+double choose_exposure(const LightStack& stack) {
+  std::vector<float> sample;
+  constexpr std::size_t kEvery = 97;  // a prime: no rhythm with pixels or lights
+  for (int i = 0; i < stack.shape().n_bands(); ++i) {
+    const std::span<const float> values = stack.band(i);
+    for (std::size_t at = 0; at < values.size(); at += kEvery) {
+      sample.push_back(values[at]);
+    }
+  }
+  const auto rank = sample.begin() +
+                    static_cast<std::ptrdiff_t>(static_cast<double>(sample.size() - 1) * 0.999);
+  std::nth_element(sample.begin(), rank, sample.end());
+  return *rank > 0.0F ? 1.0 / static_cast<double>(*rank) : 1.0;
+}
+
+/// Writes one PNG a light; their names relative to the list's folder.
+std::vector<std::string> write_pngs(const Session& session, const ExportArguments& arguments,
+                                    const CommonOptions& common) {
+  DevelopOptions options;
+  options.memory_bytes = common.memory_bytes;
+  options.progress = common.progress();
+  const LightStack stack = develop(session, options);
+  const double exposure = choose_exposure(stack);
+  const fs::path folder = arguments.png;
+  require_absent(folder, common.force);
+  fs::create_directories(folder);
+  std::vector<std::string> names;
+  for (int k = 0; k < stack.shape().n_lights; ++k) {
+    const fs::path file = folder / fmt::format("light_{:04}.png", k);
+    write_image(file, stack.light_image(k).view(), exposure);
+    names.push_back(fs::absolute(file)
+                        .lexically_normal()
+                        .lexically_relative(fs::absolute(arguments.out).parent_path())
+                        .generic_string());
+  }
+  fmt::print("{}: {} pictures, exposure {:.6g}\n", folder.string(), names.size(), exposure);
+  return names;
+}
+
+ExitCode run_export(const ExportArguments& arguments, const CommonOptions& common,
+                    Report& report) {
+  report.add_input(arguments.session);
+  if (arguments.lp == arguments.dome) {
+    throw Error("give one of --lp and --dome", "", "for example: --lp -o lights.lp",
+                ExitCode::usage);
+  }
+  require_absent(arguments.out, common.force);
+  const Session session = Session::open(arguments.session);
+  std::string text;
+  if (arguments.lp) {
+    const std::vector<std::string> pictures =
+        arguments.png.empty()
+            ? picture_of_each_light(session, fs::path(arguments.out).parent_path())
+            : write_pngs(session, arguments, common);
+    text = export_lp(session, pictures);
+  } else {
+    if (!arguments.png.empty()) {
+      (void)write_pngs(session, arguments, common);
+    }
+    text = export_dome(session);
+  }
+  write_file_atomically(arguments.out, text);
+  report.set_bytes(text.size());
+  report.add_reached("lights", static_cast<std::int64_t>(session.info().lights.size()));
+  fmt::print("{}: {} lights\n", arguments.out, session.info().lights.size());
+  return ExitCode::done;
+}
+
+}  // namespace
+
+void add_export(CLI::App& root, Invocation& invocation) {
+  auto arguments = std::make_shared<ExportArguments>();
+  CLI::App* verb = root.add_subcommand("export", "Write a session's lights for other programs");
+  verb->add_option("SESSION", arguments->session, "Session folder")->required();
+  verb->add_flag("--lp", arguments->lp, "RTI's list: picture and unit direction a line");
+  verb->add_flag("--dome", arguments->dome, "Relight's .dome: positions and LED factors");
+  verb->add_option("-o,--out", arguments->out, "File to write")->required()->type_name("FILE");
+  verb->add_option("--png", arguments->png,
+                   "Also develop one sRGB PNG a light here, and name these in the .lp")
+      ->type_name("DIR");
+  verb->footer(
+      "Directions are seen from the rig's object_centre.\n"
+      "Examples:\n"
+      "  haarlight export cube.session --lp -o cube.lp --png cube.png/\n"
+      "  haarlight export cube.session --dome -o cube.dome");
+  add_common_options(*verb, invocation);
+  verb->callback([arguments, &invocation] {
+    invocation.command = "export";
+    invocation.run = [arguments, &invocation](Report& report) {
+      return run_export(*arguments, invocation.common, report);
+    };
+  });
+}
+
+}  // namespace haarlight

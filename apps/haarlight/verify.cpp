@@ -1,0 +1,52 @@
+/// @file
+/// `haarlight verify SESSION`: re-checks every promise of a session.
+
+#include "session/verify.h"
+
+#include <cmath>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "apps/haarlight/verb.h"
+
+namespace haarlight {
+
+void add_verify(CLI::App& root, Invocation& invocation) {
+  auto folder = std::make_shared<std::string>();
+  CLI::App* verb = root.add_subcommand("verify", "Re-check every promise of a session");
+  verb->add_option("SESSION", *folder, "Session folder")->required();
+  verb->footer(
+      "Every byte is read and every hash, stamp and clean margin is computed again.\n"
+      "Exit code 1 when a promise is broken; each is one line of output.\n"
+      "Example:\n  haarlight verify door.session");
+  add_common_options(*verb, invocation);
+  verb->callback([folder, &invocation] {
+    invocation.command = "verify";
+    invocation.run = [folder, &invocation](Report& report) {
+      report.add_input(*folder);
+      const VerifyReport found = verify_session(*folder, invocation.common.progress());
+      report.add_reached("shots", std::int64_t{found.n_shots});
+      report.add_reached("good_frames", std::int64_t{found.n_frames});
+      report.add_reached("problems", static_cast<std::int64_t>(found.problems.size()));
+      report.add_reached("least_margin_us", found.least_margin_us);
+      for (const std::string& problem : found.problems) {
+        fmt::print("{}\n", problem);
+      }
+      if (!invocation.common.quiet) {
+        for (const std::string& note : found.notes) {
+          fmt::print(stderr, "note: {}\n", note);
+        }
+      }
+      const std::string margin =
+          std::isfinite(found.least_margin_us)
+              ? fmt::format(", least margin {:.1f} us", found.least_margin_us)
+              : std::string(", evidence asserted");
+      fmt::print("{}: {} of {} frames hold, {} problems{}\n", *folder, found.n_frames,
+                 found.n_shots, found.problems.size(), margin);
+      return found.is_good() ? ExitCode::done : ExitCode::target_missed;
+    };
+  });
+}
+
+}  // namespace haarlight

@@ -1,0 +1,81 @@
+#include "session/export.h"
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+
+namespace haarlight {
+
+namespace {
+
+void require_place(const Session& session, const std::vector<SessionLight>& lights) {
+  for (std::size_t k = 0; k < lights.size(); ++k) {
+    if (lights[k].place.norm() < 1e-9) {
+      throw Error(fmt::format("light {} ({}) sits in the object's centre", k, lights[k].name),
+                  (session.folder() / "session.json").string(),
+                  "correct object_centre in the rig file");
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<SessionLight> lights_from_object(const Session& session) {
+  std::vector<SessionLight> lights = session.info().lights;
+  if (lights.empty()) {
+    throw Error("a session without lights", session.folder().string(),
+                "capture or import it again");
+  }
+  if (session.rig()) {
+    for (SessionLight& light : lights) {
+      if (light.is_position) {
+        light.place -= session.rig()->object_centre;
+      }
+    }
+  }
+  require_place(session, lights);
+  return lights;
+}
+
+std::vector<std::string> picture_of_each_light(const Session& session,
+                                               const std::filesystem::path& folder) {
+  const SessionInfo& info = session.info();
+  std::vector<std::string> pictures(info.lights.size());
+  const std::filesystem::path from =
+      std::filesystem::absolute(folder.empty() ? "." : folder).lexically_normal();
+  const std::filesystem::path base = std::filesystem::absolute(session.folder());
+  for (const FrameRecord& frame : info.frames) {
+    const Shot& shot = info.shots[static_cast<std::size_t>(frame.shot)];
+    if (shot.kind != ShotKind::light || shot.lit.size() != 1) {
+      continue;
+    }
+    std::string& picture = pictures[static_cast<std::size_t>(shot.lit[0].light)];
+    if (picture.empty()) {
+      picture =
+          (base / frame.file).lexically_normal().lexically_relative(from).generic_string();
+    }
+  }
+  for (std::size_t k = 0; k < pictures.size(); ++k) {
+    if (pictures[k].empty()) {
+      throw Error(fmt::format("light {} ({}) has no frame of its own", k, info.lights[k].name),
+                  (session.folder() / "session.json").string(),
+                  "give --png DIR: pictures of single lights are then developed");
+    }
+  }
+  return pictures;
+}
+
+std::string export_lp(const Session& session, const std::vector<std::string>& pictures) {
+  std::vector<Eigen::Vector3d> directions;
+  for (const SessionLight& light : lights_from_object(session)) {
+    directions.push_back(light.place.normalized());
+  }
+  return format_lp(directions, pictures);
+}
+
+std::string export_dome(const Session& session) {
+  return format_dome(lights_from_object(session),
+                     {session.info().id, "exported by haarlight; lengths in mm", 0.0});
+}
+
+}  // namespace haarlight

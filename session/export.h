@@ -1,0 +1,30 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "session/light_file.h"
+#include "session/session.h"
+
+/// @file
+/// What other programs read of a session: `.lp` and Relight's `.dome`. Pure.
+
+namespace haarlight {
+
+/// The session's lights as seen from the object: positions relative to the rig's object_centre
+/// (the world's origin without a rig), directions as they are.
+[[nodiscard]] std::vector<SessionLight> lights_from_object(const Session& session);
+
+/// The picture of each light: its frame's file, relative to `folder`.
+/// @throws Error  a light without a shot of its own (a multiplexed plan): pictures must be
+///                developed first (`haarlight export --png`)
+[[nodiscard]] std::vector<std::string> picture_of_each_light(
+    const Session& session, const std::filesystem::path& folder);
+
+/// @param pictures  one name a light
+[[nodiscard]] std::string export_lp(const Session& session,
+                                    const std::vector<std::string>& pictures);
+[[nodiscard]] std::string export_dome(const Session& session);
+
+}  // namespace haarlight

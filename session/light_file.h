@@ -1,0 +1,67 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "session/session.h"
+
+/// @file
+/// Lists of lights as other programs write them: `.lp` (RTI), Relight's `.dome`, and our own
+/// JSON (the "lights" of a session.json). Frame: x right, y up, z out of the picture. Pure but
+/// for read_light_file.
+
+namespace haarlight {
+
+/// How the three numbers of a `.lp` line are meant; the file itself does not say.
+enum class LightPlaces {
+  automatic,   ///< directions when every length is 1 to 10 %, else refused
+  directions,  ///< scaled to length 1
+  positions,   ///< mm
+};
+
+struct LightList {
+  /// `name` is the picture's, as written; empty where the file names none (`.dome`).
+  std::vector<SessionLight> lights;
+  std::vector<std::string> notes;  ///< what was passed over, for people
+};
+
+/// `.lp`: first the number of lights, then a line each: picture's name (spaces allowed) x y z.
+/// Empty lines, lines that start with #, CRLF and a byte order mark are passed over; lines
+/// without a name are allowed when all are.
+/// @throws Error  with file:line: wrong count, not three finite numbers, a zero direction, one
+///                picture twice
+[[nodiscard]] LightList parse_lp(std::string_view text, const std::string& where,
+                                 LightPlaces places = LightPlaces::automatic);
+
+/// Relight's `.dome`: directional takes `directions`, spherical and lights3d take positions
+/// (mm). `ledAdjust` (a factor on pixel values) becomes 1 / relative power.
+/// @throws Error  naming the field
+[[nodiscard]] LightList parse_dome(std::string_view text, const std::string& where);
+
+/// {"lights": [{"name", "direction" | "position_mm": [x, y, z], "relative_power"?}]}.
+/// @throws Error  naming the field
+[[nodiscard]] LightList parse_light_json(std::string_view text, const std::string& where);
+
+/// Any of the three, told apart by content, not by name. At least one light.
+[[nodiscard]] LightList read_light_file(const std::filesystem::path& path,
+                                        LightPlaces places = LightPlaces::automatic);
+
+/// @param names  one picture's name a light
+[[nodiscard]] std::string format_lp(const std::vector<Eigen::Vector3d>& directions,
+                                    const std::vector<std::string>& names);
+
+/// What a `.dome` says beside its lights.
+struct DomeLabel {
+  std::string label;
+  std::string notes;
+  double image_width_mm = 0.0;  ///< 0: unknown
+};
+
+/// Positions (mm, relative to the object's centre) give lights3d, directions give directional.
+[[nodiscard]] std::string format_dome(const std::vector<SessionLight>& lights,
+                                      const DomeLabel& label);
+
+}  // namespace haarlight

@@ -1,0 +1,350 @@
+#include "session/verify.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "session/clean_rule.h"
+#include "session/frame_check.h"
+#include "session/journal.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uintmax_t kMaxText = std::uintmax_t{1} << 30U;
+
+/// Reads a text, or notes a problem.
+std::string read_or_note(const fs::path& file, VerifyReport& report) {
+  try {
+    return read_file(file, kMaxText);
+  } catch (const Error& error) {
+    report.problems.push_back(fmt::format("{}: {}", file.filename().string(), error.problem()));
+    return {};
+  }
+}
+
+void check_texts(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
+  const std::string plan = read_or_note(folder / "plan.json", report);
+  if (!plan.empty() && content_hash(plan) != info.plan_file_hash) {
+    report.problems.emplace_back("plan.json: not the plan that was shot: its hash differs");
+  }
+  if (!info.rig_hash.empty()) {
+    const std::string rig = read_or_note(folder / "rig.toml", report);
+    if (!rig.empty() && content_hash(rig) != info.rig_hash) {
+      report.problems.emplace_back("rig.toml: not the rig that was used: its hash differs");
+    }
+  }
+  const std::string start = read_or_note(folder / "start.json", report);
+  if (start.empty()) {
+    return;
+  }
+  try {
+    SessionInfo expected = info;
+    expected.frames.clear();
+    if (session_info_to_json(session_info_from_json(start, "start.json")) !=
+        session_info_to_json(expected)) {
+      report.problems.emplace_back("session.json: differs from start.json beyond its frames");
+    }
+  } catch (const Error& error) {
+    report.problems.push_back(fmt::format("{}: {}", error.where(), error.problem()));
+  }
+}
+
+/// Statistics are recomputed with the same sums, so only the mean's printing may differ: by 1
+/// ulp.
+bool is_same(double a, double b) {
+  constexpr double kSlack = 1e-12;
+  return std::abs(a - b) <= kSlack * std::max({1.0, std::abs(a), std::abs(b)});
+}
+
+template <class T>
+void describe_bytes(const std::vector<std::byte>& bytes, const FrameForm& form,
+                    FrameEvidence& evidence) {
+  const ImageView<const T> view(reinterpret_cast<const T*>(bytes.data()), form.height,
+                                form.width, form.channels);
+  describe_pixels(view, form, evidence);
+}
+
+std::string find_statistics_problem(const fs::path& file, const SessionInfo& info,
+                                    const FrameEvidence& evidence) {
+  const MappedFile mapped(file);
+  const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file.string());
+  const std::vector<std::byte> bytes =
+      read_frame_tiff_rows(mapped.bytes(), header, 0, info.form.height, file.string());
+  FrameEvidence found;
+  switch (info.form.sample) {
+    case SampleType::u8:
+      describe_bytes<std::uint8_t>(bytes, info.form, found);
+      break;
+    case SampleType::u16:
+      describe_bytes<std::uint16_t>(bytes, info.form, found);
+      break;
+    case SampleType::f32:
+      describe_bytes<float>(bytes, info.form, found);
+      break;
+  }
+  if (found.min_dn != evidence.min_dn || found.max_dn != evidence.max_dn ||
+      !is_same(found.mean_dn, evidence.mean_dn) ||
+      !is_same(found.saturated_share, evidence.saturated_share) ||
+      !is_same(found.black_share, evidence.black_share)) {
+    return fmt::format("pixels {} .. {}, mean {}; the evidence says {} .. {}, mean {}",
+                       found.min_dn, found.max_dn, found.mean_dn, evidence.min_dn,
+                       evidence.max_dn, evidence.mean_dn);
+  }
+  return {};
+}
+
+std::string find_frame_problem(const fs::path& folder, const SessionInfo& info,
+                               const FrameRecord& frame) {
+  const fs::path file = folder / frame.file;
+  std::error_code ignored;
+  if (!fs::is_regular_file(file, ignored)) {
+    return "missing";
+  }
+  if (frame.file != frame_file_name(frame.shot, frame.attempt)) {
+    return fmt::format("is not named after shot {} attempt {}", frame.shot, frame.attempt);
+  }
+  const FrameInspection inspection = inspect_frame(file, info);
+  if (inspection.file_hash != frame.file_hash) {
+    return "altered: the file's hash differs from session.json";
+  }
+  if (!inspection.is_good()) {
+    return inspection.problem;
+  }
+  if (inspection.description.shot != frame.shot ||
+      inspection.description.attempt != frame.attempt) {
+    return fmt::format("says it is shot {} attempt {}", inspection.description.shot,
+                       inspection.description.attempt);
+  }
+  if (!(inspection.description.evidence == frame.evidence)) {
+    return "its evidence differs from session.json";
+  }
+  return find_statistics_problem(file, info, frame.evidence);
+}
+
+/// A frame used twice, and equal pixels where unclipped noise must differ.
+void check_duplicates(const SessionInfo& info, VerifyReport& report) {
+  std::map<std::pair<std::uint64_t, std::int64_t>, const FrameRecord*> by_stamp;
+  std::map<std::string, const FrameRecord*> by_pixels;
+  for (const FrameRecord& frame : info.frames) {
+    const FrameEvidence& e = frame.evidence;
+    if (e.kind != EvidenceKind::asserted) {
+      const auto [it, is_new] = by_stamp.emplace(std::pair(e.sequence, e.timestamp_ns), &frame);
+      if (!is_new) {
+        report.problems.push_back(
+            fmt::format("{}: the camera's frame {} stands for shot {} as well", frame.file,
+                        e.sequence, it->second->shot));
+      }
+    }
+    const ShotKind kind = info.shots[static_cast<std::size_t>(frame.shot)].kind;
+    const bool may_coincide = info.form.sample == SampleType::u8 && kind == ShotKind::dark;
+    const bool has_noise = 1.0 - e.saturated_share - e.black_share > 0.0;
+    if (may_coincide || !has_noise) {
+      continue;
+    }
+    const auto [it, is_new] = by_pixels.emplace(e.pixel_hash, &frame);
+    if (!is_new) {
+      report.problems.push_back(fmt::format("{}: the same pixels as {}: one frame saved twice",
+                                            frame.file, it->second->file));
+    }
+  }
+}
+
+/// In order of the stamps the camera's frame number grows; where it falls back the camera (or
+/// the machine) was started again, which is worth knowing.
+void check_sequence(const SessionInfo& info, VerifyReport& report) {
+  std::vector<const FrameRecord*> frames;
+  for (const FrameRecord& frame : info.frames) {
+    if (frame.evidence.kind != EvidenceKind::asserted) {
+      frames.push_back(&frame);
+      report.least_margin_us = std::min(report.least_margin_us, frame.evidence.margin_us);
+    }
+  }
+  std::sort(frames.begin(), frames.end(), [](const FrameRecord* a, const FrameRecord* b) {
+    return a->evidence.timestamp_ns < b->evidence.timestamp_ns;
+  });
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    const FrameEvidence& before = frames[i - 1]->evidence;
+    const FrameEvidence& after = frames[i]->evidence;
+    if (after.sequence <= before.sequence) {
+      report.notes.push_back(fmt::format(
+          "{}: frame number {} after {} ({}): the camera was started again in between",
+          frames[i]->file, after.sequence, before.sequence, frames[i - 1]->file));
+    } else if (after.t_exposure_start_ns < before.t_exposure_end_ns &&
+               after.sync != SyncMode::camera_leads) {
+      report.problems.push_back(
+          fmt::format("{}: exposed while {} still was", frames[i]->file, frames[i - 1]->file));
+    }
+  }
+}
+
+void check_journal(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
+  const fs::path file = folder / "journal.sqlite";
+  std::error_code ignored;
+  if (!fs::exists(file, ignored)) {
+    if (info.evidence != EvidenceKind::asserted) {
+      report.problems.emplace_back(
+          "journal.sqlite: missing (haarlight rebuild makes it again)");
+    }
+    return;
+  }
+  if (fs::exists(folder / "journal.sqlite-wal", ignored)) {
+    report.problems.emplace_back(
+        "journal.sqlite-wal: the journal was not closed for the archive");
+    return;
+  }
+  const auto rows = read_journal(file, info.id);
+  if (!rows) {
+    report.problems.push_back("journal.sqlite: " + rows.error().what);
+    return;
+  }
+  std::map<int, const JournalRow*> newest;
+  for (const JournalRow& row : *rows) {
+    if (row.state == RowState::committed) {
+      newest[row.shot] = &row;  // rows come by shot and attempt
+    }
+  }
+  for (const FrameRecord& frame : info.frames) {
+    const auto found = newest.find(frame.shot);
+    if (found == newest.end() || found->second->attempt != frame.attempt ||
+        found->second->file_hash != frame.file_hash ||
+        found->second->evidence != evidence_to_json(frame.evidence)) {
+      report.problems.push_back(
+          fmt::format("{}: the journal's row differs from session.json", frame.file));
+    }
+  }
+  if (newest.size() != info.frames.size()) {
+    report.problems.push_back(
+        fmt::format("journal.sqlite: {} committed shots, session.json has {}", newest.size(),
+                    info.frames.size()));
+  }
+}
+
+void check_strays(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
+  std::set<std::string> listed;
+  for (const FrameRecord& frame : info.frames) {
+    listed.insert(frame.file);
+  }
+  std::set<std::string> strays;
+  std::error_code error;
+  for (fs::directory_iterator it(folder / "frames", error), end; !error && it != end;
+       it.increment(error)) {
+    const std::string name = "frames/" + it->path().filename().string();
+    if (listed.count(name) == 0) {
+      strays.insert(name);
+    }
+  }
+  for (const std::string& name : strays) {
+    int shot = 0;
+    int attempt = 0;
+    const bool is_older = parse_frame_file_name(name.substr(7), shot, attempt) &&
+                          listed.count(frame_file_name(shot, attempt)) == 0;
+    (is_older ? report.notes : report.problems)
+        .push_back(name + (is_older ? ": an older attempt" : ": not of this session"));
+  }
+}
+
+template <class T>
+T require(Result<T> result) {
+  if (!result) {
+    const Fault& fault = result.error();
+    const bool is_bad_input = fault.code == Errc::protocol || fault.code == Errc::refused;
+    throw Error(fault.what, "",
+                is_bad_input ? "restore the session from a backup"
+                             : "check the disk and its free space",
+                is_bad_input ? ExitCode::bad_input : ExitCode::io);
+  }
+  if constexpr (!std::is_void_v<T>) {
+    return std::move(*result);
+  }
+}
+
+}  // namespace
+
+VerifyReport verify_session(const fs::path& folder, ProgressStyle style) {
+  const fs::path file = folder / "session.json";
+  std::error_code ignored;
+  if (!fs::exists(file, ignored)) {
+    (void)Session::open(folder);  // throws with the fitting cure
+  }
+  const SessionInfo info = session_info_from_json(read_file(file, kMaxText), file.string());
+  VerifyReport report;
+  report.n_shots = static_cast<int>(info.shots.size());
+  check_texts(folder, info, report);
+  std::vector<bool> has_frame(info.shots.size(), false);
+  Progress progress("verify", info.frames.size(), style);
+  for (const FrameRecord& frame : info.frames) {
+    has_frame[static_cast<std::size_t>(frame.shot)] = true;
+    const std::string problem = find_frame_problem(folder, info, frame);
+    if (problem.empty()) {
+      ++report.n_frames;
+    } else {
+      report.problems.push_back(frame.file + ": " + problem);
+    }
+    progress.advance();
+  }
+  for (std::size_t shot = 0; shot < has_frame.size(); ++shot) {
+    if (!has_frame[shot]) {
+      report.problems.push_back(fmt::format("shot {}: no frame", shot));
+    }
+  }
+  check_duplicates(info, report);
+  check_sequence(info, report);
+  check_journal(folder, info, report);
+  check_strays(folder, info, report);
+  return report;
+}
+
+RebuildReport rebuild_session(const fs::path& folder, Storage& storage) {
+  std::error_code ignored;
+  if (!fs::is_directory(folder, ignored)) {
+    throw Error("no such folder", folder.string(), "name a session's folder");
+  }
+  if (!fs::exists(folder / "start.json", ignored)) {
+    // An older or damaged session: its beginning stands in session.json too.
+    const fs::path file = folder / "session.json";
+    if (!fs::exists(file, ignored)) {
+      throw Error("neither start.json nor session.json is there", folder.string(),
+                  "restore one of them from a backup: the frames alone do not tell the lights");
+    }
+    SessionInfo info = session_info_from_json(read_file(file, kMaxText), file.string());
+    info.frames.clear();
+    write_file_atomically(folder / "start.json", session_info_to_json(info));
+  }
+  fs::create_directories(folder / "aside", ignored);
+  for (const char* ending : {"", "-wal", "-shm", "-journal"}) {
+    const std::string name = std::string("journal.sqlite") + ending;
+    if (!fs::exists(folder / name, ignored)) {
+      continue;
+    }
+    fs::path target = folder / "aside" / name;
+    for (int i = 2; fs::exists(target, ignored); ++i) {
+      target = folder / "aside" / fmt::format("{}.{}", name, i);
+    }
+    require(storage.rename(folder / name, target));
+    fs::path note = target;
+    note += ".why.txt";
+    write_file_atomically(note, name + ": set aside by haarlight rebuild\n");
+  }
+  SessionWriter writer = require(SessionWriter::reopen(folder, storage));
+  RebuildReport report;
+  report.recovery = writer.recovery();
+  report.n_shots = static_cast<int>(writer.committed().size());
+  report.n_pending =
+      static_cast<int>(std::count(writer.committed().begin(), writer.committed().end(), false));
+  if (report.n_pending == 0) {
+    require(writer.finish());
+  }
+  return report;
+}
+
+}  // namespace haarlight
