@@ -1,0 +1,228 @@
+#include "relight/shadow/area_mean.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/error.h"
+#include "render/analytic/polygon_light.h"
+
+namespace haarlight {
+
+LightWindow project_window(const Plane& plane, const SquareLight& light,
+                           const Eigen::Vector3d& vertex) {
+  return project_window(plane, light.centre, light_corners(light), vertex);
+}
+
+LightWindow project_window(const Plane& plane, const Eigen::Vector3d& light_centre,
+                           const std::array<Eigen::Vector3d, 4>& light_corners,
+                           const Eigen::Vector3d& vertex) {
+  LightWindow window;
+  const PlaneProjection centre = project_to_plane(plane, light_centre, vertex);
+  window.status = centre.status;
+  window.centre = centre.point;
+  window.ratio = centre.ratio;
+  window.has_corners = true;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const PlaneProjection corner = project_to_plane(plane, light_corners[i], vertex);
+    window.corners[i] = corner.point;
+    window.has_corners = window.has_corners && is_valid(corner.status);
+  }
+  return window;
+}
+
+double window_side(double side, double vertex_height, double light_height) {
+  return side * std::abs(vertex_height) / (light_height - vertex_height);
+}
+
+double corrected_window_scale(double ratio, double object_share) {
+  HAARLIGHT_ASSERT(ratio < 0.0 && object_share >= 0.0 && object_share < 1.0);
+  // B/s = h_o/(H - h_o), W/s = |h|/(H - h); both only through the shares of H.
+  const double b = object_share / (1.0 - object_share);
+  const double w = -ratio / (1.0 - ratio);
+  return std::sqrt(1.0 + 2.0 * b / w);
+}
+
+double widening_above(double ratio, double object_share) {
+  const double b = object_share / (1.0 - object_share);
+  const double w = ratio / (1.0 - ratio);
+  return w < b ? b / (b - w) : std::numeric_limits<double>::infinity();
+}
+
+WindowSums::WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known)
+    : width_(visibility.width()), height_(visibility.height()) {
+  HAARLIGHT_EXPECTS(known.width() == width_ && known.height() == height_, "one mask a picture");
+  const auto stride = static_cast<std::size_t>(width_) + 1;
+  table_.resize(stride * (static_cast<std::size_t>(height_) + 1));
+  for (int y = 0; y < height_; ++y) {
+    Sum row;
+    for (int x = 0; x < width_; ++x) {
+      if (known(y, x) != 0) {
+        row.visible += static_cast<double>(visibility(y, x));
+      } else {
+        row.unknown += 1.0;
+      }
+      const std::size_t at =
+          (static_cast<std::size_t>(y) + 1) * stride + static_cast<std::size_t>(x) + 1;
+      table_[at] = {table_[at - stride].visible + row.visible,
+                    table_[at - stride].unknown + row.unknown};
+    }
+  }
+}
+
+WindowSums::Sum WindowSums::integral(double x, double y) const {
+  const int i = std::min(static_cast<int>(x), width_ - 1);
+  const int j = std::min(static_cast<int>(y), height_ - 1);
+  const double fx = x - i;
+  const double fy = y - j;
+  const std::size_t stride = static_cast<std::size_t>(width_) + 1;
+  const Sum* at = &table_[static_cast<std::size_t>(j) * stride + static_cast<std::size_t>(i)];
+  const auto mix = [&](double s00, double s10, double s01, double s11) {
+    return (1.0 - fy) * ((1.0 - fx) * s00 + fx * s10) + fy * ((1.0 - fx) * s01 + fx * s11);
+  };
+  return {mix(at[0].visible, at[1].visible, at[stride].visible, at[stride + 1].visible),
+          mix(at[0].unknown, at[1].unknown, at[stride].unknown, at[stride + 1].unknown)};
+}
+
+WindowSums::Sum WindowSums::integral(double x0, double x1, double y0, double y1) const {
+  x0 = std::clamp(x0, 0.0, static_cast<double>(width_));
+  x1 = std::clamp(x1, 0.0, static_cast<double>(width_));
+  y0 = std::clamp(y0, 0.0, static_cast<double>(height_));
+  y1 = std::clamp(y1, 0.0, static_cast<double>(height_));
+  if (x0 >= x1 || y0 >= y1) {
+    return {};
+  }
+  const Sum a = integral(x0, y0);
+  const Sum b = integral(x1, y0);
+  const Sum c = integral(x0, y1);
+  const Sum d = integral(x1, y1);
+  return {(d.visible - c.visible) - (b.visible - a.visible),
+          (d.unknown - c.unknown) - (b.unknown - a.unknown)};
+}
+
+namespace {
+
+/// Bounds V = 0 and V = 1 in the unknown part; lit beyond the picture.
+WindowMean mean_of(double visible, double unknown, double inside, double area) {
+  WindowMean mean;
+  mean.unknown = std::clamp(unknown / area, 0.0, 1.0);
+  mean.outside = std::clamp(1.0 - inside / area, 0.0, 1.0);
+  mean.value = std::clamp(visible / area + mean.outside + 0.5 * mean.unknown, 0.0, 1.0);
+  return mean;
+}
+
+/// Where the quadrilateral's border crosses the height y: its smallest and largest x.
+std::array<double, 2> span_at(const std::array<Eigen::Vector2d, 4>& quad, double y) {
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Eigen::Vector2d& p = quad[i];
+    const Eigen::Vector2d& q = quad[(i + 1) % 4];
+    if ((p.y() <= y) == (q.y() <= y)) {
+      continue;
+    }
+    const double x = p.x() + (q.x() - p.x()) * ((y - p.y()) / (q.y() - p.y()));
+    low = std::min(low, x);
+    high = std::max(high, x);
+  }
+  return {low, high};
+}
+
+}  // namespace
+
+WindowMean WindowSums::mean(double x0, double x1, double y0, double y1) const {
+  const Sum sum = integral(x0, x1, y0, y1);
+  const auto overlap = [](double low, double high, double size) {
+    return std::max(0.0, std::min(high, size) - std::max(low, 0.0));
+  };
+  const double inside = overlap(x0, x1, width_) * overlap(y0, y1, height_);
+  return mean_of(sum.visible, sum.unknown, inside, (x1 - x0) * (y1 - y0));
+}
+
+WindowMean WindowSums::mean(const std::array<Eigen::Vector2d, 4>& quad) const {
+  // Strip borders: the pixel rows' borders inside the picture and the corners.
+  std::array<double, 4> ys{quad[0].y(), quad[1].y(), quad[2].y(), quad[3].y()};
+  std::sort(ys.begin(), ys.end());
+  double visible = 0.0;
+  double unknown = 0.0;
+  double inside = 0.0;
+  double area = 0.0;
+  const auto add_strip = [&](double y0, double y1) {
+    if (!(y1 > y0)) {
+      return;
+    }
+    const auto [x0, x1] = span_at(quad, 0.5 * (y0 + y1));
+    if (!(x1 > x0)) {
+      return;
+    }
+    const Sum sum = integral(x0, x1, y0, y1);
+    visible += sum.visible;
+    unknown += sum.unknown;
+    area += (x1 - x0) * (y1 - y0);
+    const double in_x = std::max(0.0, std::min(x1, double(width_)) - std::max(x0, 0.0));
+    const double in_y = std::max(0.0, std::min(y1, double(height_)) - std::max(y0, 0.0));
+    inside += in_x * in_y;
+  };
+  for (std::size_t i = 0; i < 3; ++i) {
+    double y = ys[i];
+    const double end = ys[i + 1];
+    // Outside the picture there is nothing to resolve: one strip.
+    const double first = std::clamp(y, 0.0, static_cast<double>(height_));
+    const double last = std::clamp(end, 0.0, static_cast<double>(height_));
+    add_strip(y, std::min(first, end));
+    y = std::max(y, first);
+    while (y < last) {
+      const double next = std::min(std::floor(y) + 1.0, last);
+      add_strip(y, next);
+      y = next;
+    }
+    add_strip(std::max(y, ys[i]), end);
+  }
+  if (!(area > 0.0)) {
+    const Eigen::Vector2d c = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
+    return mean(c.x() - 0.5, c.x() + 0.5, c.y() - 0.5, c.y() + 0.5);
+  }
+  return mean_of(visible, unknown, inside, area);
+}
+
+WindowMean window_visibility(const PlaneFrame& frame, const WindowSums& sums,
+                             const LightWindow& window, WindowRule rule, double object_share) {
+  const Eigen::Vector2d c = frame.picture_of(window.centre);
+  const auto interpolate = [&] {
+    return sums.mean(c.x() - 0.5, c.x() + 0.5, c.y() - 0.5, c.y() + 0.5);
+  };
+  const bool is_below = window.status == ProjectionStatus::below;
+  const bool is_windowed =
+      rule == WindowRule::plain || (rule == WindowRule::corrected && is_below);
+  if (!is_windowed || !window.has_corners || window.status == ProjectionStatus::on_plane) {
+    return interpolate();
+  }
+  double scale = 1.0;
+  if (rule == WindowRule::corrected && object_share > 0.0) {
+    scale = corrected_window_scale(window.ratio, object_share);
+  }
+  std::array<Eigen::Vector2d, 4> quad;
+  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high = -low;
+  for (std::size_t i = 0; i < 4; ++i) {
+    quad[i] = c + scale * (frame.picture_of(window.corners[i]) - c);
+    low = low.cwiseMin(quad[i]);
+    high = high.cwiseMax(quad[i]);
+  }
+  // A rectangle along the axes (a plane parallel to the lights) has a closed form.
+  const double tolerance = 1e-9 * (high - low).sum();
+  const bool is_upright = std::all_of(quad.begin(), quad.end(), [&](const Eigen::Vector2d& q) {
+    return std::min(q.x() - low.x(), high.x() - q.x()) <= tolerance &&
+           std::min(q.y() - low.y(), high.y() - q.y()) <= tolerance;
+  });
+  if (is_upright || (high - low).maxCoeff() <= 1.0) {
+    // Never smaller than a pixel: the mean over one pixel's square is bilinear interpolation.
+    const Eigen::Vector2d half = (0.5 * (high - low)).cwiseMax(0.5);
+    const Eigen::Vector2d middle = 0.5 * (low + high);
+    return sums.mean(middle.x() - half.x(), middle.x() + half.x(), middle.y() - half.y(),
+                     middle.y() + half.y());
+  }
+  return sums.mean(quad);
+}
+
+}  // namespace haarlight

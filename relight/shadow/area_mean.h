@@ -1,0 +1,117 @@
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/image.h"
+#include "relight/shadow/plane_frame.h"
+#include "relight/shadow/projection.h"
+#include "render/scene.h"
+
+/// @file
+/// Visibility of a square light from a point off the shadow plane: the mean of the light's
+/// shadow picture over the quadrilateral that the light projects to, seen from the point
+/// [Kim13, eq. (5)]. It holds on the plane only, where the window vanishes; WindowRule has the
+/// choices for elsewhere, docs/numerics/shadow.md how wrong each is.
+
+namespace haarlight {
+
+/// The quadrilateral on the plane.
+struct LightWindow {
+  ProjectionStatus status = ProjectionStatus::invalid_plane;  ///< of the light's centre
+  /// World; order of light_corners: (-u -v), (+u -v), (+u +v), (-u +v). Meaningful when
+  /// `has_corners`.
+  std::array<Eigen::Vector3d, 4> corners;
+  bool has_corners = false;                          ///< every corner of the light projects
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< projection of the light's centre
+  double ratio = 0.0;                                ///< b/a of the centre
+};
+
+/// Each corner by eq. (4): exact for tilted planes too.
+[[nodiscard]] LightWindow project_window(const Plane& plane, const SquareLight& light,
+                                         const Eigen::Vector3d& vertex);
+
+/// The same with the light's corners at hand, for loops over vertices.
+[[nodiscard]] LightWindow project_window(const Plane& plane,
+                                         const Eigen::Vector3d& light_centre,
+                                         const std::array<Eigen::Vector3d, 4>& light_corners,
+                                         const Eigen::Vector3d& vertex);
+
+/// Side W = s |h|/(H - h) of the window for a plane parallel to the light; h of the vertex and
+/// H of the light over the plane. Neighbouring lights d_l apart have windows D = d_l |h|/(H -
+/// h) apart.
+[[nodiscard]] double window_side(double side, double vertex_height, double light_height);
+
+/// What to average over.
+enum class WindowRule {
+  none,       ///< the shadow picture at the light's centre only
+  plain,      ///< eq. (5) as printed: W everywhere
+  corrected,  ///< W' below the plane, nothing on and above it
+};
+
+/// What is known of the object: its lowest and highest point over the plane.
+struct HeightRange {
+  double low_mm = 0.0;
+  double high_mm = 0.0;
+};
+
+/// W'/W = sqrt(1 + 2 B/W) below the plane, with B = s h_o/(H - h_o) the penumbra that the
+/// shadow picture already holds of an edge at height h_o: variances add to the true (B + W)^2.
+/// @param ratio  b/a of the vertex, negative
+/// @param object_share  h_o/H, in [0, 1)
+[[nodiscard]] double corrected_window_scale(double ratio, double object_share);
+
+/// Above the plane no averaging helps. How many times too wide the picture's penumbra is
+/// without a window: B/(B - W). Infinity where the vertex is at the edge's height or over it.
+[[nodiscard]] double widening_above(double ratio, double object_share);
+
+/// A mean over a window and what is unknown in it.
+struct WindowMean {
+  double value = 1.0;    ///< middle of the bounds V = 0 and V = 1 in the unknown part
+  double unknown = 0.0;  ///< share of the window that is unknown = distance between the bounds
+  double outside = 0.0;  ///< share beyond the plane picture, taken as lit
+};
+
+/// Summed-area tables of one light's visibility and of what is known. Shareable between
+/// threads.
+class WindowSums {
+ public:
+  /// @param visibility  (h, w, 1) in [0, 1]
+  /// @param known       (h, w, 1) 1 or 0
+  WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known);
+
+  /// Mean over a rectangle in picture coordinates, pixels taken as squares of constant value:
+  /// exact to rounding.
+  [[nodiscard]] WindowMean mean(double x0, double x1, double y0, double y1) const;
+
+  /// Mean over a convex quadrilateral in picture coordinates: strips of at most one pixel's
+  /// height, each a rectangle of the strip's area and mid-line. Exact for a rectangle along the
+  /// axes.
+  [[nodiscard]] WindowMean mean(const std::array<Eigen::Vector2d, 4>& quad) const;
+
+  [[nodiscard]] int width() const noexcept { return width_; }
+  [[nodiscard]] int height() const noexcept { return height_; }
+
+ private:
+  struct Sum {
+    double visible = 0.0;
+    double unknown = 0.0;
+  };
+  [[nodiscard]] Sum integral(double x, double y) const;
+  [[nodiscard]] Sum integral(double x0, double x1, double y0, double y1) const;
+
+  int width_ = 0;
+  int height_ = 0;
+  std::vector<Sum> table_;  ///< (height + 1, width + 1)
+};
+
+/// Visibility of one light at a vertex by the rule. The window is never smaller than a pixel:
+/// then it is bilinear interpolation.
+/// @param object_share  h_o/H for the corrected rule; negative: unknown, W is used
+[[nodiscard]] WindowMean window_visibility(const PlaneFrame& frame, const WindowSums& sums,
+                                           const LightWindow& window, WindowRule rule,
+                                           double object_share);
+
+}  // namespace haarlight

@@ -1,0 +1,114 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/camera_model.h"
+#include "core/image.h"
+#include "core/progress.h"
+#include "relight/shadow/area_mean.h"
+#include "relight/shadow/plane_frame.h"
+#include "relight/shadow/visibility.h"
+#include "render/direct_light.h"
+#include "render/ray_caster.h"
+#include "render/scene.h"
+
+/// @file
+/// The captured object's shadow on another scene:
+///
+///     I(v) = rho(v)/pi sum_k w_k E_k(v) V_k(p_k(v))
+///
+/// with E_k the analytic irradiance of square light k at v and V_k its shadow picture, looked
+/// up where the light's ray through v meets the plane (projection.h, area_mean.h). The object's
+/// geometry is never used; its height range, where known, corrects the window and tells which
+/// receivers the method cannot serve.
+
+namespace haarlight {
+
+/// A point of the scene that a sub-pixel of the camera sees.
+struct Receiver {
+  int pixel = 0;  ///< row * width + column
+  SurfacePoint surface;
+  Eigen::Vector3d albedo;
+};
+
+/// n x n sub-pixel centres a pixel, in pixel order.
+[[nodiscard]] std::vector<Receiver> find_receivers(const Scene& scene, const RayCaster& caster,
+                                                   const CameraModel& camera, int n_subpixels);
+
+/// Plane picture of light k's visibility; asked for once for each light of non-zero weight, in
+/// ascending order, from one thread.
+using VisibilitySource = std::function<Visibility(int k)>;
+
+struct ReprojectOptions {
+  WindowRule rule = WindowRule::corrected;
+  std::optional<HeightRange> object;  ///< over the plane
+  int n_subpixels = 2;
+  bool has_own_shadows = true;  ///< the scene's own shadows, by ray casting
+  std::uint64_t memory_bytes = std::uint64_t{1} << 30U;  ///< for tables of shadow pictures
+  ProgressStyle progress = ProgressStyle::none;
+};
+
+/// What the picture's reader should know. Shares are of lit (receiver, light) pairs, weighted
+/// by w E, so that a dark pair does not count.
+struct ReprojectReport {
+  std::int64_t n_receivers = 0;
+  int n_lights = 0;       ///< of non-zero weight
+  double on_share = 0.0;  ///< within a hundredth of a texel of the plane
+  double above_share = 0.0;
+  double below_share = 0.0;
+  double no_point_share =
+      0.0;  ///< no projection (light in the plane, beyond the light): drawn lit
+  double unknown_share = 0.0;  ///< pairs whose window touches the unknown region
+  double outside_share = 0.0;  ///< energy looked up beyond the plane picture, taken as lit
+  double affected_receivers =
+      0.0;  ///< share of receivers with any such pair worth 1 % of their light
+  double spread_relative = 0.0;     ///< ||spread||_2 / ||picture||_2
+  double under_object_share = 0.0;  ///< receivers over the object's lowest point: parts of it
+                                    ///< below them darken them falsely (height range known)
+  double over_object_share = 0.0;  ///< receivers over its highest point: drawn lit
+  double worst_widening = 1.0;     ///< penumbra above the plane: so many times too wide at most
+  double widest_gap = 0.0;  ///< below: W'/W at the object's upper end minus at its lower end
+  VisibilityCount count;
+  bool has_glossy = false;  ///< materials whose gloss was left out
+};
+
+struct ReprojectResult {
+  Image<float> picture;     ///< (h, w, 3) linear; the light's radiance at drive 1 is the unit
+  Image<float> unshadowed;  ///< (h, w, 3) the same with V = 1
+  Image<float> spread;  ///< (h, w, 3) half the distance between the bounds in unknown regions
+  ReprojectReport report;
+};
+
+/// @param scene   the receivers; lambertian part only
+/// @param lights  as in the rig, light k at index k
+/// @param weights one RGB drive a light; zero ones are not asked for
+/// The result does not depend on the number of threads.
+[[nodiscard]] ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
+                                               const PlaneFrame& frame,
+                                               std::span<const SquareLight> lights,
+                                               std::span<const Eigen::Vector3d> weights,
+                                               const VisibilitySource& visibility,
+                                               const ReprojectOptions& options = {});
+
+/// The truth for a known object: the receivers lit with object and scene both casting shadows,
+/// the object itself unseen. Lambertian part, RGB; stratified samples at partly hidden lights.
+[[nodiscard]] Image<float> trace_shadow(const Scene& receivers, const Scene& object,
+                                        const CameraModel& camera,
+                                        std::span<const SquareLight> lights,
+                                        std::span<const Eigen::Vector3d> weights,
+                                        int n_subpixels,
+                                        ProgressStyle progress = ProgressStyle::none);
+
+/// E_k / radiance: exact near the light, four Gauss points where it is ten sides away or more
+/// (relative error below 1e-6 there; render/analytic has the exact form).
+[[nodiscard]] double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
+                                         const Eigen::Vector3d& normal);
+
+}  // namespace haarlight

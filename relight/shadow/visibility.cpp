@@ -1,0 +1,144 @@
+#include "relight/shadow/visibility.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace haarlight {
+namespace {
+
+constexpr double kExcess = 0.02;  // about the noise of a camera value, spec/relight.md: 1 %
+
+double sum_of_channels(ImageView<const float> picture, int y, int x) {
+  double sum = 0.0;
+  for (int c = 0; c < picture.channels(); ++c) {
+    sum += static_cast<double>(picture(y, x, c));
+  }
+  return sum;
+}
+
+double take_median(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+void VisibilityCount::add(const VisibilityCount& other) {
+  n_values += other.n_values;
+  n_excess += other.n_excess;
+  n_no_plate += other.n_no_plate;
+  worst_excess = std::max(worst_excess, other.worst_excess);
+}
+
+Visibility divide_by_plate(ImageView<const float> shadow, ImageView<const float> plate,
+                           ImageView<const std::uint8_t> known, double dark_share) {
+  HAARLIGHT_EXPECTS(shadow.height() == plate.height() && shadow.width() == plate.width() &&
+                        shadow.channels() == plate.channels(),
+                    "shadow and plate of one shape");
+  HAARLIGHT_EXPECTS(known.is_empty() ||
+                        (known.height() == shadow.height() && known.width() == shadow.width()),
+                    "a mask of the picture's size");
+  Visibility out{Image<float>(shadow.height(), shadow.width(), 1),
+                 Image<std::uint8_t>(shadow.height(), shadow.width(), 1),
+                 {}};
+  double peak = 0.0;
+  for (int y = 0; y < plate.height(); ++y) {
+    for (int x = 0; x < plate.width(); ++x) {
+      peak = std::max(peak, sum_of_channels(plate, y, x));
+    }
+  }
+  for (int y = 0; y < shadow.height(); ++y) {
+    for (int x = 0; x < shadow.width(); ++x) {
+      if (!known.is_empty() && known(y, x) == 0) {
+        continue;
+      }
+      const double b = sum_of_channels(plate, y, x);
+      if (!(b > dark_share * peak) || b <= 0.0) {
+        ++out.count.n_no_plate;
+        continue;
+      }
+      const double v = sum_of_channels(shadow, y, x) / b;
+      ++out.count.n_values;
+      out.count.n_excess += v > 1.0 + kExcess ? 1 : 0;
+      out.count.worst_excess = std::max(out.count.worst_excess, v - 1.0);
+      out.value(y, x) = static_cast<float>(std::clamp(v, 0.0, 1.0));
+      out.known(y, x) = 1;
+    }
+  }
+  return out;
+}
+
+double plate_falloff(const SquareLight& light, const Eigen::Vector3d& point,
+                     const Eigen::Vector3d& normal) {
+  const Eigen::Vector3d to_light = light.centre - point;
+  const double r2 = to_light.squaredNorm();
+  if (r2 == 0.0) {
+    return 0.0;
+  }
+  const double r = std::sqrt(r2);
+  const double cos_surface = normal.dot(to_light) / r;
+  const double cos_light = -light.emits.dot(to_light) / r;
+  if (cos_surface <= 0.0 || cos_light <= 0.0) {
+    return 0.0;
+  }
+  return cos_surface * std::pow(cos_light, light.lobe_mu) / r2;
+}
+
+double fit_plate_scale(std::span<const float> values, std::span<const double> falloffs) {
+  HAARLIGHT_EXPECTS(values.size() == falloffs.size(), "one falloff a value");
+  std::vector<double> ratios;
+  ratios.reserve(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (falloffs[i] > 0.0) {
+      ratios.push_back(static_cast<double>(values[i]) / falloffs[i]);
+    }
+  }
+  if (ratios.empty()) {
+    return 0.0;
+  }
+  const double rough = take_median(ratios);
+  std::erase_if(ratios, [rough](double r) { return std::abs(r - rough) > 0.25 * rough; });
+  return ratios.empty() ? rough : take_median(ratios);
+}
+
+bool shows_plane(std::span<const float> values, std::span<const float> plate, double tolerance,
+                 double min_lit_share) {
+  HAARLIGHT_EXPECTS(values.size() == plate.size(), "one plate value a light");
+  constexpr double kMaxBrightShare = 0.01;
+  std::size_t n_usable = 0;
+  std::size_t n_lit = 0;
+  std::size_t n_bright = 0;
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    const double b = static_cast<double>(plate[k]);
+    if (b <= 0.0) {
+      continue;
+    }
+    const double ratio = static_cast<double>(values[k]) / b;
+    ++n_usable;
+    n_lit += std::abs(ratio - 1.0) <= tolerance ? 1 : 0;
+    n_bright += ratio > 1.0 + tolerance ? 1 : 0;
+  }
+  const auto usable = static_cast<double>(n_usable);
+  return n_usable > 0 && static_cast<double>(n_lit) >= min_lit_share * usable &&
+         static_cast<double>(n_bright) <= kMaxBrightShare * usable;
+}
+
+Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane) {
+  Image<std::uint8_t> out(shows_plane.height(), shows_plane.width(), 1);
+  for (int y = 0; y < shows_plane.height(); ++y) {
+    for (int x = 0; x < shows_plane.width(); ++x) {
+      bool is_clear = true;
+      for (int j = std::max(0, y - 1); j <= std::min(shows_plane.height() - 1, y + 1); ++j) {
+        for (int i = std::max(0, x - 1); i <= std::min(shows_plane.width() - 1, x + 1); ++i) {
+          is_clear = is_clear && shows_plane(j, i) != 0;
+        }
+      }
+      out(y, x) = is_clear ? 1 : 0;
+    }
+  }
+  return out;
+}
+
+}  // namespace haarlight
