@@ -29,9 +29,15 @@ double hard_sun_error(double window, double sun) {
   return (window - sun) * (window - sun) / (12.0 * window);
 }
 
-double off_grid_error(double spacing) {
-  // Two ramps of width D, half a spacing to either side, against one in the middle.
-  return 0.048 * spacing;
+double off_grid_error(double window, double spacing) {
+  HAARLIGHT_EXPECTS(window > 0.0 && spacing >= 0.0, "lengths");
+  // The squared distance of two distribution functions is E|X - Y| - E|X - X'|/2 - E|Y - Y'|/2.
+  // Edges are uniform of width W; the difference of two is triangular: h(d) = E|d + T|.
+  const auto h = [window](double d) {
+    const double rest = window - d;
+    return d >= window ? d : d + rest * rest * rest / (3.0 * window * window);
+  };
+  return h(0.5 * spacing) - 0.75 * h(0.0) - 0.25 * h(spacing);
 }
 
 double largest_pixel(double window) { return 0.5 * window; }

@@ -29,8 +29,9 @@ namespace haarlight {
 /// on the plane) is drawn by a light of penumbra W: (W - a)^2/(12 W), for a <= W.
 [[nodiscard]] double hard_sun_error(double window, double sun);
 
-/// The same for a light half a spacing off the grid, drawn by its two neighbours: 0.048 D.
-[[nodiscard]] double off_grid_error(double spacing);
+/// The same for a light half a spacing off the grid, drawn by its two neighbours: penumbra W,
+/// shadows D apart. 0.048 D for the 28 mm LEDs 30 mm apart of the paper, D/24 without a gap.
+[[nodiscard]] double off_grid_error(double window, double spacing);
 
 /// The largest camera pixel on the plane that still resolves the penumbra: W/2.
 [[nodiscard]] double largest_pixel(double window);

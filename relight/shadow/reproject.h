@@ -72,8 +72,8 @@ struct ReprojectReport {
   double spread_relative = 0.0;     ///< ||spread||_2 / ||picture||_2
   double under_object_share = 0.0;  ///< receivers over the object's lowest point: parts of it
                                     ///< below them darken them falsely (height range known)
-  double over_object_share = 0.0;  ///< receivers over its highest point: drawn lit
-  double worst_widening = 1.0;     ///< penumbra above the plane: so many times too wide at most
+  double over_object_share = 0.0;   ///< receivers over its highest point: drawn lit
+  double worst_widening = 1.0;  ///< penumbra above the plane: so many times too wide at most
   double widest_gap = 0.0;  ///< below: W'/W at the object's upper end minus at its lower end
   VisibilityCount count;
   bool has_glossy = false;  ///< materials whose gloss was left out

@@ -1,0 +1,282 @@
+#include "relight/shadow/reproject.h"
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "core/parallel.h"
+#include "core/random.h"
+#include "render/analytic/polygon_light.h"
+#include "render/picture.h"
+
+namespace haarlight {
+namespace {
+
+constexpr double kH = 900.0;
+
+SquareLight light_at(double x, double y, double z = kH) {
+  SquareLight light;
+  light.centre = {x, y, z};
+  light.width_mm = light.height_mm = 28.0;
+  return light;
+}
+
+PlaneFrame ground_frame() {
+  ShadowPlane plane;
+  plane.extent_u_mm = plane.extent_v_mm = 400.0;
+  plane.texel_mm = 2.0;
+  return make_plane_frame(plane);
+}
+
+/// A horizontal receiver 300 mm wide at `height`.
+Scene flat_receiver(double height, double kd = 0.5) {
+  Scene scene;
+  scene.materials.push_back({"white", Eigen::Vector3d::Constant(kd), 0.0, 1.0});
+  scene.meshes.push_back(make_quad({-150, -150, height}, {150, -150, height},
+                                   {150, 150, height}, {-150, 150, height}, 0));
+  return scene;
+}
+
+CameraModel camera_from_above() {
+  CameraModel camera;
+  camera.width = camera.height = 24;
+  camera.fx = camera.fy = 60.0;
+  camera.cx = camera.cy = 12.0;
+  camera.world_from_cam =
+      look_at({0.0, -300.0, 500.0}, {0.0, 0.0, 0.0}, Eigen::Vector3d::UnitZ());
+  return camera;
+}
+
+Visibility uniform_visibility(const PlaneFrame& frame, float value, std::uint8_t known = 1) {
+  Visibility v{Image<float>(frame.height, frame.width, 1),
+               Image<std::uint8_t>(frame.height, frame.width, 1),
+               {}};
+  for (float& p : v.value.pixels()) {
+    p = value;
+  }
+  for (std::uint8_t& p : v.known.pixels()) {
+    p = known;
+  }
+  return v;
+}
+
+ReprojectOptions plain_options() {
+  ReprojectOptions options;
+  options.n_subpixels = 1;
+  options.has_own_shadows = false;
+  return options;
+}
+
+double total(const Image<float>& image) {
+  double sum = 0.0;
+  for (const float v : image.pixels()) {
+    sum += static_cast<double>(v);
+  }
+  return sum;
+}
+
+TEST(ReceiverIrradiance, AgreesWithTheExactForm) {
+  double worst = 0.0;
+  for (std::uint64_t i = 0; i < 4000; ++i) {
+    auto draw = [&, k = std::uint64_t{0}]() mutable {
+      return 2.0 * uniform_unit(hash_key(5, i, ++k)) - 1.0;
+    };
+    const SquareLight light = light_at(465.0 * draw(), 465.0 * draw());
+    const Eigen::Vector3d point(200.0 * draw(), 200.0 * draw(), 300.0 * draw());
+    const Eigen::Vector3d normal = Eigen::Vector3d{draw(), draw(), 1.0}.normalized();
+    const double exact = light_irradiance(light, point, normal);
+    const double fast = receiver_irradiance(light, point, normal);
+    worst = std::max(worst, std::abs(fast - exact) / std::max(exact, 1e-12));
+  }
+  RecordProperty("worst_relative", std::to_string(worst));
+  EXPECT_LT(worst, 1e-5);
+}
+
+TEST(Reproject, WithoutAShadowItIsLambertsLaw) {
+  const PlaneFrame frame = ground_frame();
+  const std::vector<SquareLight> lights{light_at(15.0, 45.0)};
+  const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d(1.0, 2.0, 3.0)};
+  const Scene scene = flat_receiver(-40.0);
+  const CameraModel camera = camera_from_above();
+  const ReprojectResult result = reproject_shadow(
+      scene, camera, frame, lights, weights,
+      [&](int) { return uniform_visibility(frame, 1.0F); }, plain_options());
+  const RayCaster caster(scene);
+  const auto seen = visible_surface(caster, camera, 12.5, 12.5);
+  ASSERT_TRUE(seen);
+  const double E = light_irradiance(lights[0], seen->point, Eigen::Vector3d::UnitZ());
+  EXPECT_NEAR(
+      static_cast<double>(result.picture(12, 12, 1)) / (0.5 / std::numbers::pi * 2.0 * E), 1.0,
+      1e-5);
+  EXPECT_NEAR(result.report.below_share, 1.0, 1e-12);
+  EXPECT_EQ(result.report.n_lights, 1);
+}
+
+TEST(Reproject, BlackEnvironmentAsksForNothing) {
+  const PlaneFrame frame = ground_frame();
+  const std::vector<SquareLight> lights{light_at(0.0, 0.0), light_at(30.0, 0.0)};
+  const std::vector<Eigen::Vector3d> weights(2, Eigen::Vector3d::Zero());
+  const ReprojectResult result = reproject_shadow(
+      flat_receiver(0.0), camera_from_above(), frame, lights, weights,
+      [&](int) -> Visibility { throw std::logic_error("nobody may ask"); }, plain_options());
+  EXPECT_EQ(total(result.picture), 0.0);
+  EXPECT_EQ(result.report.spread_relative, 0.0);
+  EXPECT_EQ(result.report.n_lights, 0);
+}
+
+TEST(Reproject, LightInThePlaneIsDrawnLitAndReported) {
+  const PlaneFrame frame = ground_frame();
+  SquareLight light = light_at(-600.0, 0.0, 0.0);
+  light.emits = Eigen::Vector3d::UnitX();
+  light.u = Eigen::Vector3d::UnitY();
+  light.v = Eigen::Vector3d::UnitZ();
+  const std::vector<SquareLight> lights{light};
+  const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d::Ones()};
+  Scene tilted;
+  tilted.materials.push_back({"white", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
+  tilted.meshes.push_back(
+      make_quad({-150, -150, 0}, {150, -150, 80}, {150, 150, 80}, {-150, 150, 0}, 0));
+  const ReprojectResult result = reproject_shadow(
+      tilted, camera_from_above(), frame, lights, weights,
+      [&](int) { return uniform_visibility(frame, 0.0F); }, plain_options());
+  EXPECT_GT(total(result.picture), 0.0);
+  EXPECT_DOUBLE_EQ(result.report.no_point_share, 1.0);
+  EXPECT_DOUBLE_EQ(total(result.picture), total(result.unshadowed));
+}
+
+TEST(Reproject, UnknownRegionGivesTheMiddleAndTheSpread) {
+  const PlaneFrame frame = ground_frame();
+  const std::vector<SquareLight> lights{light_at(0.0, 0.0)};
+  const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d::Ones()};
+  const ReprojectResult result = reproject_shadow(
+      flat_receiver(0.0), camera_from_above(), frame, lights, weights,
+      [&](int) { return uniform_visibility(frame, 0.0F, 0); }, plain_options());
+  EXPECT_NEAR(total(result.picture) / total(result.unshadowed), 0.5, 1e-6);
+  EXPECT_NEAR(total(result.spread) / total(result.unshadowed), 0.5, 1e-6);
+  EXPECT_DOUBLE_EQ(result.report.unknown_share, 1.0);
+  EXPECT_DOUBLE_EQ(result.report.affected_receivers, 1.0);
+  EXPECT_NEAR(result.report.spread_relative, 1.0, 1e-6);
+  EXPECT_DOUBLE_EQ(result.report.on_share, 1.0);
+}
+
+TEST(Reproject, ReceiversOverTheObjectAreLit) {
+  const PlaneFrame frame = ground_frame();
+  const std::vector<SquareLight> lights{light_at(0.0, 0.0)};
+  const std::vector<Eigen::Vector3d> weights{Eigen::Vector3d::Ones()};
+  ReprojectOptions options = plain_options();
+  options.object = HeightRange{0.0, 50.0};
+  const auto dark = [&](int) { return uniform_visibility(frame, 0.0F); };
+  const ReprojectResult over = reproject_shadow(flat_receiver(60.0), camera_from_above(), frame,
+                                                lights, weights, dark, options);
+  EXPECT_DOUBLE_EQ(total(over.picture), total(over.unshadowed));
+  EXPECT_DOUBLE_EQ(over.report.over_object_share, 1.0);
+  const ReprojectResult among = reproject_shadow(flat_receiver(20.0), camera_from_above(),
+                                                 frame, lights, weights, dark, options);
+  EXPECT_EQ(total(among.picture), 0.0);
+  EXPECT_DOUBLE_EQ(among.report.under_object_share, 1.0);
+  EXPECT_GT(among.report.worst_widening, 1.0);
+}
+
+TEST(Reproject, DoesNotDependOnThreadsOrMemory) {
+  const PlaneFrame frame = ground_frame();
+  std::vector<SquareLight> lights;
+  for (int i = 0; i < 5; ++i) {
+    lights.push_back(light_at(60.0 * i - 120.0, 40.0));
+  }
+  const std::vector<Eigen::Vector3d> weights(5, Eigen::Vector3d(1.0, 0.5, 0.25));
+  const auto shadow = [&](int k) {
+    Visibility v = uniform_visibility(frame, 1.0F);
+    for (int x = 60; x < 120; ++x) {
+      v.value(90 + k, x) = 0.0F;
+    }
+    return v;
+  };
+  const auto run = [&](int n_threads, std::uint64_t memory) {
+    const ThreadLimit limit(n_threads);
+    ReprojectOptions options;
+    options.n_subpixels = 1;
+    options.memory_bytes = memory;
+    return reproject_shadow(flat_receiver(-30.0), camera_from_above(), frame, lights, weights,
+                            shadow, options);
+  };
+  const ReprojectResult one = run(1, 1U << 30U);
+  for (const int n : {2, 7}) {
+    const ReprojectResult other = run(n, 1U << 30U);
+    EXPECT_TRUE(std::equal(one.picture.pixels().begin(), one.picture.pixels().end(),
+                           other.picture.pixels().begin()));
+  }
+  ReprojectOptions options = plain_options();
+  const auto plain = [&](std::uint64_t memory) {
+    options.memory_bytes = memory;
+    return reproject_shadow(flat_receiver(-30.0), camera_from_above(), frame, lights, weights,
+                            shadow, options);
+  };
+  const ReprojectResult large = plain(1U << 30U);
+  const ReprojectResult small = plain(1);  // one light at a time
+  EXPECT_TRUE(std::equal(large.picture.pixels().begin(), large.picture.pixels().end(),
+                         small.picture.pixels().begin()));
+}
+
+/// A square plate of 80 mm hovering at 100 mm.
+Scene hovering_plate() {
+  Scene scene;
+  scene.materials.push_back({"grey", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
+  scene.meshes.push_back(
+      make_quad({-40, -40, 100}, {40, -40, 100}, {40, 40, 100}, {-40, 40, 100}, 0));
+  return scene;
+}
+
+/// The plate's exact shadow picture: a light seen past a parallel rectangle is a product of two
+/// shares.
+Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light) {
+  Visibility v = uniform_visibility(frame, 1.0F);
+  const auto hidden = [](double x, double centre) {
+    const double scale =
+        kH / (kH - 100.0);  // the ray from x at 0 through y at 100 meets H here
+    const auto at = [&](double y) { return x + (y - x) * kH / 100.0; };
+    const double low = std::max(at(-40.0), centre - 14.0);
+    const double high = std::min(at(40.0), centre + 14.0);
+    (void)scale;
+    return std::max(0.0, high - low) / 28.0;
+  };
+  for (int y = 0; y < frame.height; ++y) {
+    for (int x = 0; x < frame.width; ++x) {
+      const Eigen::Vector3d p = frame.world_of(x + 0.5, y + 0.5);
+      v.value(y, x) = static_cast<float>(1.0 - hidden(p.x(), light.centre.x()) *
+                                                   hidden(p.y(), light.centre.y()));
+    }
+  }
+  return v;
+}
+
+TEST(Reproject, AgreesWithTheRayTracedShadow) {
+  const PlaneFrame frame = ground_frame();
+  const std::vector<SquareLight> lights{light_at(15.0, 45.0), light_at(-105.0, 15.0)};
+  const std::vector<Eigen::Vector3d> weights(2, Eigen::Vector3d::Ones());
+  for (const double height : {-80.0, 0.0, 20.0}) {
+    const Scene scene = flat_receiver(height);
+    const Image<float> truth =
+        trace_shadow(scene, hovering_plate(), camera_from_above(), lights, weights, 1);
+    ReprojectOptions options = plain_options();
+    options.object = HeightRange{100.0, 100.0};
+    const ReprojectResult result = reproject_shadow(
+        scene, camera_from_above(), frame, lights, weights,
+        [&](int k) { return plate_shadow(frame, lights[static_cast<std::size_t>(k)]); },
+        options);
+    double error = 0.0;
+    double norm = 0.0;
+    for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
+      const double t = static_cast<double>(truth.pixels()[i]);
+      error += std::pow(static_cast<double>(result.picture.pixels()[i]) - t, 2);
+      norm += t * t;
+    }
+    RecordProperty("relative_l2_at_" + std::to_string(static_cast<int>(height)),
+                   std::to_string(std::sqrt(error / norm)));
+    EXPECT_LT(std::sqrt(error / norm), 0.03) << height;  // 2 mm pixels across a 3.5 mm penumbra
+  }
+}
+
+}  // namespace
+}  // namespace haarlight

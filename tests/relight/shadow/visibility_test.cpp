@@ -1,0 +1,103 @@
+#include "relight/shadow/visibility.h"
+
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "core/random.h"
+
+namespace haarlight {
+namespace {
+
+Image<float> filled(int height, int width, int channels, float value) {
+  Image<float> image(height, width, channels);
+  for (float& v : image.pixels()) {
+    v = value;
+  }
+  return image;
+}
+
+TEST(DivideByPlate, ClampsAndCounts) {
+  Image<float> shadow = filled(1, 4, 1, 0.5F);
+  const Image<float> plate = filled(1, 4, 1, 2.0F);
+  shadow(0, 1) = 2.5F;
+  shadow(0, 2) = -0.1F;
+  const Visibility v = divide_by_plate(shadow.view(), plate.view());
+  EXPECT_FLOAT_EQ(v.value(0, 0), 0.25F);
+  EXPECT_FLOAT_EQ(v.value(0, 1), 1.0F);
+  EXPECT_FLOAT_EQ(v.value(0, 2), 0.0F);
+  EXPECT_EQ(v.count.n_values, 4U);
+  EXPECT_EQ(v.count.n_excess, 1U);
+  EXPECT_DOUBLE_EQ(v.count.worst_excess, 0.25);
+}
+
+TEST(DivideByPlate, APlateWithAZeroIsUnknownThere) {
+  const Image<float> shadow = filled(2, 2, 3, 1.0F);
+  Image<float> plate = filled(2, 2, 3, 1.0F);
+  for (int c = 0; c < 3; ++c) {
+    plate(1, 0, c) = 0.0F;
+  }
+  const Visibility v = divide_by_plate(shadow.view(), plate.view());
+  EXPECT_EQ(v.known(1, 0), 0);
+  EXPECT_EQ(v.known(0, 0), 1);
+  EXPECT_EQ(v.count.n_no_plate, 1U);
+  const Visibility dark = divide_by_plate(shadow.view(), filled(2, 2, 3, 0.0F).view());
+  EXPECT_EQ(dark.count.n_no_plate, 4U);
+  EXPECT_EQ(dark.count.n_values, 0U);
+}
+
+TEST(PlateFalloff, IsCosToTheFourthOverRSquared) {
+  SquareLight light;
+  light.centre = {0.0, 0.0, 900.0};
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  const double on_axis = plate_falloff(light, {0.0, 0.0, 0.0}, up);
+  EXPECT_DOUBLE_EQ(on_axis, 1.0 / (900.0 * 900.0));
+  const double c = std::cos(std::atan(300.0 / 900.0));
+  EXPECT_NEAR(plate_falloff(light, {300.0, 0.0, 0.0}, up) / on_axis, c * c * c * c, 1e-12);
+  EXPECT_EQ(plate_falloff(light, {0.0, 0.0, 901.0}, up), 0.0);
+}
+
+TEST(FitPlateScale, FindsTheScaleDespiteShadowsAndNoise) {
+  std::vector<float> values;
+  std::vector<double> falloffs;
+  for (std::uint64_t i = 0; i < 1000; ++i) {
+    const double f = 0.5 + uniform_unit(hash_key(i, 1));
+    const double shade = i % 10 < 3 ? uniform_unit(hash_key(i, 2)) : 1.0;
+    const double noise = 1.0 + 0.01 * standard_normal(hash_key(i, 3));
+    values.push_back(static_cast<float>(3.7 * f * shade * noise));
+    falloffs.push_back(f);
+  }
+  EXPECT_NEAR(fit_plate_scale(values, falloffs), 3.7, 0.05);
+  EXPECT_EQ(fit_plate_scale({}, {}), 0.0);
+}
+
+TEST(ShowsPlane, TellsShadowFromObject) {
+  std::vector<float> plate(64);
+  std::vector<float> shadowed(64);
+  std::vector<float> object(64);
+  for (std::size_t k = 0; k < 64; ++k) {
+    plate[k] = 1.0F + 0.01F * static_cast<float>(k);
+    shadowed[k] = k < 40 ? 0.0F : plate[k];
+    object[k] = plate[k] * (0.5F + 0.02F * static_cast<float>(k));
+  }
+  EXPECT_TRUE(shows_plane(plate, plate));
+  EXPECT_TRUE(shows_plane(shadowed, plate));
+  EXPECT_FALSE(shows_plane(object, plate));
+  EXPECT_FALSE(shows_plane(std::vector<float>(64, 0.0F), plate));
+  EXPECT_FALSE(shows_plane(plate, std::vector<float>(64, 0.0F)));
+}
+
+TEST(GrowHidden, GrowsByOnePixel) {
+  Image<std::uint8_t> mask(5, 5, 1);
+  for (std::uint8_t& m : mask.pixels()) {
+    m = 1;
+  }
+  mask(2, 2) = 0;
+  const Image<std::uint8_t> grown = grow_hidden(mask.view());
+  EXPECT_EQ(grown(1, 1), 0);
+  EXPECT_EQ(grown(3, 2), 0);
+  EXPECT_EQ(grown(0, 2), 1);
+}
+
+}  // namespace
+}  // namespace haarlight
