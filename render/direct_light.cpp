@@ -402,7 +402,7 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
     const double angle = reach / std::max(r.norm() - reach, 1e-300);
     const double turn =
         std::max(angle, 0.5 * angle * std::sqrt(has_lobe ? material.exponent : 0.0));
-    const Rule& rule = turn < 0.15 ? kRule2 : turn < 0.6 ? kRule4 : kRule8;
+    const Rule& rule = turn < 0.1 ? kRule2 : turn < 0.6 ? kRule4 : kRule8;
     const Integrand f{surface, material.exponent, lobe_scale,
                       light.emits.dot(surface.point - light.centre), light.lobe_mu};
     const Vector3d half_u = 0.5 * light.width_mm * light.u;

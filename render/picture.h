@@ -20,7 +20,7 @@ namespace haarlight {
 
 struct LitOptions {
   int n_subpixels = 2;  ///< n x n sub-pixel centres a pixel
-  DirectLightOptions direct;
+  DirectLightOptions direct{};
   Eigen::Vector3d background = Eigen::Vector3d::Zero();  ///< radiance where nothing is hit
   ProgressStyle progress = ProgressStyle::none;
 };

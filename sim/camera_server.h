@@ -27,9 +27,9 @@ struct LightSource {
 };
 
 struct CameraServerOptions {
-  VirtualCameraOptions camera;
+  VirtualCameraOptions camera{};
   int n_buffers = 8;  ///< frames the client may hold
-  FrameFaults faults;
+  FrameFaults faults{};
   std::uint64_t fault_seed = 1;
   /// A frame whose exposure begins within this time after the light became steady is one that a
   /// host may or may not have to refuse, as its acknowledgement travels faster or slower. It is

@@ -18,7 +18,7 @@ namespace haarlight {
 
 struct TransportOptions {
   int n_subpixels = 2;  ///< mean of n x n sub-pixel centres
-  DirectLightOptions direct;
+  DirectLightOptions direct{};
   std::filesystem::path cache_folder;  ///< empty: default_transport_cache()
   ProgressStyle progress = ProgressStyle::none;
 };

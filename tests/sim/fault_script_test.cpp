@@ -1,0 +1,76 @@
+#include "sim/fault_script.h"
+
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+
+namespace haarlight {
+namespace {
+
+TEST(FaultScript, ReadsEveryKey) {
+  const FaultScript script = parse_fault_script(R"(
+[frames]
+late_share = 0.01
+late_ms = 40.0
+drop_share = 0.02
+duplicate_share = 0.03
+stale_share = 0.04
+swap_share = 0.05
+jitter_us = 60.0
+[[bus]]
+at_s = 1.0
+for_s = 2.0
+kind = "dead"
+[[bus]]
+at_s = 5.0
+for_s = 1.5
+kind = "slow"
+delay_ms = 80.0
+[[restart]]
+at_s = 9.0
+off_ms = 250.0
+)",
+                                                "f.toml");
+  EXPECT_DOUBLE_EQ(script.frames.late_share, 0.01);
+  EXPECT_DOUBLE_EQ(script.frames.late_ms, 40.0);
+  EXPECT_DOUBLE_EQ(script.frames.drop_share, 0.02);
+  EXPECT_DOUBLE_EQ(script.frames.duplicate_share, 0.03);
+  EXPECT_DOUBLE_EQ(script.frames.stale_share, 0.04);
+  EXPECT_DOUBLE_EQ(script.frames.swap_share, 0.05);
+  EXPECT_DOUBLE_EQ(script.frames.jitter_us, 60.0);
+  ASSERT_EQ(script.bus.size(), 2U);
+  EXPECT_TRUE(script.bus[0].is_dead);
+  EXPECT_DOUBLE_EQ(script.bus[1].delay_ms, 80.0);
+  ASSERT_EQ(script.restarts.size(), 1U);
+  EXPECT_DOUBLE_EQ(script.restarts[0].off_ms, 250.0);
+}
+
+TEST(FaultScript, NamesLineAndCureOfBrokenOnes) {
+  const char* broken[] = {
+      "[frames]\ndrop_shar = 0.1\n",
+      "[frames]\ndrop_share = 1.5\n",
+      "[frames]\nlate_share = 0.6\ndrop_share = 0.6\n",
+      "[[bus]]\nat_s = 1.0\nfor_s = 1.0\nkind = \"lazy\"\n",
+      "[[bus]]\nat_s = 1.0\nfor_s = 1.0\nkind = \"slow\"\n",
+      "[[restart]]\noff_ms = 3.0\n",
+      "[frames\n",
+  };
+  for (const char* text : broken) {
+    try {
+      static_cast<void>(parse_fault_script(text, "f.toml"));
+      ADD_FAILURE() << text;
+    } catch (const Error& error) {
+      EXPECT_TRUE(error.where().starts_with("f.toml:")) << error.where();
+      EXPECT_FALSE(error.cure().empty());
+    }
+  }
+}
+
+TEST(FaultScript, AnEmptyOneBreaksNothing) {
+  const FaultScript script = parse_fault_script("", "f.toml");
+  EXPECT_EQ(script.frames.drop_share, 0.0);
+  EXPECT_TRUE(script.bus.empty());
+}
+
+}  // namespace
+}  // namespace haarlight
