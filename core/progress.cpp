@@ -19,7 +19,8 @@ Progress::Progress(std::string label, std::size_t total, ProgressStyle style)
     : label_(std::move(label)),
       total_(std::max<std::size_t>(total, 1)),
       style_(style),
-      start_(std::chrono::steady_clock::now()) {}
+      start_(std::chrono::steady_clock::now()),
+      last_line_(start_) {}
 
 Progress::~Progress() {
   if (style_ == ProgressStyle::bar && drawn_percent_ >= 0) {
@@ -40,15 +41,17 @@ void Progress::set_done(std::size_t done) {
 }
 
 void Progress::draw_locked() {
+  constexpr std::chrono::seconds kBetweenLines{5};
   const int percent = static_cast<int>(100 * std::min(done_, total_) / total_);
-  const int step = style_ == ProgressStyle::lines ? 10 : 1;
-  if (style_ == ProgressStyle::none || percent / step == drawn_percent_ / step) {
-    if (drawn_percent_ >= 0 || style_ == ProgressStyle::none) {
-      return;
-    }
+  const auto now = std::chrono::steady_clock::now();
+  const bool is_due = style_ == ProgressStyle::lines ? now - last_line_ >= kBetweenLines
+                                                     : percent != drawn_percent_;
+  if (style_ == ProgressStyle::none || !is_due) {
+    return;
   }
   drawn_percent_ = percent;
-  const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start_;
+  last_line_ = now;
+  const std::chrono::duration<double> spent = now - start_;
   const double left = done_ == 0 ? 0.0
                                  : spent.count() *
                                        static_cast<double>(total_ - std::min(done_, total_)) /

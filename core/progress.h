@@ -38,6 +38,7 @@ class Progress {
   int drawn_percent_ = -1;
   ProgressStyle style_;
   std::chrono::steady_clock::time_point start_;
+  std::chrono::steady_clock::time_point last_line_;
 };
 
 }  // namespace haarlight
