@@ -11,7 +11,7 @@
 
 /// @file
 /// Renders the transport matrix T[pixel][light] of a virtual rig once; it is kept by the hash
-/// of everything it depends on. Direct light only, definition of shared twin scenes:
+/// of everything it depends on. Direct light only, definition:
 /// docs/simulator.md.
 
 namespace haarlight {

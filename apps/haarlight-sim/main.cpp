@@ -17,6 +17,7 @@
 #include "core/report.h"
 #include "render/scene.h"
 #include "sim/transport.h"
+#include "sim/transport_stack.h"
 #include "sim/virtual_rig.h"
 
 namespace {
@@ -29,6 +30,7 @@ struct Arguments {
   std::string faults;
   std::string ready_file;
   std::string cache;
+  std::string stack;
   std::uint64_t seed = 1;
   double lit_electrons = 0.0;
   int n_subpixels = 2;
@@ -61,6 +63,10 @@ void add_options(CLI::App& app, Arguments& arguments) {
       ->type_name("PATH");
   app.add_option("--threads", arguments.threads, "Threads of the rendering; 0 = all")
       ->check(CLI::Range(0, 1024));
+  app.add_option(
+         "--stack", arguments.stack,
+         "Also write the first camera's matrix, in units of its scale, as a light stack")
+      ->type_name("FILE");
   app.add_flag("--only-transport", arguments.only_transport,
                "Render the transport matrix into the cache and end");
   app.add_flag("--quiet", arguments.quiet, "No progress, no messages");
@@ -144,6 +150,9 @@ int run(const Arguments& arguments) {
     options.faults = haarlight::read_fault_script(arguments.faults);
   }
   const std::vector<haarlight::Transport> transports = make_transports(rig, arguments);
+  if (!arguments.stack.empty()) {
+    haarlight::write_light_stack(transports.front(), arguments.stack);
+  }
   if (arguments.only_transport) {
     return static_cast<int>(ExitCode::done);
   }

@@ -8,7 +8,9 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "render/analytic/polygon_light.h"
+#include "session/light_stack.h"
 #include "sim/rig_scene.h"
+#include "sim/transport_stack.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {
@@ -67,7 +69,8 @@ TEST(Transport, OfTheEmptyRigIsTheClosedFormPlate) {
         const double expected =
             0.8 / std::numbers::pi *
             light_irradiance(lights[static_cast<std::size_t>(k)], point, Vector3d::UnitZ());
-        // Float storage (6e-8) and 2 x 2 Gauss points, whose error at their switch-over is 1e-5.
+        // Float storage (6e-8) and 2 x 2 Gauss points, whose error at their switch-over is
+        // 1e-5.
         EXPECT_NEAR(transport.plane(k)(y, x), expected, 1e-5 * expected)
             << k << ' ' << y << ' ' << x;
       }
@@ -166,6 +169,22 @@ TEST(Transport, ScaleIsTheMedianOfTheMean) {
   }
   std::sort(means.begin(), means.end());
   EXPECT_NEAR(transport.scale(), 0.5 * (means[149] + means[150]), 1e-9 * transport.scale());
+}
+
+TEST(Transport, BecomesALightStackInUnitsOfItsScale) {
+  const TemporaryFolder folder;
+  const Transport transport =
+      make_transport(tiny_rig(), 0, plate_and_ball(), options_in(folder));
+  write_light_stack(transport, folder / "truth.stack");
+  const LightStack stack = LightStack::open(folder / "truth.stack");
+  EXPECT_EQ(stack.shape().n_lights, 64);
+  const Image<float> light = stack.light_image(19);
+  for (int y = 0; y < 15; ++y) {
+    for (int x = 0; x < 20; ++x) {
+      EXPECT_NEAR(light(y, x), transport.plane(19)(y, x) / transport.scale(),
+                  1e-6 * light(y, x));
+    }
+  }
 }
 
 TEST(Transport, RefusesACacheFolderThatCannotBeMade) {
