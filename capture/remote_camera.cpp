@@ -1,0 +1,341 @@
+#include "capture/remote_camera.h"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <vector>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+namespace haarlight {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr milliseconds kAnswerTime{2000};
+constexpr std::size_t kMaxQueued = 64;
+
+std::string describe(const CameraSpec& spec) { return "remote camera " + spec.device; }
+
+Errc errc_of(int error) {
+  switch (error) {
+    case ENOENT:
+    case ECONNREFUSED:
+    case ECONNRESET:
+    case EPIPE:
+    case ENOTCONN:
+      return Errc::device_gone;
+    case EAGAIN:
+    case EBUSY:
+      return Errc::device_busy;
+    default:
+      return Errc::io;
+  }
+}
+
+/// Pixels mapped read-only, or copied; freed when the last frame that shows them is released.
+class FrameMemory {
+ public:
+  FrameMemory(const FrameMemory&) = delete;
+  FrameMemory& operator=(const FrameMemory&) = delete;
+  ~FrameMemory() {
+    if (mapping_ != nullptr) {
+      ::munmap(mapping_, size_);
+    }
+  }
+
+  /// Nothing when the memory holds fewer than `bytes`.
+  static std::shared_ptr<FrameMemory> open(const Fd& fd, std::size_t bytes) {
+    struct stat info {};
+    if (::fstat(fd.get(), &info) != 0 || info.st_size < static_cast<off_t>(bytes)) {
+      return nullptr;
+    }
+    std::shared_ptr<FrameMemory> memory(new FrameMemory);
+    const int seals = ::fcntl(fd.get(), F_GET_SEALS);
+    if (seals >= 0 && (seals & F_SEAL_SHRINK) != 0) {
+      void* mapping = ::mmap(nullptr, bytes, PROT_READ, MAP_SHARED, fd.get(), 0);
+      if (mapping == MAP_FAILED) {
+        return nullptr;
+      }
+      memory->mapping_ = mapping;
+      memory->size_ = bytes;
+      return memory;
+    }
+    memory->copy_.resize((bytes + 1) / 2);
+    std::size_t done = 0;
+    while (done < bytes) {
+      const ssize_t n = ::pread(fd.get(), reinterpret_cast<char*>(memory->copy_.data()) + done,
+                                bytes - done, static_cast<off_t>(done));
+      if (n <= 0) {
+        return nullptr;
+      }
+      done += static_cast<std::size_t>(n);
+    }
+    return memory;
+  }
+
+  [[nodiscard]] const std::uint16_t* words() const {
+    return mapping_ != nullptr ? static_cast<const std::uint16_t*>(mapping_) : copy_.data();
+  }
+
+ private:
+  FrameMemory() = default;
+  void* mapping_ = nullptr;
+  std::size_t size_ = 0;
+  std::vector<std::uint16_t> copy_;
+};
+
+/// Sends without waiting; the peer's buffer holds hundreds of headers.
+int send_packet(int fd, const RemoteHeader& header) {
+  const ssize_t n = ::send(fd, &header, sizeof header, MSG_NOSIGNAL | MSG_DONTWAIT);
+  return n == static_cast<ssize_t>(sizeof header) ? 0 : errno;
+}
+
+}  // namespace
+
+RemoteCamera::~RemoteCamera() { stop(); }
+
+Result<CameraSetup> RemoteCamera::start(const CameraSpec& spec) {
+  stop();
+  spec_ = spec;
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (spec.device.size() >= sizeof address.sun_path) {
+    return fail(Errc::unsupported, describe(spec) + ": the socket's path is too long");
+  }
+  std::copy(spec.device.begin(), spec.device.end(), std::begin(address.sun_path));
+  auto fd =
+      std::make_shared<Fd>(::socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  if (!fd->is_open()) {
+    return fail(Errc::io, describe(spec) + ": socket: " + std::strerror(errno), errno);
+  }
+  if (::connect(fd->get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+    const int error = errno;
+    return fail(errc_of(error),
+                fmt::format("{}: connect: {}", describe(spec), std::strerror(error)), error);
+  }
+  socket_ = std::move(fd);
+  RemoteHeader ask;
+  ask.message = static_cast<std::uint16_t>(RemoteMessage::setup);
+  ask.width = static_cast<std::uint32_t>(spec.frame_width);
+  ask.height = static_cast<std::uint32_t>(spec.frame_height);
+  ask.exposure_us = static_cast<float>(spec.exposure_us);
+  ask.gain_db = static_cast<float>(spec.gain_db);
+  ask.fps = static_cast<float>(spec.fps);
+  if (auto sent = send(ask); !sent) {
+    stop();
+    return tl::unexpected<Fault>(sent.error());
+  }
+  auto set = answer_to(RemoteMessage::setup);
+  if (!set) {
+    stop();
+    return tl::unexpected<Fault>(set.error());
+  }
+  if (set->width != ask.width || set->height != ask.height || set->n_buffers < 1) {
+    const std::string what =
+        fmt::format("{}: asked for {} x {}, it set {} x {} with {} buffers", describe(spec),
+                    ask.width, ask.height, set->width, set->height, set->n_buffers);
+    stop();
+    return fail(Errc::refused, what);
+  }
+  RemoteHeader go;
+  go.message = static_cast<std::uint16_t>(RemoteMessage::start);
+  if (auto sent = send(go); !sent) {
+    stop();
+    return tl::unexpected<Fault>(sent.error());
+  }
+  return CameraSetup{.width = static_cast<int>(set->width),
+                     .height = static_cast<int>(set->height),
+                     .n_buffers = static_cast<int>(std::min(set->n_buffers, 1024U)),
+                     .fps = set->fps,
+                     .exposure_us = set->exposure_us,
+                     .gain_db = set->gain_db,
+                     .identity = describe(spec)};
+}
+
+Result<Frame> RemoteCamera::next(Clock::time_point deadline) {
+  for (;;) {
+    if (!queued_.empty()) {
+      Packet packet = std::move(queued_.front());
+      queued_.pop_front();
+      return make_frame(std::move(packet));
+    }
+    auto packet = receive(deadline);
+    if (!packet) {
+      return tl::unexpected<Fault>(packet.error());
+    }
+    const auto message = static_cast<RemoteMessage>(packet->header.message);
+    if (message == RemoteMessage::frame) {
+      return make_frame(*std::move(packet));
+    }
+    if (message == RemoteMessage::error) {
+      return fail(Errc::io, fmt::format("{}: it reports errno {}", describe(spec_),
+                                        packet->header.flags));
+    }
+  }
+}
+
+Result<double> RemoteCamera::set_exposure(double exposure_us) {
+  RemoteHeader ask;
+  ask.message = static_cast<std::uint16_t>(RemoteMessage::set_exposure);
+  ask.exposure_us = static_cast<float>(exposure_us);
+  if (auto sent = send(ask); !sent) {
+    return tl::unexpected<Fault>(sent.error());
+  }
+  return answer_to(RemoteMessage::set_exposure).map([](const RemoteHeader& header) {
+    return static_cast<double>(header.exposure_us);
+  });
+}
+
+void RemoteCamera::stop() noexcept {
+  if (socket_ != nullptr) {
+    RemoteHeader header;
+    header.message = static_cast<std::uint16_t>(RemoteMessage::stop);
+    (void)send_packet(socket_->get(), header);
+    // Frames still held keep their memory; their release finds the connection shut.
+    ::shutdown(socket_->get(), SHUT_RDWR);
+  }
+  socket_.reset();
+  queued_.clear();
+}
+
+Result<void> RemoteCamera::send(const RemoteHeader& header) {
+  if (socket_ == nullptr) {
+    return fail(Errc::device_gone, describe(spec_) + ": not connected");
+  }
+  if (const int error = send_packet(socket_->get(), header); error != 0) {
+    return fail(errc_of(error),
+                fmt::format("{}: send: {}", describe(spec_), std::strerror(error)), error);
+  }
+  return {};
+}
+
+Result<RemoteCamera::Packet> RemoteCamera::receive(Clock::time_point deadline) {
+  if (socket_ == nullptr) {
+    return fail(Errc::device_gone, describe(spec_) + ": not connected");
+  }
+  for (;;) {
+    Packet packet;
+    iovec part{.iov_base = &packet.header, .iov_len = sizeof packet.header};
+    alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(int) * 4)> control{};
+    msghdr message{};
+    message.msg_iov = &part;
+    message.msg_iovlen = 1;
+    message.msg_control = control.data();
+    message.msg_controllen = control.size();
+    const ssize_t n = ::recvmsg(socket_->get(), &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+    const int error = errno;
+    if (n < 0 && error == EINTR) {
+      continue;
+    }
+    if (n < 0 && error == EAGAIN) {
+      const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now());
+      if (left.count() <= 0) {
+        return fail(Errc::timeout, describe(spec_) + ": no message before the deadline");
+      }
+      pollfd wait{.fd = socket_->get(), .events = POLLIN, .revents = 0};
+      (void)::poll(&wait, 1, static_cast<int>(std::min<long long>(left.count(), 60000)));
+      continue;
+    }
+    if (n < 0) {
+      return fail(errc_of(error),
+                  fmt::format("{}: receive: {}", describe(spec_), std::strerror(error)), error);
+    }
+    // Own every descriptor that came, whatever else is wrong with the message.
+    for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
+      if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_RIGHTS) {
+        continue;
+      }
+      const std::size_t count = (c->cmsg_len - CMSG_LEN(0)) / sizeof(int);
+      for (std::size_t i = 0; i < count; ++i) {
+        int fd = -1;
+        std::memcpy(&fd, CMSG_DATA(c) + i * sizeof(int), sizeof(int));
+        packet.memory.reset(fd);
+      }
+    }
+    if (n == 0) {
+      return fail(Errc::device_gone, describe(spec_) + ": it closed the connection");
+    }
+    if (n != static_cast<ssize_t>(sizeof packet.header) ||
+        packet.header.magic != kRemoteMagic || packet.header.version != kRemoteVersion) {
+      return fail(Errc::protocol, fmt::format("{}: {} bytes that are no header of version {}",
+                                              describe(spec_), n, kRemoteVersion));
+    }
+    return packet;
+  }
+}
+
+Result<RemoteHeader> RemoteCamera::answer_to(RemoteMessage message) {
+  const Clock::time_point deadline = Clock::now() + kAnswerTime;
+  for (;;) {
+    auto packet = receive(deadline);
+    if (!packet) {
+      return tl::unexpected<Fault>(packet.error());
+    }
+    const auto kind = static_cast<RemoteMessage>(packet->header.message);
+    if (kind == message) {
+      return packet->header;
+    }
+    if (kind == RemoteMessage::error) {
+      const auto error = static_cast<int>(packet->header.flags);
+      return fail(error == EBUSY ? Errc::device_busy : Errc::refused,
+                  fmt::format("{}: it refused: {}", describe(spec_), std::strerror(error)),
+                  error);
+    }
+    if (kind == RemoteMessage::frame && queued_.size() < kMaxQueued) {
+      queued_.push_back(*std::move(packet));
+    }
+  }
+}
+
+Result<Frame> RemoteCamera::make_frame(Packet packet) const {
+  const RemoteHeader& h = packet.header;
+  FrameInfo info{.sequence = h.sequence,
+                 .timestamp_ns = h.timestamp_ns,
+                 .flags = h.flags,
+                 .exposure_us = h.exposure_us,
+                 .gain_db = h.gain_db};
+  const auto width = static_cast<std::size_t>(spec_.frame_width);
+  const auto height = static_cast<std::size_t>(spec_.frame_height);
+  const std::size_t stride = h.stride;
+  const std::size_t bytes = stride * height;
+  const bool is_shaped = h.width == width && h.height == height && stride >= 2 * width &&
+                         stride % 2 == 0 && stride <= 64 * width + 4096;
+  if (!packet.memory.is_open() || !is_shaped) {
+    return fail(Errc::protocol,
+                fmt::format("{}: frame {} of {} x {}, stride {}, {} memory; expected {} x {}",
+                            describe(spec_), h.sequence, h.width, h.height, h.stride,
+                            packet.memory.is_open() ? "with" : "without", width, height));
+  }
+  auto release = [socket = socket_, sequence = h.sequence] {
+    RemoteHeader header;
+    header.message = static_cast<std::uint16_t>(RemoteMessage::release);
+    header.sequence = sequence;
+    (void)send_packet(socket->get(), header);
+  };
+  std::shared_ptr<FrameMemory> memory =
+      h.bytes >= bytes ? FrameMemory::open(packet.memory, bytes) : nullptr;
+  if (memory == nullptr) {
+    info.flags |= kFrameShort;
+    return Frame(info, {}, std::move(release));
+  }
+  const ImageView<const std::uint16_t> pixels(memory->words(), spec_.frame_height,
+                                              spec_.frame_width, 1,
+                                              static_cast<std::ptrdiff_t>(stride / 2));
+  return Frame(info, pixels, [memory, release = std::move(release)]() mutable {
+    memory.reset();
+    release();
+  });
+}
+
+}  // namespace haarlight

@@ -1,0 +1,585 @@
+#include "capture/virtual_rig.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "core/random.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::int64_t kUs = 1000;
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kNoAnswer_ns = 30 * kMs;  // the bus's timeout
+constexpr std::uint64_t kMaxEvents = 2'000'000;
+constexpr std::int64_t kAbortPromise_ns = 201 * kMs;
+
+double draw(std::uint64_t seed, std::uint64_t i) { return uniform_unit(hash_key(seed, i)); }
+
+}  // namespace
+
+VirtualRigConfig random_virtual_rig(std::uint64_t seed) {
+  std::uint64_t i = 1000;
+  const auto u = [&] { return draw(seed, ++i); };
+  // A third of the faults is absent in each rig, so that their combinations differ.
+  const auto p = [&](double most) { return u() < 0.33 ? 0.0 : most * u(); };
+  VirtualRigConfig rig;
+  rig.seed = seed;
+  constexpr std::array<double, 4> kFps{30.0, 60.0, 120.0, 240.0};
+  rig.fps = kFps[static_cast<std::size_t>(u() * 4.0)];
+  const double frame_us = 1e6 / rig.fps;
+  rig.skew_us = u() < 0.5 ? 0.0 : 0.4 * frame_us * u();
+  rig.read_us = frame_us * (0.05 + 0.5 * u());
+  rig.timestamp = static_cast<TimestampMeaning>(static_cast<int>(u() * 3.0));
+  rig.latch_us = 500.0 * u();
+  rig.rise_us = 300.0 * u();
+  rig.bus_us = 100.0 + 20000.0 * u() * u();
+  rig.commit_us = 200.0 + 60000.0 * u() * u();
+  rig.stamp_jitter_us = 40.0 * u();
+  rig.n_buffers = 3 + static_cast<int>(u() * 8.0);
+  rig.faults = {.frame_late = p(0.1),
+                .frame_dropped = p(0.1),
+                .frame_repeated = p(0.1),
+                .frame_stale = p(0.1),
+                .frame_swapped = p(0.1),
+                .frame_damaged = p(0.1),
+                .light_timeout = p(0.1),
+                .light_wrong_echo = p(0.05),
+                .check_failed = p(0.1),
+                .commit_full = p(0.1),
+                .controller_reboot_rate = p(1.0),
+                .lease_lost_rate = p(1.0),
+                .camera_gone_rate = p(0.7),
+                .pause_rate = p(0.7),
+                .safe_off_rate = p(0.4),
+                .abort_rate = p(0.4),
+                .reshoot_rate = p(0.7)};
+  return rig;
+}
+
+std::shared_ptr<const SequencerPlan> random_virtual_plan(const VirtualRigConfig& rig,
+                                                         int max_shots) {
+  std::uint64_t i = 2000;
+  const auto u = [&] { return draw(rig.seed, ++i); };
+  auto plan = std::make_shared<SequencerPlan>();
+  const double frame_us = 1e6 / rig.fps;
+  const int n = 1 + static_cast<int>(u() * max_shots);
+  const double e1 = frame_us * (0.05 + 0.5 * u());
+  const double e2 = u() < 0.5 ? e1 : frame_us * (0.05 + 0.5 * u());
+  for (int k = 0; k < n; ++k) {
+    plan->shots.push_back({.tag = kFirstTag + static_cast<std::uint32_t>(k),
+                           .exposure_us = k < n / 2 ? e1 : e2,
+                           .pattern_id = k});
+  }
+  plan->timestamp = rig.timestamp;
+  plan->read_us = rig.read_us;
+  plan->skew_us = rig.skew_us;
+  plan->frame_us = frame_us;
+  plan->settle_ns = static_cast<std::int64_t>((rig.latch_us + rig.rise_us) * 1e3) + 100 * kUs;
+  plan->max_held = 1 + static_cast<int>(u() * 6.0);
+  return plan;
+}
+
+VirtualRig::VirtualRig(VirtualRigConfig config, std::shared_ptr<const SequencerPlan> plan)
+    : config_(config), plan_(std::move(plan)) {
+  light_.push_back({0, 0, true});
+  commit_counts_.resize(plan_->shots.size());
+}
+
+VirtualRig::~VirtualRig() = default;
+
+double VirtualRig::chance() { return draw(config_.seed, hash_key(7, ++draws_)); }
+std::int64_t VirtualRig::some_ns(double most_us) {
+  return static_cast<std::int64_t>(1e3 * most_us * (0.05 + 0.95 * chance()));
+}
+
+void VirtualRig::at(std::int64_t t_ns, std::function<void()> work) {
+  queue_.push(Pending{std::max(t_ns, now_ns_), ++order_, std::move(work)});
+}
+
+void VirtualRig::fail(const std::string& problem) {
+  if (outcome_.problem.empty()) {
+    outcome_.problem =
+        fmt::format("at {:.6f} s: {}", static_cast<double>(now_ns_) * 1e-9, problem);
+  }
+}
+
+void VirtualRig::send(EventBody body) {
+  ++n_events_;
+  StepResult result = step(std::move(state_), TimedEvent{now_ns_, std::move(body)});
+  state_ = std::move(result.state);
+  for (const Action& action : result.actions) {
+    perform(action);
+  }
+  if (state_.deadline_ns != kNever && state_.deadline_ns != tick_ns_) {
+    tick_ns_ = state_.deadline_ns;
+    at(tick_ns_, [this, t = tick_ns_] {
+      if (t == tick_ns_) {
+        tick_ns_ = kNever;
+        send(event::Tick{});
+      }
+    });
+  }
+}
+
+void VirtualRig::perform(const Action& action) {
+  if (const auto* connect = std::get_if<action::ConnectLight>(&action)) {
+    queue_job([this, job = connect->job] {
+      at(now_ns_ + some_ns(config_.bus_us), [this, job] {
+        if (now_ns_ < bus_back_ns_) {
+          end_job(event::LightFault{job, Errc::device_gone, "no route to the controller"});
+          return;
+        }
+        is_connected_ = true;
+        change_light(0, 0);
+        end_job(event::LightConnected{job, boot_id_});
+      });
+    });
+  } else if (const auto* show_shot = std::get_if<action::ShowShot>(&action)) {
+    queue_job([this, a = *show_shot] { light_job(a.job, a.tag, a.confirm); });
+  } else if (const auto* off = std::get_if<action::LightsOff>(&action)) {
+    queue_job([this, a = *off] { light_job(a.job, 0, a.confirm); });
+  } else if (const auto* start = std::get_if<action::StartCamera>(&action)) {
+    ++generation_;
+    is_streaming_ = false;
+    at(now_ns_ + some_ns(20000.0), [this, e = start->exposure_us] { start_camera(e); });
+  } else if (std::get_if<action::StopCamera>(&action) != nullptr) {
+    ++generation_;
+    is_streaming_ = false;
+  } else if (const auto* set = std::get_if<action::SetExposure>(&action)) {
+    at(now_ns_ + some_ns(2000.0), [this, e = set->exposure_us] {
+      if (is_streaming_) {
+        next_exposure_us_ = e;
+        exposure_delay_ = 1 + static_cast<int>(chance() * 2.0);
+        send(event::ExposureSet{e});
+      }
+    });
+  } else if (const auto* drop = std::get_if<action::DropFrame>(&action)) {
+    if (frames_.erase(drop->frame) == 0) {
+      fail("a frame was dropped twice");
+    }
+  } else if (const auto* check = std::get_if<action::CheckFrame>(&action)) {
+    at(now_ns_ + some_ns(500.0), [this, c = *check] {
+      const bool is_bad = happens(config_.faults.check_failed);
+      send(event::FrameChecked{c.frame, c.shot, c.evidence, is_bad ? "saturated" : ""});
+    });
+  } else if (const auto* commit = std::get_if<action::CommitFrame>(&action)) {
+    commits_.push_back(*commit);
+    commit_next();
+  } else if (std::get_if<action::RetryCommits>(&action) != nullptr) {
+    commit_next();
+  } else if (std::get_if<action::ForgetCommits>(&action) != nullptr) {
+    commits_.clear();
+  } else if (const auto* withdraw = std::get_if<action::WithdrawShot>(&action)) {
+    is_committed_[static_cast<std::size_t>(withdraw->shot)] = false;
+  } else if (std::get_if<action::FinishSession>(&action) != nullptr) {
+    at(now_ns_ + some_ns(5000.0), [this] {
+      if (now_ns_ < disk_back_ns_ || (finish_ && !finish_())) {
+        send(event::CommitFault{Errc::no_space, "session.json: no space left"});
+      } else {
+        send(event::SessionFinished{});
+      }
+    });
+  } else if (const auto* line = std::get_if<action::LogEvent>(&action)) {
+    log_.push_back(fmt::format("{:.6f} {} {} {}", static_cast<double>(now_ns_) * 1e-9,
+                               line->kind, line->shot, line->text));
+    if (log_.size() > 60) {
+      log_.pop_front();
+    }
+  }
+}
+
+// ---- light
+// -----------------------------------------------------------------------------------
+
+void VirtualRig::queue_job(std::function<void()> work) {
+  jobs_.push_back(std::move(work));
+  start_job();
+}
+
+void VirtualRig::start_job() {
+  if (is_job_running_ || jobs_.empty()) {
+    return;
+  }
+  is_job_running_ = true;
+  std::function<void()> work = std::move(jobs_.front());
+  jobs_.pop_front();
+  at(now_ns_ + 20 * kUs, std::move(work));
+}
+
+void VirtualRig::end_job(std::optional<EventBody> answer) {
+  is_job_running_ = false;
+  if (answer) {
+    send(*std::move(answer));
+  }
+  start_job();
+}
+
+void VirtualRig::change_light(std::uint32_t tag, std::int64_t delay_ns) {
+  ++n_latches_;
+  shown_tag_ = tag;
+  const std::int64_t begin_ns = std::max(now_ns_ + delay_ns, light_.back().t_ns);
+  light_.push_back({begin_ns, tag, false});
+  light_.push_back({begin_ns + static_cast<std::int64_t>(config_.rise_us * 1e3), tag, true});
+  if (light_.size() > 400) {
+    light_.erase(light_.begin(), light_.begin() + 200);
+  }
+}
+
+FrameTag VirtualRig::truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const {
+  FrameTag truth;
+  bool is_first = true;
+  for (std::size_t i = 0; i < light_.size(); ++i) {
+    const std::int64_t end_ns = i + 1 < light_.size() ? light_[i + 1].t_ns : kNever;
+    if (end_ns <= t0_ns || light_[i].t_ns >= t1_ns) {
+      continue;
+    }
+    truth.is_mixed =
+        truth.is_mixed || !light_[i].is_settled || (!is_first && truth.tag != light_[i].tag);
+    truth.tag = light_[i].tag;
+    is_first = false;
+  }
+  return truth;
+}
+
+void VirtualRig::reboot() {
+  ++boot_id_;
+  is_connected_ = false;
+  change_light(0, 0);
+  bus_back_ns_ = now_ns_ + some_ns(800'000.0);
+}
+
+/// Confirm, then latch; every bus exchange takes time and may go wrong.
+void VirtualRig::light_job(std::uint64_t job, std::uint32_t tag,
+                           std::optional<ConfirmRequest> confirm) {
+  const auto fault = [this, job](Errc code, const char* what) {
+    at(now_ns_ + kNoAnswer_ns, [this, job, code, what] {
+      end_job(event::LightFault{job, code, what});
+    });
+  };
+  if (now_ns_ < bus_back_ns_ || !is_connected_) {
+    fault(Errc::device_gone, "connection reset");
+    return;
+  }
+  if (!confirm) {
+    show(job, tag);
+    return;
+  }
+  if (happens(config_.faults.light_timeout)) {
+    fault(Errc::timeout, "status: no answer");
+    return;
+  }
+  const std::int64_t request_ns = now_ns_;
+  const std::int64_t sample_ns = now_ns_ + some_ns(0.5 * config_.bus_us);
+  const std::int64_t answer_ns = sample_ns + some_ns(0.5 * config_.bus_us);
+  at(sample_ns, [=, this] {
+    const std::uint32_t shown = shown_tag_;
+    const std::uint32_t boot = boot_id_;
+    const bool is_up = is_connected_;
+    at(answer_ns, [=, this] {
+      if (!is_up) {
+        fault(Errc::device_gone, "status: connection reset");
+        return;
+      }
+      send(event::LightConfirmed{confirm->frame, request_ns, shown, boot});
+      if (shown == confirm->tag) {
+        show(job, tag);
+      } else {
+        end_job(std::nullopt);
+      }
+    });
+  });
+}
+
+void VirtualRig::show(std::uint64_t job, std::uint32_t tag) {
+  const std::int64_t command_ns = now_ns_;
+  const std::int64_t latch_ns = now_ns_ + some_ns(0.5 * config_.bus_us);
+  const std::int64_t ack_ns = latch_ns + some_ns(0.5 * config_.bus_us);
+  const std::int64_t answer_ns = ack_ns + some_ns(0.3 * config_.bus_us);
+  const bool is_lost = happens(config_.faults.light_timeout);
+  const bool is_shown = !is_lost || happens(0.5);
+  const bool is_wrong_echo = happens(config_.faults.light_wrong_echo);
+  at(latch_ns, [=, this] {
+    const bool is_up = is_connected_;
+    if (is_up && is_shown) {
+      change_light(tag, some_ns(config_.latch_us));
+    }
+    if (!is_up || is_lost) {
+      at(now_ns_ + kNoAnswer_ns, [this, job] {
+        end_job(event::LightFault{job, Errc::timeout, "latch: no answer"});
+      });
+      return;
+    }
+    at(answer_ns, [=, this] {
+      if (!is_connected_) {
+        end_job(event::LightFault{job, Errc::device_gone, "tag: connection reset"});
+      } else if (tag == 0) {
+        end_job(event::LightDark{job});
+      } else {
+        const std::uint32_t echo = is_wrong_echo ? shown_tag_ + 1 : shown_tag_;
+        end_job(event::LightShown{job, LatchReceipt{command_ns, ack_ns, echo}});
+      }
+    });
+  });
+}
+
+// ---- camera
+// ----------------------------------------------------------------------------------
+
+void VirtualRig::start_camera(double exposure_us) {
+  if (now_ns_ < camera_back_ns_) {
+    send(event::CameraFault{Errc::device_gone, "no such device"});
+    return;
+  }
+  ++generation_;
+  is_streaming_ = true;
+  exposure_us_ = next_exposure_us_ = exposure_us;
+  exposure_delay_ = 0;
+  sequence_ = 0;
+  delivered_.clear();
+  swapped_.reset();
+  send(event::CameraStarted{exposure_us, config_.n_buffers});
+  at(now_ns_ + some_ns(10'000.0), [this, g = generation_] { expose(g); });
+}
+
+/// A frame's exposure begins now; it is delivered after its readout. The sensor never stops.
+void VirtualRig::expose(std::uint64_t generation) {
+  if (generation != generation_ || !is_streaming_) {
+    return;
+  }
+  const auto frame_ns = static_cast<std::int64_t>(1e9 / config_.fps);
+  at(now_ns_ + frame_ns, [this, generation] { expose(generation); });
+  if (exposure_delay_ > 0 && --exposure_delay_ == 0) {
+    exposure_us_ = next_exposure_us_;
+  }
+  const std::uint64_t sequence = sequence_++;
+  const std::int64_t start_ns = now_ns_;
+  const double exposure_us = exposure_us_;
+  const auto exposure_ns = static_cast<std::int64_t>(exposure_us * 1e3);
+  const std::int64_t end_ns =
+      start_ns + exposure_ns + static_cast<std::int64_t>(config_.skew_us * 1e3);
+  const std::int64_t read_ns =
+      start_ns + exposure_ns + static_cast<std::int64_t>(config_.read_us * 1e3);
+  at(std::max(end_ns, read_ns), [=, this] {
+    if (generation != generation_ || !is_streaming_) {
+      return;
+    }
+    VirtualFrame frame;
+    frame.truth = truth_between(start_ns, end_ns);
+    const bool is_next =
+        !frame.truth.is_mixed && frame.truth.tag == clean_tag_ && clean_latch_ == n_latches_;
+    n_clean_ = is_next ? n_clean_ + 1 : 0;
+    clean_tag_ = frame.truth.tag;
+    clean_latch_ = n_latches_;
+    frame.n_clean = n_clean_;
+    const std::int64_t jitter_ns = some_ns(config_.stamp_jitter_us);
+    const std::int64_t stamp_ns =
+        config_.timestamp == TimestampMeaning::start_exposure  ? start_ns
+        : config_.timestamp == TimestampMeaning::start_readout ? start_ns + exposure_ns
+                                                               : read_ns;
+    frame.info = {.sequence = sequence,
+                  .timestamp_ns = stamp_ns + jitter_ns,
+                  .flags = kFrameMonotonic,
+                  .exposure_us = exposure_us,
+                  .gain_db = 0.0};
+    frame.pixel_hash = hash_key(config_.seed, generation, sequence, 99);
+    const VirtualFaults& faults = config_.faults;
+    if (happens(faults.frame_dropped)) {
+      return;
+    }
+    if (happens(faults.frame_damaged)) {
+      frame.info.flags |= kFrameError;
+    }
+    if (!delivered_.empty() && happens(faults.frame_stale)) {
+      const auto i =
+          static_cast<std::size_t>(chance() * static_cast<double>(delivered_.size()));
+      frame.truth = delivered_[i].truth;
+      frame.pixel_hash = delivered_[i].pixel_hash;
+    }
+    if (swapped_) {
+      const VirtualFrame earlier = *swapped_;
+      swapped_.reset();
+      deliver(frame);
+      deliver(earlier);
+      return;
+    }
+    if (happens(faults.frame_swapped)) {
+      swapped_ = frame;
+      return;
+    }
+    const std::int64_t late_ns =
+        happens(faults.frame_late) ? some_ns(3e6 / config_.fps) : 10 * kUs;
+    at(now_ns_ + late_ns, [this, frame, generation] {
+      if (generation == generation_ && is_streaming_) {
+        deliver(frame);
+        if (happens(config_.faults.frame_repeated)) {
+          deliver(frame);
+        }
+      }
+    });
+  });
+}
+
+void VirtualRig::deliver(const VirtualFrame& frame) {
+  if (static_cast<int>(frames_.size()) >= config_.n_buffers) {
+    return;  // no free buffer: the driver loses the frame
+  }
+  delivered_.push_back(frame);
+  if (delivered_.size() > static_cast<std::size_t>(config_.n_buffers)) {
+    delivered_.pop_front();
+  }
+  const std::uint64_t id = next_frame_++;
+  frames_.emplace(id, frame);
+  send(event::FrameArrived{id, frame.info, frame.pixel_hash, true});
+}
+
+// ---- disk
+// ------------------------------------------------------------------------------------
+
+void VirtualRig::commit_next() {
+  if (is_committing_ || commits_.empty()) {
+    return;
+  }
+  is_committing_ = true;
+  at(now_ns_ + some_ns(config_.commit_us), [this] {
+    is_committing_ = false;
+    if (commits_.empty()) {
+      return;
+    }
+    if (now_ns_ >= disk_back_ns_ && happens(config_.faults.commit_full)) {
+      disk_back_ns_ = now_ns_ + some_ns(2'000'000.0);
+    }
+    const action::CommitFrame& commit = commits_.front();
+    const auto it = frames_.find(commit.frame);
+    if (it == frames_.end()) {
+      fail(fmt::format("shot {}: its buffer was given back before the commit", commit.shot));
+      return;
+    }
+    if (now_ns_ < disk_back_ns_ || (commit_ && !commit_(commit, it->second))) {
+      send(event::CommitFault{Errc::no_space, "no space left on device"});
+      return;
+    }
+    const VirtualFrame& frame = it->second;
+    const std::uint32_t tag = plan_->shots[static_cast<std::size_t>(commit.shot)].tag;
+    if (frame.truth.is_mixed || frame.truth.tag != tag) {
+      fail(fmt::format(
+          "shot {} committed a frame that saw tag {}{}, not {}; evidence: start {} end "
+          "{} stable {} next {}",
+          commit.shot, frame.truth.tag, frame.truth.is_mixed ? " mixed" : "", tag,
+          commit.evidence.t_exposure_start_ns, commit.evidence.t_exposure_end_ns,
+          commit.evidence.t_stable_ns, commit.evidence.t_next_change_ns));
+    }
+    const double asked_us = plan_->shots[static_cast<std::size_t>(commit.shot)].exposure_us;
+    if (std::abs(frame.info.exposure_us - asked_us) > 0.006 * asked_us) {
+      fail(fmt::format("shot {} committed a frame of another exposure", commit.shot));
+    }
+    const auto i = static_cast<std::size_t>(commit.shot);
+    ++commit_counts_[i];
+    ++outcome_.n_commits;
+    is_committed_[i] = true;
+    attempts_[i] = std::max(attempts_[i], commit.attempt + 1);
+    const event::FrameCommitted done{commit.frame, commit.shot};
+    commits_.pop_front();
+    send(done);
+    commit_next();
+  });
+}
+
+// ---- the world
+// -------------------------------------------------------------------------------
+
+void VirtualRig::every(double rate, const std::function<void()>& work) {
+  if (rate <= 0.0) {
+    return;
+  }
+  const auto wait_ns = static_cast<std::int64_t>(-1e9 * std::log(1.0 - chance()) / rate);
+  at(now_ns_ + wait_ns, [this, rate, work] {
+    work();
+    every(rate, work);
+  });
+}
+
+void VirtualRig::schedule_rates() {
+  const VirtualFaults& faults = config_.faults;
+  every(faults.controller_reboot_rate, [this] { reboot(); });
+  every(faults.lease_lost_rate, [this] { change_light(0, 0); });
+  every(faults.camera_gone_rate, [this] {
+    if (is_streaming_) {
+      is_streaming_ = false;
+      camera_back_ns_ = now_ns_ + some_ns(500'000.0);
+      send(event::CameraFault{Errc::device_gone, "unplugged"});
+    }
+  });
+  every(faults.pause_rate, [this] {
+    send(event::Pause{});
+    at(now_ns_ + some_ns(300'000.0), [this] { send(event::Resume{}); });
+  });
+  every(faults.safe_off_rate, [this] {
+    send(event::SafeOff{});
+    at(now_ns_ + some_ns(300'000.0), [this] { send(event::Resume{}); });
+  });
+  every(faults.abort_rate, [this] {
+    send(event::Abort{});
+    if (state_.phase == Phase::aborting) {
+      abort_ns_ = now_ns_;
+    }
+  });
+  every(faults.reshoot_rate, [this] {
+    if (outcome_.n_commits > 3 * static_cast<int>(plan_->shots.size())) {
+      return;  // a person tires
+    }
+    const int shot = static_cast<int>(chance() * static_cast<double>(plan_->shots.size()));
+    send(event::Reshoot{{shot}});
+  });
+}
+
+VirtualOutcome VirtualRig::run(std::vector<bool> committed, std::vector<int> next_attempt,
+                               double limit_s) {
+  is_committed_ = std::move(committed);
+  attempts_ = std::move(next_attempt);
+  const std::int64_t begin_ns = now_ns_;
+  const auto limit_ns = begin_ns + static_cast<std::int64_t>(limit_s * 1e9);
+  send(event::Booted{});
+  send(event::Recovered{});
+  schedule_rates();
+  send(event::Run{plan_, is_committed_, attempts_});
+  while (outcome_.problem.empty() && state_.phase != Phase::done) {
+    if (state_.phase == Phase::idle) {
+      abort_ns_ = kNever;
+      commits_.clear();
+      send(event::Run{plan_, is_committed_, attempts_});  // a person starts it again
+      continue;
+    }
+    if (abort_ns_ != kNever && now_ns_ > abort_ns_ + kAbortPromise_ns) {
+      fail("an abort took more than 200 ms");
+    }
+    if (now_ns_ > limit_ns || n_events_ > kMaxEvents || queue_.empty()) {
+      fail(fmt::format("stuck in {} ({}), {} of {} committed", to_string(state_.phase),
+                       reasons_text(state_.reasons), state_.n_committed, state_.shots.size()));
+      break;
+    }
+    Pending next = queue_.top();
+    queue_.pop();
+    now_ns_ = next.t_ns;
+    next.work();
+  }
+  outcome_.is_done = state_.phase == Phase::done;
+  outcome_.seconds = static_cast<double>(now_ns_ - begin_ns) * 1e-9;
+  outcome_.n_events = n_events_;
+  outcome_.counters = state_.counters;
+  if (outcome_.is_done) {
+    if (!frames_.empty()) {
+      fail(fmt::format("{} buffers were never given back", frames_.size()));
+    }
+    if (std::find(is_committed_.begin(), is_committed_.end(), false) != is_committed_.end()) {
+      fail("done, but a shot has no frame");
+    }
+  }
+  return outcome_;
+}
+
+}  // namespace haarlight

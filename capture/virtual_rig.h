@@ -1,0 +1,197 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <queue>
+#include <string>
+#include <vector>
+
+#include "capture/sequencer.h"
+#include "capture/tag_rows.h"
+
+/// @file
+/// A rig without devices on a virtual clock: controller, camera, checks, writer and a restless
+/// person, each with faults drawn from a seed. It drives the sequencer as the daemon does and
+/// knows the truth: which pattern was lit during every row of every frame. One session takes
+/// about a millisecond of real time, and its seed replays it exactly. For tests.
+
+namespace haarlight {
+
+/// Chances are per frame, per light job or per commit; rates per second of virtual time.
+struct VirtualFaults {
+  double frame_late = 0.0;  ///< delivered up to three frames late
+  double frame_dropped = 0.0;
+  double frame_repeated = 0.0;  ///< delivered twice
+  double frame_stale = 0.0;     ///< an old picture under a new number and stamp
+  double frame_swapped = 0.0;   ///< delivered after its successor
+  double frame_damaged = 0.0;
+  double light_timeout = 0.0;  ///< no answer; the pattern may or may not be shown
+  double light_wrong_echo = 0.0;
+  double check_failed = 0.0;
+  double commit_full = 0.0;  ///< the disk is full for a while
+  double controller_reboot_rate = 0.0;
+  double lease_lost_rate = 0.0;  ///< the controller goes dark by itself, same boot
+  double camera_gone_rate = 0.0;
+  double pause_rate = 0.0;
+  double safe_off_rate = 0.0;
+  double abort_rate = 0.0;  ///< and run again
+  double reshoot_rate = 0.0;
+};
+
+struct VirtualRigConfig {
+  std::uint64_t seed = 1;
+  double fps = 120.0;
+  double skew_us = 0.0;
+  double read_us = 3000.0;
+  TimestampMeaning timestamp = TimestampMeaning::end_frame;
+  double latch_us = 200.0;  ///< command to change of light
+  double rise_us = 50.0;
+  double bus_us = 800.0;      ///< longest answer time
+  double commit_us = 2000.0;  ///< longest
+  double stamp_jitter_us = 20.0;
+  int n_buffers = 6;
+  VirtualFaults faults;
+};
+
+/// Frame, shots and faults of a seed: every seed another rig.
+[[nodiscard]] VirtualRigConfig random_virtual_rig(std::uint64_t seed);
+/// A small plan for it: up to `max_shots` shots, one or two exposures, some dark.
+[[nodiscard]] std::shared_ptr<const SequencerPlan> random_virtual_plan(
+    const VirtualRigConfig& rig, int max_shots);
+
+/// What a frame truly saw.
+struct VirtualFrame {
+  FrameInfo info;
+  FrameTag truth;
+  std::uint64_t pixel_hash = 0;
+  int n_clean = 0;  ///< how manieth wholly clean frame since the latch, from 0
+};
+
+struct VirtualOutcome {
+  bool is_done = false;
+  std::string problem;   ///< the first broken promise; empty: none
+  double seconds = 0.0;  ///< virtual
+  std::uint64_t n_events = 0;
+  int n_commits = 0;
+  SequencerCounters counters;
+};
+
+class VirtualRig {
+ public:
+  /// Where a commit goes. False: the disk is full. The default keeps nothing.
+  using Commit = std::function<bool(const action::CommitFrame&, const VirtualFrame&)>;
+  using Finish = std::function<bool()>;
+
+  VirtualRig(VirtualRigConfig config, std::shared_ptr<const SequencerPlan> plan);
+  ~VirtualRig();
+  VirtualRig(const VirtualRig&) = delete;
+  VirtualRig& operator=(const VirtualRig&) = delete;
+
+  void set_commit(Commit commit) { commit_ = std::move(commit); }
+  void set_finish(Finish finish) { finish_ = std::move(finish); }
+
+  /// Runs one session to its end.
+  /// @param committed  shots that need no frame, as recovery found
+  /// @param limit_s    virtual time after which the session counts as stuck
+  [[nodiscard]] VirtualOutcome run(std::vector<bool> committed, std::vector<int> next_attempt,
+                                   double limit_s = 600.0);
+
+  [[nodiscard]] const SequencerState& state() const { return state_; }
+  /// The journal's lines, newest last; for messages of a failed test.
+  [[nodiscard]] const std::deque<std::string>& log() const { return log_; }
+
+ private:
+  struct Pending {
+    std::int64_t t_ns = 0;
+    std::uint64_t order = 0;
+    std::function<void()> work;
+    bool operator<(const Pending& other) const {
+      return t_ns != other.t_ns ? t_ns > other.t_ns : order > other.order;
+    }
+  };
+  /// The light from `t_ns` on; `is_settled` false while it changes.
+  struct LightSpan {
+    std::int64_t t_ns = 0;
+    std::uint32_t tag = 0;
+    bool is_settled = true;
+  };
+
+  void at(std::int64_t t_ns, std::function<void()> work);
+  void send(EventBody body);
+  void perform(const Action& action);
+  void fail(const std::string& problem);
+  [[nodiscard]] double chance();
+  [[nodiscard]] std::int64_t some_ns(double most_us);
+  [[nodiscard]] bool happens(double probability) { return chance() < probability; }
+
+  // Light.
+  void queue_job(std::function<void()> work);
+  void start_job();
+  void end_job(std::optional<EventBody> answer);
+  void light_job(std::uint64_t job, std::uint32_t tag, std::optional<ConfirmRequest> confirm);
+  void show(std::uint64_t job, std::uint32_t tag);
+  void change_light(std::uint32_t tag, std::int64_t delay_ns);
+  [[nodiscard]] FrameTag truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const;
+  void reboot();
+
+  // Camera.
+  void start_camera(double exposure_us);
+  void expose(std::uint64_t generation);
+  void deliver(const VirtualFrame& frame);
+
+  // Disk.
+  void commit_next();
+  void schedule_rates();
+  void every(double rate, const std::function<void()>& work);
+
+  VirtualRigConfig config_;
+  std::shared_ptr<const SequencerPlan> plan_;
+  Commit commit_;
+  Finish finish_;
+  SequencerState state_;
+  std::priority_queue<Pending> queue_;
+  std::int64_t now_ns_ = 1'000'000'000;
+  std::uint64_t order_ = 0;
+  std::uint64_t draws_ = 0;
+  std::uint64_t n_events_ = 0;
+  std::int64_t tick_ns_ = kNever;
+  VirtualOutcome outcome_;
+  std::deque<std::string> log_;
+
+  std::vector<LightSpan> light_;
+  std::uint32_t boot_id_ = 1;
+  std::uint32_t shown_tag_ = 0;             ///< what the controller's register says
+  std::deque<std::function<void()>> jobs_;  ///< the light thread does one after the other
+  bool is_job_running_ = false;
+  std::int64_t bus_back_ns_ = 0;  ///< no answers before
+  bool is_connected_ = false;
+
+  std::uint64_t generation_ = 0;  ///< of the camera's stream; 0 frames of an old one arrive
+  bool is_streaming_ = false;
+  std::int64_t camera_back_ns_ = 0;
+  std::uint64_t sequence_ = 0;
+  double exposure_us_ = 0.0;
+  double next_exposure_us_ = 0.0;
+  int exposure_delay_ = 0;
+  std::deque<VirtualFrame> delivered_;  ///< what the buffers still hold, newest last
+  std::optional<VirtualFrame> swapped_;
+  std::uint64_t next_frame_ = 1;
+  std::map<std::uint64_t, VirtualFrame> frames_;  ///< buffers out
+  std::uint32_t clean_tag_ = 0;
+  std::uint64_t clean_latch_ = 0;
+  std::uint64_t n_latches_ = 0;
+  int n_clean_ = 0;
+
+  std::deque<action::CommitFrame> commits_;
+  bool is_committing_ = false;
+  std::int64_t disk_back_ns_ = 0;
+  std::vector<int> commit_counts_;
+  std::vector<bool> is_committed_;
+  std::vector<int> attempts_;
+  std::int64_t abort_ns_ = kNever;
+};
+
+}  // namespace haarlight

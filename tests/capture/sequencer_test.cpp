@@ -1,0 +1,338 @@
+#include "capture/sequencer.h"
+
+#include <cstdlib>
+#include <string>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "capture/virtual_rig.h"
+
+namespace haarlight {
+namespace {
+
+std::string tail_of(const VirtualRig& rig) {
+  std::string text;
+  for (const std::string& line : rig.log()) {
+    text += line + "\n";
+  }
+  return text;
+}
+
+VirtualOutcome run_session(std::uint64_t seed, bool is_verbose) {
+  const VirtualRigConfig config = random_virtual_rig(seed);
+  const auto plan = random_virtual_plan(config, 12);
+  VirtualRig rig(config, plan);
+  VirtualOutcome outcome = rig.run(std::vector<bool>(plan->shots.size(), false),
+                                   std::vector<int>(plan->shots.size(), 0));
+  if (!outcome.problem.empty() || is_verbose) {
+    outcome.problem += "\n" + tail_of(rig);
+  }
+  return outcome;
+}
+
+/// Every committed frame saw its own pattern alone, every shot is done, every buffer is given
+/// back, no abort takes longer than 200 ms: under every fault, for every seed. Replay one seed
+/// with HAARLIGHT_SEED=n.
+TEST(SequencerSimulation, TenThousandSessionsWithFaultsKeepEveryPromise) {
+  if (const char* one = std::getenv("HAARLIGHT_SEED"); one != nullptr) {
+    const VirtualOutcome outcome = run_session(std::strtoull(one, nullptr, 10), true);
+    EXPECT_TRUE(outcome.is_done) << outcome.problem;
+    return;
+  }
+  constexpr std::uint64_t kSessions = 10000;
+  VirtualOutcome sum;
+  for (std::uint64_t seed = 1; seed <= kSessions; ++seed) {
+    const VirtualOutcome outcome = run_session(seed, false);
+    ASSERT_TRUE(outcome.is_done && outcome.problem.empty())
+        << "HAARLIGHT_SEED=" << seed << " " << outcome.problem;
+    sum.n_commits += outcome.n_commits;
+    sum.n_events += outcome.n_events;
+    sum.seconds += outcome.seconds;
+    sum.counters.frames += outcome.counters.frames;
+    sum.counters.duplicates += outcome.counters.duplicates;
+    sum.counters.sequence_gaps += outcome.counters.sequence_gaps;
+    sum.counters.confirms_failed += outcome.counters.confirms_failed;
+    sum.counters.suspensions += outcome.counters.suspensions;
+    sum.counters.light_faults += outcome.counters.light_faults;
+    sum.counters.commit_faults += outcome.counters.commit_faults;
+    sum.counters.controller_reboots += outcome.counters.controller_reboots;
+  }
+  fmt::print(
+      "{} sessions, {} commits, {} frames, {} events, {:.0f} virtual s; {} duplicates, {} "
+      "gaps, {} "
+      "failed confirmations, {} suspensions, {} light faults, {} commit faults, {} reboots\n",
+      kSessions, sum.n_commits, sum.counters.frames, sum.n_events, sum.seconds,
+      sum.counters.duplicates, sum.counters.sequence_gaps, sum.counters.confirms_failed,
+      sum.counters.suspensions, sum.counters.light_faults, sum.counters.commit_faults,
+      sum.counters.controller_reboots);
+  // The faults did happen.
+  EXPECT_GT(sum.counters.duplicates, kSessions / 10);
+  EXPECT_GT(sum.counters.confirms_failed, kSessions / 100);
+  EXPECT_GT(sum.counters.controller_reboots, kSessions / 100);
+}
+
+TEST(SequencerSimulation, TheSameSeedGivesTheSameSession) {
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    const VirtualOutcome a = run_session(seed, false);
+    const VirtualOutcome b = run_session(seed, false);
+    EXPECT_EQ(a.n_events, b.n_events) << seed;
+    EXPECT_EQ(a.seconds, b.seconds) << seed;
+    EXPECT_EQ(a.n_commits, b.n_commits) << seed;
+  }
+}
+
+TEST(SequencerSimulation, WithoutFaultsALightTakesTwoFramesAndNothingIsRetried) {
+  VirtualRigConfig config;
+  config.fps = 120.0;
+  auto plan = std::make_shared<SequencerPlan>();
+  for (std::uint32_t k = 0; k < 200; ++k) {
+    plan->shots.push_back({.tag = kFirstTag + k, .exposure_us = 4000.0});
+  }
+  plan->read_us = config.read_us = 5000.0;
+  plan->frame_us = 1e6 / 120.0;
+  plan->settle_ns = 350'000;
+  VirtualRig rig(config, plan);
+  const VirtualOutcome outcome =
+      rig.run(std::vector<bool>(200, false), std::vector<int>(200, 0));
+  EXPECT_TRUE(outcome.is_done) << outcome.problem << tail_of(rig);
+  EXPECT_EQ(outcome.n_commits, 200);
+  EXPECT_EQ(outcome.counters.retries, 0U);
+  EXPECT_LE(static_cast<double>(outcome.counters.frames), 2.3 * 200);
+}
+
+// ---- single steps
+// ----------------------------------------------------------------------------
+
+struct Driver {
+  SequencerState state;
+  std::vector<Action> actions;
+  std::int64_t t_ns = 0;
+
+  void send(EventBody body) {
+    StepResult result = step(std::move(state), TimedEvent{t_ns, std::move(body)});
+    state = std::move(result.state);
+    actions = std::move(result.actions);
+  }
+  template <class T>
+  const T* find() const {
+    for (const Action& action : actions) {
+      if (const T* found = std::get_if<T>(&action)) {
+        return found;
+      }
+    }
+    return nullptr;
+  }
+};
+
+std::shared_ptr<const SequencerPlan> two_shots() {
+  auto plan = std::make_shared<SequencerPlan>();
+  plan->shots = {{.tag = 1, .exposure_us = 1000.0}, {.tag = 2, .exposure_us = 1000.0}};
+  plan->frame_us = 10000.0;
+  plan->read_us = 1000.0;
+  plan->settle_ns = 100'000;
+  return plan;
+}
+
+/// Running, shot 0 latched at 1 ms, light stable from 1.2 ms.
+Driver collecting() {
+  Driver d;
+  d.send(event::Booted{});
+  d.send(event::Recovered{});
+  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
+  d.send(event::LightConnected{d.state.job, 77});
+  d.send(event::CameraStarted{1000.0, 8});
+  d.t_ns = 1'200'000;
+  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'100'000, 1}});
+  return d;
+}
+
+event::FrameArrived frame_at(std::uint64_t sequence, std::int64_t stamp_ns) {
+  return {.frame = sequence,
+          .info = {.sequence = sequence,
+                   .timestamp_ns = stamp_ns,
+                   .flags = kFrameMonotonic,
+                   .exposure_us = 1000.0},
+          .pixel_hash = sequence * 1000 + 1};
+}
+
+TEST(Sequencer, BootLeadsToIdleAndARunToPreflight) {
+  Driver d;
+  EXPECT_EQ(d.state.phase, Phase::boot);
+  d.send(event::Booted{});
+  EXPECT_EQ(d.state.phase, Phase::recover);
+  d.send(event::Recovered{});
+  EXPECT_EQ(d.state.phase, Phase::idle);
+  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
+  EXPECT_EQ(d.state.phase, Phase::preflight);
+  EXPECT_NE(d.find<action::ConnectLight>(), nullptr);
+  EXPECT_NE(d.find<action::StartCamera>(), nullptr);
+}
+
+TEST(Sequencer, AFrameBegunBeforeTheLightStoodIsNotTaken) {
+  Driver d = collecting();
+  // end of frame = start + E + read: this one began at 1.1 ms, the light is stable from 1.2 ms.
+  d.t_ns = 3'200'000;
+  d.send(frame_at(1, 3'100'000));
+  EXPECT_NE(d.find<action::DropFrame>(), nullptr);
+  EXPECT_EQ(d.state.current, 0);
+  EXPECT_EQ(d.state.discarded, 1);
+}
+
+TEST(Sequencer, AFrameBegunAtTheStableMomentIsTakenAndTheLightAsked) {
+  Driver d = collecting();
+  d.t_ns = 3'250'000;
+  d.send(frame_at(1, 3'200'000));
+  const auto* show = d.find<action::ShowShot>();
+  ASSERT_NE(show, nullptr);
+  EXPECT_EQ(show->shot, 1);
+  ASSERT_TRUE(show->confirm.has_value());
+  EXPECT_EQ(*show->confirm, (ConfirmRequest{.frame = 1, .tag = 1}));
+  EXPECT_EQ(d.find<action::CheckFrame>(), nullptr) << "not before the controller's word";
+}
+
+TEST(Sequencer, TheEvidenceHoldsWhatTheRuleNeeds) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(9, 3'700'000));
+  d.t_ns = 4'100'000;
+  d.send(event::LightConfirmed{.frame = 9, .t_request_ns = 4'050'000, .tag = 1, .boot_id = 77});
+  const auto* check = d.find<action::CheckFrame>();
+  ASSERT_NE(check, nullptr);
+  EXPECT_EQ(check->evidence.t_exposure_start_ns, 1'700'000);
+  EXPECT_EQ(check->evidence.t_exposure_end_ns, 2'700'000);
+  EXPECT_EQ(check->evidence.t_stable_ns, 1'200'000);
+  EXPECT_EQ(check->evidence.t_next_change_ns, 4'050'000);
+  EXPECT_DOUBLE_EQ(check->evidence.margin_us, 500.0);
+  EXPECT_EQ(check->evidence.sequence, 9U);
+}
+
+TEST(Sequencer, AControllerThatShowsAnotherTagAfterwardsVoidsTheFrame) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(9, 3'700'000));
+  d.send(event::LightConfirmed{.frame = 9, .t_request_ns = 3'990'000, .tag = 0, .boot_id = 77});
+  EXPECT_EQ(d.find<action::CheckFrame>(), nullptr);
+  EXPECT_NE(d.find<action::DropFrame>(), nullptr);
+  const auto* show = d.find<action::ShowShot>();
+  ASSERT_NE(show, nullptr);
+  EXPECT_EQ(show->shot, 0) << "the same shot again";
+  EXPECT_EQ(d.state.counters.confirms_failed, 1U);
+}
+
+TEST(Sequencer, AnotherBootOfTheControllerVoidsTheFrameAndConnectsAgain) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(9, 3'700'000));
+  d.send(event::LightConfirmed{.frame = 9, .t_request_ns = 3'990'000, .tag = 1, .boot_id = 78});
+  EXPECT_EQ(d.state.phase, Phase::suspended);
+  d.send(event::Tick{});
+  ASSERT_NE(d.find<action::ConnectLight>(), nullptr);
+  d.send(event::LightConnected{d.state.job, 78});
+  EXPECT_EQ(d.state.phase, Phase::running);
+  const auto* show = d.find<action::ShowShot>();
+  ASSERT_NE(show, nullptr);
+  EXPECT_EQ(show->shot, 0);
+}
+
+TEST(Sequencer, AGapInTheSequenceVoidsTheFrame) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(1, 2'000'000));
+  d.send(frame_at(3, 3'700'000));
+  EXPECT_EQ(d.state.current, 0);
+  EXPECT_EQ(d.state.counters.sequence_gaps, 1U);
+}
+
+TEST(Sequencer, APictureSeenBeforeIsNotTakenUnderANewNumber) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(1, 2'000'000));
+  event::FrameArrived stale = frame_at(2, 3'700'000);
+  stale.pixel_hash = frame_at(1, 0).pixel_hash;
+  d.send(stale);
+  EXPECT_EQ(d.state.counters.duplicates, 1U);
+  EXPECT_EQ(d.state.current, 0);
+}
+
+TEST(Sequencer, DamagedOrWrongClockOrWrongExposureIsNotTaken) {
+  Driver d = collecting();
+  d.t_ns = 9'000'000;
+  event::FrameArrived frame = frame_at(1, 3'700'000);
+  frame.info.flags |= kFrameError;
+  d.send(frame);
+  frame = frame_at(2, 4'700'000);
+  frame.info.flags = 0;
+  d.send(frame);
+  EXPECT_EQ(d.state.counters.frames_damaged, 2U);
+  frame = frame_at(3, 5'700'000);
+  frame.info.exposure_us = 2000.0;
+  d.send(frame);
+  EXPECT_EQ(d.state.counters.wrong_exposure, 1U);
+  EXPECT_EQ(d.state.current, 0);
+}
+
+TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
+  Driver d;
+  d.send(event::Booted{});
+  d.send(event::Recovered{});
+  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
+  d.send(event::LightConnected{d.state.job, 77});
+  d.send(event::CameraStarted{1000.0, 8});
+  d.send(event::LightShown{d.state.job, LatchReceipt{0, 0, 2}});
+  EXPECT_EQ(d.state.counters.light_faults, 1U);
+  const auto* show = d.find<action::ShowShot>();
+  ASSERT_NE(show, nullptr);
+  EXPECT_EQ(show->tag, 1U);
+}
+
+TEST(Sequencer, ARefusedPatternEndsTheRunWithItsReason) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(9, 3'700'000));
+  d.send(event::LightConfirmed{.frame = 9, .t_request_ns = 3'990'000, .tag = 1, .boot_id = 77});
+  d.send(event::LightFault{d.state.job, Errc::refused, "power limit"});
+  EXPECT_EQ(d.state.phase, Phase::aborting);
+  EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("power limit"));
+}
+
+TEST(Sequencer, AllOffIsAcceptedInEveryPhase) {
+  Driver idle;
+  idle.send(event::Booted{});
+  idle.send(event::Recovered{});
+  idle.send(event::SafeOff{});
+  EXPECT_EQ(idle.state.phase, Phase::safe_off);
+  EXPECT_NE(idle.find<action::LightsOff>(), nullptr);
+  Driver running = collecting();
+  running.send(event::SafeOff{});
+  EXPECT_EQ(running.state.phase, Phase::safe_off);
+  EXPECT_NE(running.find<action::LightsOff>(), nullptr);
+  running.send(event::Pause{});
+  running.send(event::SafeOff{});
+  EXPECT_NE(running.find<action::LightsOff>(), nullptr) << "never optimised away";
+}
+
+TEST(Sequencer, AnAbortEndsWithoutAnswersAfter200Ms) {
+  Driver d = collecting();
+  d.send(event::Abort{});
+  EXPECT_EQ(d.state.phase, Phase::aborting);
+  EXPECT_EQ(d.state.deadline_ns, d.t_ns + 200'000'000);
+  d.t_ns += 200'000'000;
+  d.send(event::Tick{});
+  EXPECT_EQ(d.state.phase, Phase::idle);
+}
+
+TEST(Sequencer, ACameraThatCannotSetTheExposureEndsTheRun) {
+  Driver d;
+  d.send(event::Booted{});
+  d.send(event::Recovered{});
+  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
+  d.send(event::LightConnected{d.state.job, 77});
+  d.send(event::CameraStarted{1500.0, 8});
+  EXPECT_NE(d.state.phase, Phase::running);
+  EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("1500"));
+}
+
+}  // namespace
+}  // namespace haarlight
