@@ -267,7 +267,7 @@ class Stepper {
   }
 
   void on(const event::CameraStarted& e) {
-    if (!s_.is_camera_starting) {
+    if (!s_.is_camera_starting || e.stream != s_.stream) {
       return;
     }
     s_.is_camera_starting = false;
@@ -285,13 +285,17 @@ class Stepper {
   }
 
   void on(const event::ExposureSet& e) {
+    if (e.request != s_.exposure_request || !s_.is_exposure_open) {
+      return;
+    }
     s_.is_exposure_open = false;
     s_.exposure_read_us = e.exposure_us;
     (void)check_exposure();
   }
 
   void on(const event::CameraFault& e) {
-    if (s_.plan == nullptr || s_.phase == Phase::idle || s_.phase == Phase::done) {
+    const bool is_needed = s_.is_camera_started || s_.is_camera_starting;
+    if (e.stream != s_.stream || !is_needed) {
       return;
     }
     ++s_.counters.camera_faults;
@@ -329,15 +333,17 @@ class Stepper {
 
   void on(const event::FrameChecked& e) {
     const auto it = find_held(e.frame);
-    if (it == s_.held.end() || shot_state(it->shot) != ShotState::checking) {
+    if (it == s_.held.end()) {
       return;
     }
     if (e.problem.empty()) {
-      shot_state(it->shot) = ShotState::committing;
-      out_.emplace_back(action::CommitFrame{it->frame, it->shot, it->attempt, e.evidence});
+      if (shot_state(it->shot) == ShotState::checking) {
+        shot_state(it->shot) = ShotState::committing;
+        out_.emplace_back(action::CommitFrame{it->frame, it->shot, it->attempt, e.evidence});
+      }
       return;
     }
-    ++s_.counters.checks_failed;
+    ++s_.counters.checks_failed;  // also said by the writer, which checks once more
     const int shot = it->shot;
     s_.held.erase(it);
     drop(e.frame);
@@ -481,7 +487,7 @@ class Stepper {
     if (exposure_us != s_.exposure_asked_us) {
       s_.exposure_asked_us = exposure_us;
       s_.is_exposure_open = true;
-      out_.emplace_back(action::SetExposure{exposure_us});
+      out_.emplace_back(action::SetExposure{++s_.exposure_request, exposure_us});
     }
     s_.is_dark = false;
     s_.is_job_open = true;
@@ -684,7 +690,7 @@ class Stepper {
     const int next = s_.pending.empty() ? 0 : s_.pending.front();
     s_.exposure_asked_us = shot_of(next).exposure_us;
     s_.is_camera_starting = true;
-    out_.emplace_back(action::StartCamera{s_.exposure_asked_us});
+    out_.emplace_back(action::StartCamera{++s_.stream, s_.exposure_asked_us});
   }
 
   void stop_camera() {
@@ -740,7 +746,9 @@ class Stepper {
       ++s_.counters.duplicates;
       return false;
     }
-    return !is_gap;
+    // Without the strobe's count the stamp alone decides: a lost neighbour takes nothing from
+    // it.
+    return !is_gap || (s_.plan != nullptr && s_.plan->sync == SyncMode::free_run);
   }
 
   bool is_exposed_as_asked(const FrameInfo& info) {

@@ -110,11 +110,13 @@ struct LightsOff {
 };
 /// Open, set up and stream (again); answers CameraStarted or CameraFault.
 struct StartCamera {
+  std::uint64_t stream = 0;  ///< named by all that this stream reports
   double exposure_us = 0.0;
 };
 struct StopCamera {};
 /// Answers ExposureSet or CameraFault.
 struct SetExposure {
+  std::uint64_t request = 0;
   double exposure_us = 0.0;
 };
 /// Give the frame's buffer back.
@@ -205,18 +207,22 @@ struct LightFault {
   std::string what;
 };
 struct CameraStarted {
+  std::uint64_t stream = 0;
   double exposure_us = 0.0;  ///< as read back
   int n_buffers = 0;
 };
 struct ExposureSet {
+  std::uint64_t request = 0;
   double exposure_us = 0.0;  ///< as read back
 };
 struct CameraFault {
+  std::uint64_t stream = 0;
   Errc code = Errc::io;
   std::string what;
 };
 struct FrameArrived {
   std::uint64_t frame = 0;  ///< the world's name for the buffer
+  std::uint64_t stream = 0;
   FrameInfo info;
   std::uint64_t pixel_hash = 0;  ///< of the active rows
   bool must_differ = true;  ///< false: every pixel is clipped, two such frames may coincide
@@ -321,7 +327,9 @@ struct SequencerState {
   // The camera.
   bool is_camera_started = false;
   bool is_camera_starting = false;
-  bool is_exposure_open = false;  ///< SetExposure not answered yet
+  std::uint64_t stream = 0;            ///< the newest
+  std::uint64_t exposure_request = 0;  ///< the newest
+  bool is_exposure_open = false;       ///< SetExposure not answered yet
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;
   bool has_sequence = false;

@@ -7,12 +7,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/virtual_rig.h"
+#include "capture/model_rig.h"
 
 namespace haarlight {
 namespace {
 
-std::string tail_of(const VirtualRig& rig) {
+std::string tail_of(const ModelRig& rig) {
   std::string text;
   for (const std::string& line : rig.log()) {
     text += line + "\n";
@@ -20,12 +20,12 @@ std::string tail_of(const VirtualRig& rig) {
   return text;
 }
 
-VirtualOutcome run_session(std::uint64_t seed, bool is_verbose) {
-  const VirtualRigConfig config = random_virtual_rig(seed);
-  const auto plan = random_virtual_plan(config, 12);
-  VirtualRig rig(config, plan);
-  VirtualOutcome outcome = rig.run(std::vector<bool>(plan->shots.size(), false),
-                                   std::vector<int>(plan->shots.size(), 0));
+ModelOutcome run_session(std::uint64_t seed, bool is_verbose) {
+  const ModelRigConfig config = random_model_rig(seed);
+  const auto plan = random_model_plan(config, 12);
+  ModelRig rig(config, plan);
+  ModelOutcome outcome = rig.run(std::vector<bool>(plan->shots.size(), false),
+                                 std::vector<int>(plan->shots.size(), 0));
   if (!outcome.problem.empty() || is_verbose) {
     outcome.problem += "\n" + tail_of(rig);
   }
@@ -37,14 +37,14 @@ VirtualOutcome run_session(std::uint64_t seed, bool is_verbose) {
 /// with HAARLIGHT_SEED=n.
 TEST(SequencerSimulation, TenThousandSessionsWithFaultsKeepEveryPromise) {
   if (const char* one = std::getenv("HAARLIGHT_SEED"); one != nullptr) {
-    const VirtualOutcome outcome = run_session(std::strtoull(one, nullptr, 10), true);
+    const ModelOutcome outcome = run_session(std::strtoull(one, nullptr, 10), true);
     EXPECT_TRUE(outcome.is_done) << outcome.problem;
     return;
   }
   constexpr std::uint64_t kSessions = 10000;
-  VirtualOutcome sum;
+  ModelOutcome sum;
   for (std::uint64_t seed = 1; seed <= kSessions; ++seed) {
-    const VirtualOutcome outcome = run_session(seed, false);
+    const ModelOutcome outcome = run_session(seed, false);
     ASSERT_TRUE(outcome.is_done && outcome.problem.empty())
         << "HAARLIGHT_SEED=" << seed << " " << outcome.problem;
     sum.n_commits += outcome.n_commits;
@@ -75,8 +75,8 @@ TEST(SequencerSimulation, TenThousandSessionsWithFaultsKeepEveryPromise) {
 
 TEST(SequencerSimulation, TheSameSeedGivesTheSameSession) {
   for (std::uint64_t seed = 1; seed <= 50; ++seed) {
-    const VirtualOutcome a = run_session(seed, false);
-    const VirtualOutcome b = run_session(seed, false);
+    const ModelOutcome a = run_session(seed, false);
+    const ModelOutcome b = run_session(seed, false);
     EXPECT_EQ(a.n_events, b.n_events) << seed;
     EXPECT_EQ(a.seconds, b.seconds) << seed;
     EXPECT_EQ(a.n_commits, b.n_commits) << seed;
@@ -84,7 +84,7 @@ TEST(SequencerSimulation, TheSameSeedGivesTheSameSession) {
 }
 
 TEST(SequencerSimulation, WithoutFaultsALightTakesTwoFramesAndNothingIsRetried) {
-  VirtualRigConfig config;
+  ModelRigConfig config;
   config.fps = 120.0;
   auto plan = std::make_shared<SequencerPlan>();
   for (std::uint32_t k = 0; k < 200; ++k) {
@@ -93,9 +93,8 @@ TEST(SequencerSimulation, WithoutFaultsALightTakesTwoFramesAndNothingIsRetried) 
   plan->read_us = config.read_us = 5000.0;
   plan->frame_us = 1e6 / 120.0;
   plan->settle_ns = 350'000;
-  VirtualRig rig(config, plan);
-  const VirtualOutcome outcome =
-      rig.run(std::vector<bool>(200, false), std::vector<int>(200, 0));
+  ModelRig rig(config, plan);
+  const ModelOutcome outcome = rig.run(std::vector<bool>(200, false), std::vector<int>(200, 0));
   EXPECT_TRUE(outcome.is_done) << outcome.problem << tail_of(rig);
   EXPECT_EQ(outcome.n_commits, 200);
   EXPECT_EQ(outcome.counters.retries, 0U);
@@ -142,7 +141,7 @@ Driver collecting() {
   d.send(event::Recovered{});
   d.send(event::Run{two_shots(), {false, false}, {0, 0}});
   d.send(event::LightConnected{d.state.job, 77});
-  d.send(event::CameraStarted{1000.0, 8});
+  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
   d.t_ns = 1'200'000;
   d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'100'000, 1}});
   return d;
@@ -150,6 +149,7 @@ Driver collecting() {
 
 event::FrameArrived frame_at(std::uint64_t sequence, std::int64_t stamp_ns) {
   return {.frame = sequence,
+          .stream = 1,
           .info = {.sequence = sequence,
                    .timestamp_ns = stamp_ns,
                    .flags = kFrameMonotonic,
@@ -236,13 +236,22 @@ TEST(Sequencer, AnotherBootOfTheControllerVoidsTheFrameAndConnectsAgain) {
   EXPECT_EQ(show->shot, 0);
 }
 
-TEST(Sequencer, AGapInTheSequenceVoidsTheFrame) {
+TEST(Sequencer, AGapInTheSequenceIsCountedAndTheStampDecides) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   d.send(frame_at(1, 2'000'000));
   d.send(frame_at(3, 3'700'000));
-  EXPECT_EQ(d.state.current, 0);
   EXPECT_EQ(d.state.counters.sequence_gaps, 1U);
+  EXPECT_EQ(d.state.current, 1) << "taken";
+}
+
+TEST(Sequencer, AFrameOutOfSequenceIsNotTaken) {
+  Driver d = collecting();
+  d.t_ns = 6'000'000;
+  d.send(frame_at(5, 3'100'000));
+  d.send(frame_at(4, 3'700'000));
+  EXPECT_EQ(d.state.counters.frames_out_of_order, 1U);
+  EXPECT_EQ(d.state.current, 0);
 }
 
 TEST(Sequencer, APictureSeenBeforeIsNotTakenUnderANewNumber) {
@@ -279,7 +288,7 @@ TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
   d.send(event::Recovered{});
   d.send(event::Run{two_shots(), {false, false}, {0, 0}});
   d.send(event::LightConnected{d.state.job, 77});
-  d.send(event::CameraStarted{1000.0, 8});
+  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
   d.send(event::LightShown{d.state.job, LatchReceipt{0, 0, 2}});
   EXPECT_EQ(d.state.counters.light_faults, 1U);
   const auto* show = d.find<action::ShowShot>();
@@ -329,7 +338,7 @@ TEST(Sequencer, ACameraThatCannotSetTheExposureEndsTheRun) {
   d.send(event::Recovered{});
   d.send(event::Run{two_shots(), {false, false}, {0, 0}});
   d.send(event::LightConnected{d.state.job, 77});
-  d.send(event::CameraStarted{1500.0, 8});
+  d.send(event::CameraStarted{d.state.stream, 1500.0, 8});
   EXPECT_NE(d.state.phase, Phase::running);
   EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("1500"));
 }

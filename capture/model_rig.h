@@ -21,7 +21,7 @@
 namespace haarlight {
 
 /// Chances are per frame, per light job or per commit; rates per second of virtual time.
-struct VirtualFaults {
+struct ModelFaults {
   double frame_late = 0.0;  ///< delivered up to three frames late
   double frame_dropped = 0.0;
   double frame_repeated = 0.0;  ///< delivered twice
@@ -41,7 +41,7 @@ struct VirtualFaults {
   double reshoot_rate = 0.0;
 };
 
-struct VirtualRigConfig {
+struct ModelRigConfig {
   std::uint64_t seed = 1;
   double fps = 120.0;
   double skew_us = 0.0;
@@ -53,24 +53,24 @@ struct VirtualRigConfig {
   double commit_us = 2000.0;  ///< longest
   double stamp_jitter_us = 20.0;
   int n_buffers = 6;
-  VirtualFaults faults;
+  ModelFaults faults;
 };
 
 /// Frame, shots and faults of a seed: every seed another rig.
-[[nodiscard]] VirtualRigConfig random_virtual_rig(std::uint64_t seed);
+[[nodiscard]] ModelRigConfig random_model_rig(std::uint64_t seed);
 /// A small plan for it: up to `max_shots` shots, one or two exposures, some dark.
-[[nodiscard]] std::shared_ptr<const SequencerPlan> random_virtual_plan(
-    const VirtualRigConfig& rig, int max_shots);
+[[nodiscard]] std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig,
+                                                                     int max_shots);
 
 /// What a frame truly saw.
-struct VirtualFrame {
+struct ModelFrame {
   FrameInfo info;
   FrameTag truth;
   std::uint64_t pixel_hash = 0;
   int n_clean = 0;  ///< how manieth wholly clean frame since the latch, from 0
 };
 
-struct VirtualOutcome {
+struct ModelOutcome {
   bool is_done = false;
   std::string problem;   ///< the first broken promise; empty: none
   double seconds = 0.0;  ///< virtual
@@ -79,16 +79,16 @@ struct VirtualOutcome {
   SequencerCounters counters;
 };
 
-class VirtualRig {
+class ModelRig {
  public:
   /// Where a commit goes. False: the disk is full. The default keeps nothing.
-  using Commit = std::function<bool(const action::CommitFrame&, const VirtualFrame&)>;
+  using Commit = std::function<bool(const action::CommitFrame&, const ModelFrame&)>;
   using Finish = std::function<bool()>;
 
-  VirtualRig(VirtualRigConfig config, std::shared_ptr<const SequencerPlan> plan);
-  ~VirtualRig();
-  VirtualRig(const VirtualRig&) = delete;
-  VirtualRig& operator=(const VirtualRig&) = delete;
+  ModelRig(ModelRigConfig config, std::shared_ptr<const SequencerPlan> plan);
+  ~ModelRig();
+  ModelRig(const ModelRig&) = delete;
+  ModelRig& operator=(const ModelRig&) = delete;
 
   void set_commit(Commit commit) { commit_ = std::move(commit); }
   void set_finish(Finish finish) { finish_ = std::move(finish); }
@@ -96,8 +96,8 @@ class VirtualRig {
   /// Runs one session to its end.
   /// @param committed  shots that need no frame, as recovery found
   /// @param limit_s    virtual time after which the session counts as stuck
-  [[nodiscard]] VirtualOutcome run(std::vector<bool> committed, std::vector<int> next_attempt,
-                                   double limit_s = 600.0);
+  [[nodiscard]] ModelOutcome run(std::vector<bool> committed, std::vector<int> next_attempt,
+                                 double limit_s = 600.0);
 
   [[nodiscard]] const SequencerState& state() const { return state_; }
   /// The journal's lines, newest last; for messages of a failed test.
@@ -138,16 +138,16 @@ class VirtualRig {
   void reboot();
 
   // Camera.
-  void start_camera(double exposure_us);
+  void start_camera(std::uint64_t stream, double exposure_us);
   void expose(std::uint64_t generation);
-  void deliver(const VirtualFrame& frame);
+  void deliver(const ModelFrame& frame);
 
   // Disk.
   void commit_next();
   void schedule_rates();
   void every(double rate, const std::function<void()>& work);
 
-  VirtualRigConfig config_;
+  ModelRigConfig config_;
   std::shared_ptr<const SequencerPlan> plan_;
   Commit commit_;
   Finish finish_;
@@ -158,7 +158,7 @@ class VirtualRig {
   std::uint64_t draws_ = 0;
   std::uint64_t n_events_ = 0;
   std::int64_t tick_ns_ = kNever;
-  VirtualOutcome outcome_;
+  ModelOutcome outcome_;
   std::deque<std::string> log_;
 
   std::vector<LightSpan> light_;
@@ -170,16 +170,17 @@ class VirtualRig {
   bool is_connected_ = false;
 
   std::uint64_t generation_ = 0;  ///< of the camera's stream; 0 frames of an old one arrive
+  std::uint64_t stream_ = 0;      ///< the sequencer's name for it
   bool is_streaming_ = false;
   std::int64_t camera_back_ns_ = 0;
   std::uint64_t sequence_ = 0;
   double exposure_us_ = 0.0;
   double next_exposure_us_ = 0.0;
   int exposure_delay_ = 0;
-  std::deque<VirtualFrame> delivered_;  ///< what the buffers still hold, newest last
-  std::optional<VirtualFrame> swapped_;
+  std::deque<ModelFrame> delivered_;  ///< what the buffers still hold, newest last
+  std::optional<ModelFrame> swapped_;
   std::uint64_t next_frame_ = 1;
-  std::map<std::uint64_t, VirtualFrame> frames_;  ///< buffers out
+  std::map<std::uint64_t, ModelFrame> frames_;  ///< buffers out
   std::uint32_t clean_tag_ = 0;
   std::uint64_t clean_latch_ = 0;
   std::uint64_t n_latches_ = 0;

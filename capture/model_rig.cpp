@@ -1,4 +1,4 @@
-#include "capture/virtual_rig.h"
+#include "capture/model_rig.h"
 
 #include <algorithm>
 #include <array>
@@ -22,12 +22,12 @@ double draw(std::uint64_t seed, std::uint64_t i) { return uniform_unit(hash_key(
 
 }  // namespace
 
-VirtualRigConfig random_virtual_rig(std::uint64_t seed) {
+ModelRigConfig random_model_rig(std::uint64_t seed) {
   std::uint64_t i = 1000;
   const auto u = [&] { return draw(seed, ++i); };
   // A third of the faults is absent in each rig, so that their combinations differ.
   const auto p = [&](double most) { return u() < 0.33 ? 0.0 : most * u(); };
-  VirtualRigConfig rig;
+  ModelRigConfig rig;
   rig.seed = seed;
   constexpr std::array<double, 4> kFps{30.0, 60.0, 120.0, 240.0};
   rig.fps = kFps[static_cast<std::size_t>(u() * 4.0)];
@@ -61,8 +61,8 @@ VirtualRigConfig random_virtual_rig(std::uint64_t seed) {
   return rig;
 }
 
-std::shared_ptr<const SequencerPlan> random_virtual_plan(const VirtualRigConfig& rig,
-                                                         int max_shots) {
+std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig,
+                                                       int max_shots) {
   std::uint64_t i = 2000;
   const auto u = [&] { return draw(rig.seed, ++i); };
   auto plan = std::make_shared<SequencerPlan>();
@@ -84,31 +84,31 @@ std::shared_ptr<const SequencerPlan> random_virtual_plan(const VirtualRigConfig&
   return plan;
 }
 
-VirtualRig::VirtualRig(VirtualRigConfig config, std::shared_ptr<const SequencerPlan> plan)
+ModelRig::ModelRig(ModelRigConfig config, std::shared_ptr<const SequencerPlan> plan)
     : config_(config), plan_(std::move(plan)) {
   light_.push_back({0, 0, true});
   commit_counts_.resize(plan_->shots.size());
 }
 
-VirtualRig::~VirtualRig() = default;
+ModelRig::~ModelRig() = default;
 
-double VirtualRig::chance() { return draw(config_.seed, hash_key(7, ++draws_)); }
-std::int64_t VirtualRig::some_ns(double most_us) {
+double ModelRig::chance() { return draw(config_.seed, hash_key(7, ++draws_)); }
+std::int64_t ModelRig::some_ns(double most_us) {
   return static_cast<std::int64_t>(1e3 * most_us * (0.05 + 0.95 * chance()));
 }
 
-void VirtualRig::at(std::int64_t t_ns, std::function<void()> work) {
+void ModelRig::at(std::int64_t t_ns, std::function<void()> work) {
   queue_.push(Pending{std::max(t_ns, now_ns_), ++order_, std::move(work)});
 }
 
-void VirtualRig::fail(const std::string& problem) {
+void ModelRig::fail(const std::string& problem) {
   if (outcome_.problem.empty()) {
     outcome_.problem =
         fmt::format("at {:.6f} s: {}", static_cast<double>(now_ns_) * 1e-9, problem);
   }
 }
 
-void VirtualRig::send(EventBody body) {
+void ModelRig::send(EventBody body) {
   ++n_events_;
   StepResult result = step(std::move(state_), TimedEvent{now_ns_, std::move(body)});
   state_ = std::move(result.state);
@@ -126,7 +126,7 @@ void VirtualRig::send(EventBody body) {
   }
 }
 
-void VirtualRig::perform(const Action& action) {
+void ModelRig::perform(const Action& action) {
   if (const auto* connect = std::get_if<action::ConnectLight>(&action)) {
     queue_job([this, job = connect->job] {
       at(now_ns_ + some_ns(config_.bus_us), [this, job] {
@@ -146,16 +146,17 @@ void VirtualRig::perform(const Action& action) {
   } else if (const auto* start = std::get_if<action::StartCamera>(&action)) {
     ++generation_;
     is_streaming_ = false;
-    at(now_ns_ + some_ns(20000.0), [this, e = start->exposure_us] { start_camera(e); });
+    at(now_ns_ + some_ns(20000.0),
+       [this, a = *start] { start_camera(a.stream, a.exposure_us); });
   } else if (std::get_if<action::StopCamera>(&action) != nullptr) {
     ++generation_;
     is_streaming_ = false;
   } else if (const auto* set = std::get_if<action::SetExposure>(&action)) {
-    at(now_ns_ + some_ns(2000.0), [this, e = set->exposure_us] {
+    at(now_ns_ + some_ns(2000.0), [this, a = *set] {
       if (is_streaming_) {
-        next_exposure_us_ = e;
+        next_exposure_us_ = a.exposure_us;
         exposure_delay_ = 1 + static_cast<int>(chance() * 2.0);
-        send(event::ExposureSet{e});
+        send(event::ExposureSet{a.request, a.exposure_us});
       }
     });
   } else if (const auto* drop = std::get_if<action::DropFrame>(&action)) {
@@ -196,12 +197,12 @@ void VirtualRig::perform(const Action& action) {
 // ---- light
 // -----------------------------------------------------------------------------------
 
-void VirtualRig::queue_job(std::function<void()> work) {
+void ModelRig::queue_job(std::function<void()> work) {
   jobs_.push_back(std::move(work));
   start_job();
 }
 
-void VirtualRig::start_job() {
+void ModelRig::start_job() {
   if (is_job_running_ || jobs_.empty()) {
     return;
   }
@@ -211,7 +212,7 @@ void VirtualRig::start_job() {
   at(now_ns_ + 20 * kUs, std::move(work));
 }
 
-void VirtualRig::end_job(std::optional<EventBody> answer) {
+void ModelRig::end_job(std::optional<EventBody> answer) {
   is_job_running_ = false;
   if (answer) {
     send(*std::move(answer));
@@ -219,7 +220,7 @@ void VirtualRig::end_job(std::optional<EventBody> answer) {
   start_job();
 }
 
-void VirtualRig::change_light(std::uint32_t tag, std::int64_t delay_ns) {
+void ModelRig::change_light(std::uint32_t tag, std::int64_t delay_ns) {
   ++n_latches_;
   shown_tag_ = tag;
   const std::int64_t begin_ns = std::max(now_ns_ + delay_ns, light_.back().t_ns);
@@ -230,7 +231,7 @@ void VirtualRig::change_light(std::uint32_t tag, std::int64_t delay_ns) {
   }
 }
 
-FrameTag VirtualRig::truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const {
+FrameTag ModelRig::truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const {
   FrameTag truth;
   bool is_first = true;
   for (std::size_t i = 0; i < light_.size(); ++i) {
@@ -246,7 +247,7 @@ FrameTag VirtualRig::truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const
   return truth;
 }
 
-void VirtualRig::reboot() {
+void ModelRig::reboot() {
   ++boot_id_;
   is_connected_ = false;
   change_light(0, 0);
@@ -254,8 +255,8 @@ void VirtualRig::reboot() {
 }
 
 /// Confirm, then latch; every bus exchange takes time and may go wrong.
-void VirtualRig::light_job(std::uint64_t job, std::uint32_t tag,
-                           std::optional<ConfirmRequest> confirm) {
+void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
+                         std::optional<ConfirmRequest> confirm) {
   const auto fault = [this, job](Errc code, const char* what) {
     at(now_ns_ + kNoAnswer_ns, [this, job, code, what] {
       end_job(event::LightFault{job, code, what});
@@ -295,7 +296,7 @@ void VirtualRig::light_job(std::uint64_t job, std::uint32_t tag,
   });
 }
 
-void VirtualRig::show(std::uint64_t job, std::uint32_t tag) {
+void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
   const std::int64_t command_ns = now_ns_;
   const std::int64_t latch_ns = now_ns_ + some_ns(0.5 * config_.bus_us);
   const std::int64_t ack_ns = latch_ns + some_ns(0.5 * config_.bus_us);
@@ -330,9 +331,10 @@ void VirtualRig::show(std::uint64_t job, std::uint32_t tag) {
 // ---- camera
 // ----------------------------------------------------------------------------------
 
-void VirtualRig::start_camera(double exposure_us) {
+void ModelRig::start_camera(std::uint64_t stream, double exposure_us) {
+  stream_ = stream;
   if (now_ns_ < camera_back_ns_) {
-    send(event::CameraFault{Errc::device_gone, "no such device"});
+    send(event::CameraFault{stream, Errc::device_gone, "no such device"});
     return;
   }
   ++generation_;
@@ -342,12 +344,12 @@ void VirtualRig::start_camera(double exposure_us) {
   sequence_ = 0;
   delivered_.clear();
   swapped_.reset();
-  send(event::CameraStarted{exposure_us, config_.n_buffers});
+  send(event::CameraStarted{stream, exposure_us, config_.n_buffers});
   at(now_ns_ + some_ns(10'000.0), [this, g = generation_] { expose(g); });
 }
 
 /// A frame's exposure begins now; it is delivered after its readout. The sensor never stops.
-void VirtualRig::expose(std::uint64_t generation) {
+void ModelRig::expose(std::uint64_t generation) {
   if (generation != generation_ || !is_streaming_) {
     return;
   }
@@ -368,7 +370,7 @@ void VirtualRig::expose(std::uint64_t generation) {
     if (generation != generation_ || !is_streaming_) {
       return;
     }
-    VirtualFrame frame;
+    ModelFrame frame;
     frame.truth = truth_between(start_ns, end_ns);
     const bool is_next =
         !frame.truth.is_mixed && frame.truth.tag == clean_tag_ && clean_latch_ == n_latches_;
@@ -387,7 +389,7 @@ void VirtualRig::expose(std::uint64_t generation) {
                   .exposure_us = exposure_us,
                   .gain_db = 0.0};
     frame.pixel_hash = hash_key(config_.seed, generation, sequence, 99);
-    const VirtualFaults& faults = config_.faults;
+    const ModelFaults& faults = config_.faults;
     if (happens(faults.frame_dropped)) {
       return;
     }
@@ -401,7 +403,7 @@ void VirtualRig::expose(std::uint64_t generation) {
       frame.pixel_hash = delivered_[i].pixel_hash;
     }
     if (swapped_) {
-      const VirtualFrame earlier = *swapped_;
+      const ModelFrame earlier = *swapped_;
       swapped_.reset();
       deliver(frame);
       deliver(earlier);
@@ -424,7 +426,7 @@ void VirtualRig::expose(std::uint64_t generation) {
   });
 }
 
-void VirtualRig::deliver(const VirtualFrame& frame) {
+void ModelRig::deliver(const ModelFrame& frame) {
   if (static_cast<int>(frames_.size()) >= config_.n_buffers) {
     return;  // no free buffer: the driver loses the frame
   }
@@ -434,13 +436,13 @@ void VirtualRig::deliver(const VirtualFrame& frame) {
   }
   const std::uint64_t id = next_frame_++;
   frames_.emplace(id, frame);
-  send(event::FrameArrived{id, frame.info, frame.pixel_hash, true});
+  send(event::FrameArrived{id, stream_, frame.info, frame.pixel_hash, true});
 }
 
 // ---- disk
 // ------------------------------------------------------------------------------------
 
-void VirtualRig::commit_next() {
+void ModelRig::commit_next() {
   if (is_committing_ || commits_.empty()) {
     return;
   }
@@ -463,7 +465,7 @@ void VirtualRig::commit_next() {
       send(event::CommitFault{Errc::no_space, "no space left on device"});
       return;
     }
-    const VirtualFrame& frame = it->second;
+    const ModelFrame& frame = it->second;
     const std::uint32_t tag = plan_->shots[static_cast<std::size_t>(commit.shot)].tag;
     if (frame.truth.is_mixed || frame.truth.tag != tag) {
       fail(fmt::format(
@@ -492,7 +494,7 @@ void VirtualRig::commit_next() {
 // ---- the world
 // -------------------------------------------------------------------------------
 
-void VirtualRig::every(double rate, const std::function<void()>& work) {
+void ModelRig::every(double rate, const std::function<void()>& work) {
   if (rate <= 0.0) {
     return;
   }
@@ -503,15 +505,15 @@ void VirtualRig::every(double rate, const std::function<void()>& work) {
   });
 }
 
-void VirtualRig::schedule_rates() {
-  const VirtualFaults& faults = config_.faults;
+void ModelRig::schedule_rates() {
+  const ModelFaults& faults = config_.faults;
   every(faults.controller_reboot_rate, [this] { reboot(); });
   every(faults.lease_lost_rate, [this] { change_light(0, 0); });
   every(faults.camera_gone_rate, [this] {
     if (is_streaming_) {
       is_streaming_ = false;
       camera_back_ns_ = now_ns_ + some_ns(500'000.0);
-      send(event::CameraFault{Errc::device_gone, "unplugged"});
+      send(event::CameraFault{stream_, Errc::device_gone, "unplugged"});
     }
   });
   every(faults.pause_rate, [this] {
@@ -537,8 +539,8 @@ void VirtualRig::schedule_rates() {
   });
 }
 
-VirtualOutcome VirtualRig::run(std::vector<bool> committed, std::vector<int> next_attempt,
-                               double limit_s) {
+ModelOutcome ModelRig::run(std::vector<bool> committed, std::vector<int> next_attempt,
+                           double limit_s) {
   is_committed_ = std::move(committed);
   attempts_ = std::move(next_attempt);
   const std::int64_t begin_ns = now_ns_;

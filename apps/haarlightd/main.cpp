@@ -1,0 +1,162 @@
+/// @file
+/// `haarlightd RIG.toml`: the capture daemon's process. Reads and checks the configuration,
+/// opens devices, tells the service manager, and watches its own threads.
+
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <filesystem>
+#include <iostream>
+#include <string>
+#include <thread>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/signalfd.h>
+#include <systemd/sd-daemon.h>
+#include <unistd.h>
+
+#include "capture/daemon.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/log.h"
+#include "core/report.h"
+#include "core/rig.h"
+#include "firmware_iface/light_array.h"
+#include "session/storage.h"
+
+namespace {
+
+using haarlight::Daemon;
+using haarlight::DaemonConfig;
+using haarlight::Error;
+using haarlight::ExitCode;
+using haarlight::Rig;
+
+struct Options {
+  std::string rig;
+  std::string sessions;
+  std::string web;
+  int port = -1;
+  bool is_check_only = false;
+  bool stays_idle = false;
+};
+
+/// Blocks the ending signals in every thread; they are read from a descriptor.
+haarlight::Fd open_signals() {
+  sigset_t set;
+  sigemptyset(&set);
+  sigaddset(&set, SIGINT);
+  sigaddset(&set, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &set, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+  return haarlight::Fd(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
+}
+
+DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& storage) {
+  namespace fs = std::filesystem;
+  DaemonConfig config;
+  const fs::path beside = fs::absolute(rig.file).parent_path();
+  config.sessions =
+      options.sessions.empty() ? beside / rig.storage.folder : fs::absolute(options.sessions);
+  if (!rig.http.token_file.empty()) {
+    std::string token = haarlight::read_file(beside / rig.http.token_file, 4096);
+    token.erase(token.find_last_not_of(" \t\r\n") + 1);
+    config.token = token;
+  }
+  if (options.port >= 0) {
+    rig.http.port = options.port;
+  }
+  config.make_light = [spec = rig.controller, n = rig.n_lights()] {
+    return haarlight::make_light_array(spec, n);
+  };
+  config.make_camera = [spec = rig.cameras.front()] { return haarlight::make_camera(spec); };
+  config.storage = &storage;
+  config.web_folder = options.web;
+  config.resumes = !options.stays_idle;
+  config.rig = std::move(rig);
+  return config;
+}
+
+/// Waits for a signal; feeds the service manager as long as every thread makes progress.
+ExitCode watch(const Daemon& daemon, const haarlight::Fd& signals) {
+  constexpr int kSlice_ms = 200;
+  for (;;) {
+    pollfd wait{.fd = signals.get(), .events = POLLIN, .revents = 0};
+    if (::poll(&wait, 1, kSlice_ms) > 0) {
+      haarlight::log_info("asked to end: all lights off");
+      sd_notify(0, "STOPPING=1");
+      return ExitCode::done;
+    }
+    const std::string hanging = daemon.hanging_thread();
+    if (!hanging.empty()) {
+      haarlight::log_error("the " + hanging + " thread hangs in a call: giving up");
+      // A second thread tries; this one leaves in time even if that hangs as well.
+      std::thread([&daemon] { daemon.put_lights_out(); }).detach();
+      ::usleep(1'500'000);
+      ::_exit(static_cast<int>(ExitCode::internal));
+    }
+    sd_notify(0, "WATCHDOG=1");
+  }
+}
+
+ExitCode run(const Options& options) {
+  const Rig rig = haarlight::read_rig(options.rig);
+  haarlight::require_sync_mode(rig);
+  haarlight::DiskStorage storage;
+  DaemonConfig config = configure(options, rig, storage);
+  if (options.is_check_only) {
+    fmt::print("{}: good. Sessions go to {}, HTTP on {}:{}\n", options.rig,
+               config.sessions.string(), config.rig.http.address, config.rig.http.port);
+    return ExitCode::done;
+  }
+  const haarlight::Fd signals = open_signals();
+  const std::string address = config.rig.http.address;
+  const Daemon daemon(std::move(config));
+  fmt::print("haarlightd {} on http://{}:{}\n", haarlight::kVersion,
+             address.find(':') == std::string::npos ? address : "[" + address + "]",
+             daemon.http_port());
+  std::fflush(stdout);
+  sd_notify(0, "READY=1");
+  return watch(daemon, signals);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("haarlightd: captures an object under every light of a rig", "haarlightd");
+  app.set_version_flag("--version", std::string(haarlight::kVersion));
+  Options options;
+  app.add_option("RIG", options.rig, "Rig file")->required()->type_name("RIG.toml");
+  app.add_option("--sessions", options.sessions, "Folder of sessions (default: the rig file's)")
+      ->type_name("DIR");
+  app.add_option("--web", options.web, "Folder of the daemon's page")->type_name("DIR");
+  app.add_option("--port", options.port, "HTTP port (default: the rig file's; 0: any free one)")
+      ->check(CLI::Range(0, 65535));
+  app.add_flag("--check-config", options.is_check_only,
+               "Read and check everything, touch no hardware, exit");
+  app.add_flag("--stay-idle", options.stays_idle, "Do not go on with an unfinished session");
+  app.footer(
+      "Exit codes: 0 ended by request, 2 usage, 65 bad configuration, 69 device or address "
+      "not there,\n70 our own bug or a hanging device, 74 input/output.\n\n"
+      "Example:\n  haarlightd configs/rigs/cube32.toml --sessions /data/sessions");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    const bool is_help = error.get_exit_code() == 0;
+    app.exit(error, std::cout, std::cerr);
+    return static_cast<int>(is_help ? ExitCode::done : ExitCode::usage);
+  }
+  try {
+    return static_cast<int>(run(options));
+  } catch (const Error& error) {
+    fmt::print(stderr, "haarlightd: {}\n", error.what());
+    return static_cast<int>(error.code());
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "haarlightd: {}\n  cure: this is our own bug, please report it\n",
+               error.what());
+    return static_cast<int>(ExitCode::internal);
+  }
+}

@@ -1,0 +1,191 @@
+#include "capture/camera_thread.h"
+
+#include <algorithm>
+#include <type_traits>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "capture/frame_checks.h"
+
+namespace haarlight {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr milliseconds kSlice{20};  // how long a command waits at most for a silent camera
+constexpr std::int64_t kSilence_ns =
+    500'000'000;  // beside exposure and frames: then it is lost
+constexpr std::int64_t kPreviewEvery_ns = 100'000'000;
+constexpr int kPreviewWidth = 640;
+
+}  // namespace
+
+std::uint64_t FrameStore::put(Frame frame) {
+  auto shared = std::make_shared<const Frame>(std::move(frame));
+  const std::lock_guard lock(mutex_);
+  frames_.emplace(next_id_, std::move(shared));
+  return next_id_++;
+}
+
+std::shared_ptr<const Frame> FrameStore::get(std::uint64_t id) const {
+  const std::lock_guard lock(mutex_);
+  const auto it = frames_.find(id);
+  return it == frames_.end() ? nullptr : it->second;
+}
+
+void FrameStore::drop(std::uint64_t id) {
+  std::shared_ptr<const Frame> dropped;  // released outside the lock
+  const std::lock_guard lock(mutex_);
+  const auto it = frames_.find(id);
+  if (it != frames_.end()) {
+    dropped = std::move(it->second);
+    frames_.erase(it);
+  }
+}
+
+std::size_t FrameStore::size() const {
+  const std::lock_guard lock(mutex_);
+  return frames_.size();
+}
+
+CameraThread::CameraThread(std::unique_ptr<Camera> camera, CameraSpec spec, FrameStore& store,
+                           std::function<void(EventBody)> send)
+    : camera_(std::move(camera)),
+      spec_(std::move(spec)),
+      store_(store),
+      send_(std::move(send)),
+      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+
+CameraThread::~CameraThread() {
+  thread_.request_stop();
+  thread_.join();
+}
+
+void CameraThread::post(const action::StartCamera& command) {
+  if (!commands_.try_push(command)) {
+    send_(event::CameraFault{command.stream, Errc::device_busy, "the camera thread is behind"});
+  }
+}
+void CameraThread::post(const action::StopCamera& command) {
+  (void)commands_.try_push(command);
+}
+void CameraThread::post(const action::SetExposure& command) {
+  (void)commands_.try_push(command);  // unanswered: no frame is accepted, the shot times out
+}
+
+std::optional<PreviewPicture> CameraThread::preview() const {
+  const std::lock_guard lock(preview_mutex_);
+  return preview_;
+}
+
+void CameraThread::run(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    const auto wait = is_streaming_ ? milliseconds(0) : milliseconds(250);
+    const std::optional<Command> command = commands_.pop(Clock::now() + wait, stop);
+    const ThreadPulse::Busy busy(pulse_);
+    if (command) {
+      do_command(*command);
+    } else if (is_streaming_) {
+      take_frame();
+    }
+  }
+  camera_->stop();
+}
+
+void CameraThread::do_command(const Command& command) {
+  if (const auto* start = std::get_if<action::StartCamera>(&command)) {
+    stream_ = start->stream;
+    spec_.exposure_us = start->exposure_us;
+    const auto setup = camera_->start(spec_);
+    is_streaming_ = setup.has_value();
+    if (!setup) {
+      fault(setup.error());
+      return;
+    }
+    last_frame_ns_ = steady_now_ns();
+    send_(event::CameraStarted{stream_, setup->exposure_us, setup->n_buffers});
+  } else if (const auto* set = std::get_if<action::SetExposure>(&command)) {
+    if (!is_streaming_) {
+      return;
+    }
+    const auto value = camera_->set_exposure(set->exposure_us);
+    if (!value) {
+      fault(value.error());
+      return;
+    }
+    spec_.exposure_us = *value;
+    send_(event::ExposureSet{set->request, *value});
+  } else {
+    is_streaming_ = false;
+    camera_->stop();
+  }
+}
+
+void CameraThread::fault(const Fault& fault) {
+  is_streaming_ = false;
+  camera_->stop();
+  send_(event::CameraFault{stream_, fault.code, fault.what});
+}
+
+void CameraThread::take_frame() {
+  auto frame = camera_->next(Clock::now() + kSlice);
+  if (!frame && frame.error().code == Errc::timeout) {
+    const double patience_us = spec_.exposure_us + spec_.skew_us + 3e6 / spec_.fps;
+    if (steady_now_ns() - last_frame_ns_ >
+        kSilence_ns + static_cast<std::int64_t>(patience_us * 1e3)) {
+      fault(Fault{Errc::timeout,
+                  fmt::format("no frame for {:.1f} s",
+                              1e-9 * static_cast<double>(steady_now_ns() - last_frame_ns_))});
+    }
+    return;
+  }
+  if (!frame) {
+    fault(frame.error());
+    return;
+  }
+  last_frame_ns_ = steady_now_ns();
+  const FrameInfo info = frame->info();
+  FrameGlance glance;
+  const ImageView<const std::uint16_t> pixels = frame->pixels();
+  if (!pixels.is_empty()) {
+    const ImageView<const std::uint16_t> active(pixels.data(), spec_.active_rows,
+                                                pixels.width(), 1, pixels.row_stride());
+    glance = glance_at(
+        active, static_cast<std::uint16_t>((1U << static_cast<unsigned>(spec_.bits)) - 1U));
+    keep_preview(*frame);
+  }
+  const std::uint64_t id = store_.put(*std::move(frame));
+  send_(event::FrameArrived{id, stream_, info, glance.hash, glance.must_differ});
+}
+
+void CameraThread::keep_preview(const Frame& frame) {
+  if (last_frame_ns_ - last_preview_ns_ < kPreviewEvery_ns) {
+    return;
+  }
+  last_preview_ns_ = last_frame_ns_;
+  const ImageView<const std::uint16_t> pixels = frame.pixels();
+  const int step = std::max(1, (pixels.width() + kPreviewWidth - 1) / kPreviewWidth);
+  PreviewPicture picture;
+  picture.sequence = frame.info().sequence;
+  picture.grey = Image<std::uint8_t>(spec_.active_rows / step, pixels.width() / step, 1);
+  const auto shift = static_cast<unsigned>(spec_.bits - 8);
+  const auto white = static_cast<std::uint16_t>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
+  std::size_t n_white = 0;
+  for (int y = 0; y < picture.grey.height(); ++y) {
+    for (int x = 0; x < picture.grey.width(); ++x) {
+      const std::uint16_t word = pixels(y * step, x * step);
+      picture.grey(y, x) = static_cast<std::uint8_t>(std::min(255, word >> shift));
+      n_white += word >= white ? 1 : 0;
+    }
+  }
+  picture.saturated_share =
+      static_cast<double>(n_white) /
+      static_cast<double>(std::max<std::size_t>(1, picture.grey.pixels().size()));
+  const std::lock_guard lock(preview_mutex_);
+  preview_ = std::move(picture);
+}
+
+}  // namespace haarlight

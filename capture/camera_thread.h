@@ -1,0 +1,84 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+#include "capture/camera.h"
+#include "capture/sequencer.h"
+#include "capture/thread_pulse.h"
+#include "capture/work_queue.h"
+
+/// @file
+/// The thread that owns the camera: drains every frame at once, looks at it, and tells the
+/// control thread. Buffers stay with the FrameStore until they are dropped.
+
+namespace haarlight {
+
+/// The frames that are out of the camera's hands. Thread-safe.
+class FrameStore {
+ public:
+  std::uint64_t put(Frame frame);
+  /// Nothing when it was dropped.
+  [[nodiscard]] std::shared_ptr<const Frame> get(std::uint64_t id) const;
+  void drop(std::uint64_t id);
+  [[nodiscard]] std::size_t size() const;
+
+ private:
+  mutable std::mutex mutex_;
+  std::uint64_t next_id_ = 1;
+  std::map<std::uint64_t, std::shared_ptr<const Frame>> frames_;
+};
+
+/// A small 8-bit copy of a recent frame, for people.
+struct PreviewPicture {
+  Image<std::uint8_t> grey;
+  std::uint64_t sequence = 0;
+  double saturated_share = 0.0;
+};
+
+class CameraThread {
+ public:
+  CameraThread(std::unique_ptr<Camera> camera, CameraSpec spec, FrameStore& store,
+               std::function<void(EventBody)> send);
+  ~CameraThread();
+  CameraThread(const CameraThread&) = delete;
+  CameraThread& operator=(const CameraThread&) = delete;
+
+  void post(const action::StartCamera& command);
+  void post(const action::StopCamera& command);
+  void post(const action::SetExposure& command);
+
+  /// The newest, at most ten a second; nothing before the first frame. Thread-safe.
+  [[nodiscard]] std::optional<PreviewPicture> preview() const;
+  [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
+
+ private:
+  using Command = std::variant<action::StartCamera, action::StopCamera, action::SetExposure>;
+
+  void run(const std::stop_token& stop);
+  void do_command(const Command& command);
+  void take_frame();
+  void fault(const Fault& fault);
+  void keep_preview(const Frame& frame);
+
+  std::unique_ptr<Camera> camera_;
+  CameraSpec spec_;
+  FrameStore& store_;
+  std::function<void(EventBody)> send_;
+  WorkQueue<Command> commands_{64};
+  ThreadPulse pulse_{"camera"};
+  mutable std::mutex preview_mutex_;
+  std::optional<PreviewPicture> preview_;
+  // Of the thread alone.
+  bool is_streaming_ = false;
+  std::uint64_t stream_ = 0;
+  std::int64_t last_frame_ns_ = 0;
+  std::int64_t last_preview_ns_ = 0;
+  std::jthread thread_;  // last: stops first
+};
+
+}  // namespace haarlight

@@ -1,0 +1,606 @@
+#include "capture/daemon.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <ctime>
+#include <deque>
+#include <mutex>
+#include <thread>
+#include <utility>
+#include <variant>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "capture/daemon_http.h"
+#include "capture/frame_checks.h"
+#include "capture/light_thread.h"
+#include "capture/timing.h"
+#include "capture/work_queue.h"
+#include "capture/writer_thread.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/log.h"
+#include "http/server.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr std::size_t kMaxLines = 8192;  // of the event stream, kept for replay
+constexpr std::int64_t kRowBits = 24;    // of an event id; above them the session's second
+constexpr milliseconds kControlTick{100};
+constexpr std::size_t kNameLength = 6;  // of the plan's hash, in a session's name
+constexpr const char* kAbortMark = "aborted.txt";
+
+/// How long one call of a thread may last before the daemon gives itself up.
+milliseconds limit_of(std::string_view thread) {
+  return thread == "writer" ? milliseconds(60000) : milliseconds(15000);
+}
+
+std::string second_name() {
+  const std::time_t now = std::time(nullptr);
+  std::tm parts{};
+  ::gmtime_r(&now, &parts);
+  std::array<char, 32> text{};
+  (void)std::strftime(text.data(), text.size(), "%Y%m%d-%H%M%S", &parts);
+  return text.data();
+}
+
+bool is_plain_name(const std::string& name) {
+  return !name.empty() && name.size() <= 100 && name.front() != '.' &&
+         std::all_of(name.begin(), name.end(), [](char c) {
+           return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+                  c == '-' || c == '_' || c == '.';
+         });
+}
+
+template <class T>
+T require_device(Result<T> made, const Rig& rig) {
+  if (!made) {
+    throw Error(made.error().what, rig.file.string(), "correct the rig file",
+                ExitCode::unavailable);
+  }
+  return *std::move(made);
+}
+
+}  // namespace
+
+void require_sync_mode(const Rig& rig) {
+  if (rig.sync != SyncMode::free_run) {
+    throw Error(
+        fmt::format("sync mode \"{}\" needs a trigger or strobe line, which remote cameras "
+                    "of this version do not have",
+                    to_string(rig.sync)),
+        rig.file.string(), "set [sync] mode = \"free-run\"");
+  }
+}
+
+std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig, const Plan& plan) {
+  const CameraSpec& camera = rig.cameras.front();
+  auto out = std::make_shared<SequencerPlan>();
+  for (const Shot& shot : plan.shots) {
+    out->shots.push_back({.tag = kFirstTag + static_cast<std::uint32_t>(shot.index),
+                          .exposure_us = shot.exposure_us,
+                          .pattern_id = shot.index});
+  }
+  out->sync = rig.sync;
+  out->timestamp = camera.timestamp;
+  out->read_us = camera.read_us;
+  out->skew_us = camera.skew_us;
+  out->frame_us = 1e6 / camera.fps;
+  out->settle_ns = settle_ns(rig.controller);
+  return out;
+}
+
+class Daemon::Impl {
+ public:
+  explicit Impl(DaemonConfig config)
+      : config_(std::move(config)),
+        stream_(std::make_shared<EventStream>(
+            EventStreamOptions{.replay = [this](std::int64_t after, std::size_t max) {
+              return replay(after, max);
+            }})) {
+    require_sync_mode(config_.rig);
+    std::error_code error;
+    fs::create_directories(config_.sessions, error);
+    if (error) {
+      throw Error("cannot make the sessions folder: " + error.message(),
+                  config_.sessions.string(), "give a folder that can be written", ExitCode::io);
+    }
+    auto send = [this](EventBody body) { receive(std::move(body)); };
+    auto lights = require_device(config_.make_light(), config_.rig);
+    auto camera = require_device(config_.make_camera(), config_.rig);
+    writer_ = std::make_unique<WriterThread>(
+        WriterThreadConfig{.rig = config_.rig,
+                           .storage = config_.storage,
+                           .send = send,
+                           .opened = [this](Result<OpenSession> s) { receive(std::move(s)); },
+                           .logged = [this](const JournalLine& line) { publish(line); }},
+        store_);
+    camera_ = std::make_unique<CameraThread>(std::move(camera), config_.rig.cameras.front(),
+                                             store_, send);
+    lights_ = std::make_unique<LightThread>(
+        std::move(lights), LightThreadConfig{.lease = config_.rig.controller.lease,
+                                             .patterns = [this] { return patterns(); },
+                                             .send = send});
+    checker_ = std::jthread([this](const std::stop_token& stop) { check_frames(stop); });
+    control_ = std::jthread([this](const std::stop_token& stop) { control(stop); });
+    receive(event::Booted{});
+    recover();
+  }
+
+  /// HTTP last: everything it asks is there.
+  void serve(Daemon& daemon) {
+    if (!config_.has_http) {
+      return;
+    }
+    HttpServerConfig http;
+    http.address = config_.rig.http.address;
+    http.port = config_.rig.http.port;
+    http.token = config_.token;
+    server_ = std::make_unique<HttpServer>(
+        http, make_site(daemon, stream_, config_.sessions, config_.web_folder));
+  }
+
+  ~Impl() {
+    server_.reset();
+    stream_->close();
+    // The control thread goes first, so that nothing new is lit; the light thread darkens.
+    control_.request_stop();
+    if (control_.joinable()) {
+      control_.join();
+    }
+    lights_.reset();
+    camera_.reset();
+    checker_.request_stop();
+    if (checker_.joinable()) {
+      checker_.join();
+    }
+    writer_.reset();
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  [[nodiscard]] DaemonState state() const {
+    const std::lock_guard lock(mutex_);
+    return published_;
+  }
+  [[nodiscard]] int port() const { return server_ == nullptr ? 0 : server_->port(); }
+  [[nodiscard]] std::optional<PreviewPicture> preview() const { return camera_->preview(); }
+  [[nodiscard]] const DaemonConfig& config() const { return config_; }
+  [[nodiscard]] std::size_t n_frames_held() const { return store_.size(); }
+  [[nodiscard]] std::uint64_t n_lines_dropped() const { return writer_->n_lines_dropped(); }
+  [[nodiscard]] HttpCounters http_counters() const {
+    return server_ == nullptr ? HttpCounters{} : server_->counters();
+  }
+
+  RunReceipt run(const std::string& plan_text, const std::string& name) {
+    const std::size_t first = plan_text.find_first_not_of(" \t\r\n");
+    const bool is_json = first != std::string::npos && plan_text[first] == '{';
+    const std::string where = name.empty() ? "the plan" : name;
+    SessionOrder order;
+    if (is_json) {
+      order.plan = plan_from_json(plan_text, where);
+      require_power(order.plan, config_.rig, where);
+    } else {
+      order.plan = expand_plan(parse_plan_file(plan_text, where), config_.rig);
+    }
+    take_turn();
+    order.id = new_session_name(order.plan.hash);
+    order.folder = config_.sessions / order.id;
+    order.rig_toml = config_.rig.text;
+    RunReceipt receipt{order.id, order.folder, order.plan.hash,
+                       static_cast<int>(order.plan.shots.size())};
+    writer_->open(std::move(order));
+    return receipt;
+  }
+
+  RunReceipt resume_session(const std::string& id) {
+    if (!is_plain_name(id) || !fs::exists(config_.sessions / id / "start.json")) {
+      throw Error("there is no session \"" + id + "\" to go on with", config_.sessions.string(),
+                  "GET /v1/sessions lists them");
+    }
+    take_turn();
+    std::error_code ignored;
+    fs::remove(config_.sessions / id / kAbortMark, ignored);
+    writer_->open(SessionOrder{.folder = config_.sessions / id, .is_new = false, .id = id});
+    return RunReceipt{.session = id, .folder = config_.sessions / id};
+  }
+
+  void receive(EventBody body) {
+    (void)inbox_.push(std::move(body), control_stop_.get_token());
+  }
+
+  [[nodiscard]] std::string hanging_thread() const {
+    for (const ThreadPulse* pulse : {&lights_->pulse(), &camera_->pulse(), &writer_->pulse(),
+                                     &checker_pulse_, &control_pulse_}) {
+      if (pulse->busy_for() > limit_of(pulse->name())) {
+        return std::string(pulse->name());
+      }
+    }
+    return {};
+  }
+
+ private:
+  using Message = std::variant<EventBody, Result<OpenSession>>;
+
+  void receive(Result<OpenSession> session) {
+    (void)inbox_.push(std::move(session), control_stop_.get_token());
+  }
+
+  /// One session at a time. @throws Error(interrupted)
+  void take_turn() {
+    const std::lock_guard lock(mutex_);
+    const Phase phase = published_.phase;
+    const bool is_free = phase == Phase::idle || phase == Phase::done ||
+                         (phase == Phase::safe_off && published_.current < 0 &&
+                          published_.n_committed == static_cast<int>(published_.shots.size()));
+    if (!is_free || published_.is_opening) {
+      throw Error(fmt::format("the daemon is busy: {}{}", to_string(phase),
+                              published_.session.empty() ? "" : " with " + published_.session),
+                  "run", "wait for it, or abort it first", ExitCode::interrupted);
+    }
+    published_.is_opening = true;
+  }
+
+  [[nodiscard]] std::string new_session_name(const std::string& plan_hash) const {
+    const std::string base = second_name() + "-" + plan_hash.substr(0, kNameLength);
+    std::string name = base;
+    std::error_code ignored;
+    for (int i = 2; fs::exists(config_.sessions / name, ignored); ++i) {
+      name = fmt::format("{}-{}", base, i);
+    }
+    return name;
+  }
+
+  /// The newest session that was begun, not finished and not aborted goes on.
+  void recover() {
+    std::string newest;
+    std::error_code error;
+    for (fs::directory_iterator it(config_.sessions, error), end; !error && it != end;
+         it.increment(error)) {
+      const fs::path& folder = it->path();
+      std::error_code ignored;
+      const bool is_unfinished = fs::exists(folder / "start.json", ignored) &&
+                                 !fs::exists(folder / "session.json", ignored) &&
+                                 !fs::exists(folder / kAbortMark, ignored);
+      if (is_unfinished) {
+        newest = std::max(newest, folder.filename().string());
+      }
+    }
+    if (config_.resumes && !newest.empty()) {
+      {
+        const std::lock_guard lock(mutex_);
+        published_.is_opening = true;
+      }
+      log_info("going on with the unfinished session " + newest);
+      writer_->open(
+          SessionOrder{.folder = config_.sessions / newest, .is_new = false, .id = newest});
+    }
+    receive(event::Recovered{});
+  }
+
+  // ---- the control thread
+  // ----------------------------------------------------------------------
+
+  void control(const std::stop_token& stop) {
+    SequencerState state;
+    while (!stop.stop_requested()) {
+      const std::int64_t now_ns = steady_now_ns();
+      const std::int64_t wait_ns = std::clamp<std::int64_t>(
+          state.deadline_ns == kNever ? kNever : state.deadline_ns - now_ns, 0,
+          std::chrono::nanoseconds(kControlTick).count());
+      std::optional<Message> message =
+          inbox_.pop(Clock::now() + std::chrono::nanoseconds(wait_ns), stop);
+      const ThreadPulse::Busy busy(control_pulse_);
+      lights_->feed_deadman();
+      try {
+        if (message && std::holds_alternative<Result<OpenSession>>(*message)) {
+          begin(state, std::get<Result<OpenSession>>(*std::move(message)));
+        } else if (message) {
+          do_step(state, std::get<EventBody>(*std::move(message)));
+        } else if (state.deadline_ns <= steady_now_ns()) {
+          do_step(state, event::Tick{});
+        }
+      } catch (const std::exception& error) {
+        log_error(std::string("our own bug in the control thread: ") + error.what());
+        std::abort();  // the lease and the service's stop action put the lights out
+      }
+    }
+    control_stop_.request_stop();
+  }
+
+  void begin(SequencerState& state, Result<OpenSession> opened) {
+    if (!opened) {
+      log_error("the session cannot be opened: " + opened.error().what);
+      const std::lock_guard lock(mutex_);
+      published_.is_opening = false;
+      published_.reason_text = opened.error().what;
+      stream_->publish(0, "error", opened.error().what);
+      return;
+    }
+    auto shown = std::make_shared<std::vector<std::vector<ElementLevel>>>();
+    for (const Shot& shot : opened->plan->shots) {
+      std::vector<ElementLevel> pattern;
+      for (const LightLevel& light : shot.lit) {
+        pattern.push_back(ElementLevel{.element = light.light, .level = light.level});
+      }
+      shown->push_back(std::move(pattern));
+    }
+    form_ = session_info_of(config_.rig, *opened->plan, opened->id).form;
+    folder_ = opened->folder;
+    begun_ns_ = steady_now_ns();
+    n_committed_before_ =
+        static_cast<int>(std::count(opened->committed.begin(), opened->committed.end(), true));
+    {
+      const std::lock_guard lock(mutex_);
+      patterns_ = std::move(shown);
+      published_.session = opened->id;
+      published_.folder = opened->folder;
+      published_.plan = opened->plan;
+      published_.recovery = opened->recovery;
+      published_.is_opening = false;
+      published_.reason_text.clear();
+    }
+    do_step(state, event::Run{sequencer_plan(config_.rig, *opened->plan),
+                              std::move(opened->committed), std::move(opened->next_attempt)});
+  }
+
+  void do_step(SequencerState& state, EventBody body) {
+    const bool was_aborting = state.phase == Phase::aborting;
+    StepResult result = step(std::move(state), TimedEvent{steady_now_ns(), std::move(body)});
+    state = std::move(result.state);
+    if (!was_aborting && state.phase == Phase::aborting) {
+      mark_aborted(state.reason_text);
+    }
+    for (Action& action : result.actions) {
+      perform(std::move(action));
+    }
+    show(state);
+  }
+
+  /// So that the next start of the daemon leaves it alone; a person can go on with it.
+  void mark_aborted(const std::string& why) const {
+    Fd file(::open((folder_ / kAbortMark).c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644));
+    if (file.is_open()) {
+      (void)!::write(file.get(), why.data(), why.size());
+    }
+  }
+
+  void perform(Action action) {
+    std::visit(
+        [this](auto& a) {
+          using T = std::decay_t<decltype(a)>;
+          if constexpr (std::is_same_v<T, action::ConnectLight> ||
+                        std::is_same_v<T, action::ShowShot> ||
+                        std::is_same_v<T, action::LightsOff>) {
+            lights_->post(a);
+          } else if constexpr (std::is_same_v<T, action::StartCamera> ||
+                               std::is_same_v<T, action::StopCamera> ||
+                               std::is_same_v<T, action::SetExposure>) {
+            camera_->post(a);
+          } else if constexpr (std::is_same_v<T, action::DropFrame>) {
+            store_.drop(a.frame);
+          } else if constexpr (std::is_same_v<T, action::CheckFrame>) {
+            if (!checks_.try_push(Check{std::move(a), form_})) {
+              log_error("the queue of checks is full");  // more than max_held: our own bug
+              std::abort();
+            }
+          } else {
+            if constexpr (std::is_same_v<T, action::LogEvent>) {
+              if (a.kind == "fault") {
+                log_warning(a.text);
+              }
+            }
+            writer_->post(a);
+          }
+        },
+        action);
+  }
+
+  void show(const SequencerState& state) {
+    const std::lock_guard lock(mutex_);
+    published_.phase = state.phase;
+    published_.step = state.step;
+    published_.reasons = state.reasons;
+    if (!state.reason_text.empty()) {
+      published_.reason_text = state.reason_text;
+    }
+    if (state.plan != nullptr) {  // after an abort the last picture stays
+      published_.shots = state.shots;
+      published_.n_committed = state.n_committed;
+    }
+    published_.current = state.current;
+    published_.counters = state.counters;
+    const int n_new = state.n_committed - n_committed_before_;
+    const int n_left = static_cast<int>(state.shots.size()) - state.n_committed;
+    published_.seconds_left =
+        n_new < 1 ? -1.0
+                  : static_cast<double>(steady_now_ns() - begun_ns_) * 1e-9 * n_left / n_new;
+  }
+
+  // ---- the checking worker
+  // ---------------------------------------------------------------------
+
+  struct Check {
+    action::CheckFrame frame;
+    FrameForm form;
+  };
+
+  void check_frames(const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      std::optional<Check> check = checks_.pop(Clock::now() + milliseconds(250), stop);
+      const ThreadPulse::Busy busy(checker_pulse_);
+      if (!check) {
+        continue;
+      }
+      action::CheckFrame& c = check->frame;
+      const std::shared_ptr<const Frame> frame = store_.get(c.frame);
+      if (frame == nullptr) {
+        continue;  // dropped by an abort
+      }
+      const ImageView<const std::uint16_t> pixels = frame->pixels();
+      std::string problem = "the frame has no pixels";
+      if (!pixels.is_empty()) {
+        const ImageView<const std::uint16_t> active(pixels.data(), check->form.height,
+                                                    pixels.width(), 1, pixels.row_stride());
+        problem = check_pixels(active, check->form, c.evidence);
+      }
+      receive(event::FrameChecked{c.frame, c.shot, std::move(c.evidence), std::move(problem)});
+    }
+  }
+
+  // ---- the event stream
+  // ------------------------------------------------------------------------
+
+  /// Called by the writer thread.
+  void publish(const JournalLine& line) {
+    std::int64_t id = 0;
+    {
+      const std::lock_guard lock(lines_mutex_);
+      if (line.session != lines_session_) {
+        lines_session_ = line.session;
+        session_second_ =
+            std::max(session_second_ + 1, static_cast<std::int64_t>(std::time(nullptr)));
+      }
+      if (line.row > 0) {
+        id = (session_second_ << kRowBits) + line.row;
+        lines_.push_back(Event{id, line.kind, line.json});
+        if (lines_.size() > kMaxLines) {
+          lines_.pop_front();
+        }
+      }
+    }
+    stream_->publish(id, line.kind, line.json);
+  }
+
+  [[nodiscard]] std::vector<Event> replay(std::int64_t after, std::size_t max) const {
+    const std::lock_guard lock(lines_mutex_);
+    std::vector<Event> out;
+    for (const Event& line : lines_) {
+      if (line.id > after && out.size() < max) {
+        out.push_back(line);
+      }
+    }
+    return out;
+  }
+
+  [[nodiscard]] std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns() const {
+    const std::lock_guard lock(mutex_);
+    return patterns_;
+  }
+
+  DaemonConfig config_;
+  FrameStore store_;
+  WorkQueue<Message> inbox_{4096};
+  WorkQueue<Check> checks_{256};
+  std::stop_source control_stop_;  ///< nobody reads the inbox any more
+  ThreadPulse control_pulse_{"control"};
+  ThreadPulse checker_pulse_{"checks"};
+
+  mutable std::mutex mutex_;
+  DaemonState published_;
+  std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns_;
+
+  mutable std::mutex lines_mutex_;
+  std::deque<Event> lines_;
+  std::string lines_session_;
+  std::int64_t session_second_ = 0;
+  std::shared_ptr<EventStream> stream_;
+
+  // Of the control thread.
+  FrameForm form_;
+  fs::path folder_;
+  std::int64_t begun_ns_ = 0;
+  int n_committed_before_ = 0;
+
+  std::unique_ptr<WriterThread> writer_;
+  std::unique_ptr<CameraThread> camera_;
+  std::unique_ptr<LightThread> lights_;
+  std::jthread checker_;
+  std::jthread control_;
+  std::unique_ptr<HttpServer> server_;
+};
+
+Daemon::Daemon(DaemonConfig config) : impl_(std::make_unique<Impl>(std::move(config))) {
+  impl_->serve(*this);
+}
+Daemon::~Daemon() = default;
+
+DaemonState Daemon::state() const { return impl_->state(); }
+int Daemon::http_port() const { return impl_->port(); }
+RunReceipt Daemon::run(const std::string& plan_text, const std::string& name) {
+  return impl_->run(plan_text, name);
+}
+RunReceipt Daemon::resume_session(const std::string& id) { return impl_->resume_session(id); }
+void Daemon::request(EventBody request) { impl_->receive(std::move(request)); }
+std::optional<PreviewPicture> Daemon::preview() const { return impl_->preview(); }
+std::string Daemon::hanging_thread() const { return impl_->hanging_thread(); }
+
+void Daemon::put_lights_out() const {
+  auto lights = impl_->config().make_light();
+  if (!lights) {
+    log_error("lights out: " + lights.error().what);
+    return;
+  }
+  const auto connected = (*lights)->connect();
+  const auto off = connected ? (*lights)->all_off() : tl::unexpected<Fault>(connected.error());
+  if (!off) {
+    log_error("lights out: " + off.error().what + "; the lease will do it");
+  }
+}
+
+std::string Daemon::metrics() const {
+  const DaemonState now = state();
+  const SequencerCounters& c = now.counters;
+  std::string text;
+  const auto add = [&text](std::string_view name, std::string_view type, std::string_view help,
+                           double value) {
+    text +=
+        fmt::format("# HELP haarlight_{0} {2}\n# TYPE haarlight_{0} {1}\nhaarlight_{0} {3}\n",
+                    name, type, help, value);
+  };
+  const auto count = [&add](std::string_view name, std::string_view help, std::uint64_t value) {
+    add(name, "counter", help, static_cast<double>(value));
+  };
+  count("frames_total", "Frames the camera delivered", c.frames);
+  count("frames_unused_total", "Frames not wholly under one settled pattern", c.frames_unused);
+  count("frames_damaged_total", "Frames marked as damaged or short", c.frames_damaged);
+  count("sequence_gaps_total", "Gaps in the camera's frame numbers", c.sequence_gaps);
+  count("frames_out_of_order_total", "Frames behind their successor", c.frames_out_of_order);
+  count("duplicates_total", "Pictures delivered twice", c.duplicates);
+  count("wrong_exposure_total", "Frames in another exposure than asked", c.wrong_exposure);
+  count("checks_failed_total", "Frames whose pixels were refused", c.checks_failed);
+  count("confirms_failed_total", "Frames during which the light changed", c.confirms_failed);
+  count("retries_total", "Shots shown again", c.retries);
+  count("shot_timeouts_total", "Shots without a clean frame in time", c.shot_timeouts);
+  count("light_faults_total", "Faults of the light controller", c.light_faults);
+  count("camera_faults_total", "Faults of the camera", c.camera_faults);
+  count("commit_faults_total", "Commits that failed", c.commit_faults);
+  count("controller_reboots_total", "Restarts of the light controller", c.controller_reboots);
+  count("suspensions_total", "Times a run was suspended", c.suspensions);
+  count("commits_total", "Frames committed", c.commits);
+  count("event_lines_dropped_total", "Event lines lost to a slow disk",
+        impl_->n_lines_dropped());
+  count("http_requests_total", "Requests answered", impl_->http_counters().requests);
+  add("frames_held", "gauge", "Camera buffers in our hands",
+      static_cast<double>(impl_->n_frames_held()));
+  add("shots", "gauge", "Shots of the session", static_cast<double>(now.shots.size()));
+  add("shots_committed", "gauge", "Shots committed", now.n_committed);
+  text += "# HELP haarlight_phase 1 for the present phase\n# TYPE haarlight_phase gauge\n";
+  for (int i = 0; i <= static_cast<int>(Phase::safe_off); ++i) {
+    text +=
+        fmt::format("haarlight_phase{{phase=\"{}\"}} {}\n", to_string(static_cast<Phase>(i)),
+                    static_cast<int>(now.phase) == i ? 1 : 0);
+  }
+  return text;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,110 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "capture/camera_thread.h"
+#include "capture/plan.h"
+#include "capture/sequencer.h"
+#include "core/rig.h"
+#include "session/session_writer.h"
+
+/// @file
+/// The capture daemon without its process: threads, devices, session and HTTP around the
+/// sequencer. apps/haarlightd is its main(); tests run it with their own devices. Threads:
+/// control, camera, light, one checking worker, writer, http; see docs/architecture.md.
+
+namespace haarlight {
+
+struct DaemonConfig {
+  Rig rig;
+  std::filesystem::path sessions;  ///< folder of session folders; made when missing
+  std::function<Result<std::unique_ptr<LightArray>>()> make_light;
+  std::function<Result<std::unique_ptr<Camera>>()> make_camera;
+  Storage* storage = nullptr;  ///< outlives the daemon
+  bool has_http = true;
+  std::string token;
+  std::filesystem::path web_folder;  ///< static page; empty: none
+  bool resumes = true;               ///< an unfinished session goes on at the start
+};
+
+/// A moment of the daemon, as GET /v1/state tells it.
+struct DaemonState {
+  Phase phase = Phase::boot;
+  ShotStep step = ShotStep::none;
+  std::uint32_t reasons = 0;
+  std::string reason_text;
+  std::string session;  ///< id; empty: none since the start
+  std::filesystem::path folder;
+  std::shared_ptr<const Plan> plan;
+  std::vector<ShotState> shots;
+  int n_committed = 0;
+  int current = -1;
+  double seconds_left = -1.0;              ///< from measured shots; negative: not known yet
+  bool is_opening = false;                 ///< a session is being made or recovered
+  std::optional<RecoveryReport> recovery;  ///< of the session, when it was reopened
+  SequencerCounters counters;
+};
+
+/// What POST /v1/run answers.
+struct RunReceipt {
+  std::string session;
+  std::filesystem::path folder;
+  std::string plan_hash;
+  int n_shots = 0;
+};
+
+class Daemon {
+ public:
+  /// Starts every thread; nothing is lit before a run.
+  /// @throws Error  devices that the rig names and we have not, a sync mode that the camera
+  /// cannot
+  ///                do, address in use
+  explicit Daemon(DaemonConfig config);
+  /// All lights off; frames that wait for their commit are finished first.
+  ~Daemon();
+  Daemon(const Daemon&) = delete;
+  Daemon& operator=(const Daemon&) = delete;
+
+  // Thread-safe, none waits for a device.
+  [[nodiscard]] DaemonState state() const;
+  /// 0 without HTTP.
+  [[nodiscard]] int http_port() const;
+  /// Begins a new session.
+  /// @param plan_text  a plan file's TOML, or a plan.json
+  /// @throws Error  the plan's problems; interrupted: a run is in progress
+  [[nodiscard]] RunReceipt run(const std::string& plan_text, const std::string& name);
+  /// Goes on with an unfinished session of the sessions folder.
+  /// @throws Error  no such session; interrupted: a run is in progress
+  [[nodiscard]] RunReceipt resume_session(const std::string& id);
+  /// One of the sequencer's requests: Pause, Resume, Abort, SafeOff, Reshoot.
+  void request(EventBody request);
+  [[nodiscard]] std::optional<PreviewPicture> preview() const;
+  /// Prometheus text.
+  [[nodiscard]] std::string metrics() const;
+
+  /// The name of a thread that hangs in a call beyond its limit; empty: all is well. For the
+  /// watchdog: a daemon with a hanging thread cannot be repaired from inside.
+  [[nodiscard]] std::string hanging_thread() const;
+  /// Lights off over a connection of its own, as the light thread may be the one that hangs.
+  /// Waits at most about a second; errors are only logged.
+  void put_lights_out() const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// The immutable part of a run, from rig and plan.
+[[nodiscard]] std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig,
+                                                                  const Plan& plan);
+
+/// @throws Error  a sync mode that this version cannot drive
+void require_sync_mode(const Rig& rig);
+
+}  // namespace haarlight

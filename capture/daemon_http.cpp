@@ -1,0 +1,386 @@
+#include "capture/daemon_http.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "capture/daemon.h"
+#include "capture/grey_jpeg.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/report.h"
+#include "session/evidence.h"
+#include "session/frame_tiff.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr int kPreviewWidth = 640;
+constexpr std::uintmax_t kMaxFrameFile = std::uintmax_t{1} << 28U;
+
+HttpResponse json_response(const Json& json, int status = 200) {
+  return {.status = status,
+          .body = json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"};
+}
+
+HttpResponse missing(const std::string& what, const std::string& cure) {
+  return error_response(404, what, "the request's path", cure);
+}
+
+bool is_plain_name(const std::string& name) {
+  return !name.empty() && name.size() <= 100 && name.front() != '.' &&
+         name.find('/') == std::string::npos && name.find('\\') == std::string::npos;
+}
+
+std::optional<int> whole_number(const std::string& text) {
+  int value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size() || value < 0) {
+    return std::nullopt;
+  }
+  return value;
+}
+
+/// The body as JSON; an empty one is an empty object. @throws Error
+Json body_of(const HttpRequest& request) {
+  if (request.body.find_first_not_of(" \t\r\n") == std::string::npos) {
+    return Json::object();
+  }
+  Json json = Json::parse(request.body, nullptr, false);
+  if (!json.is_object()) {
+    throw Error("the body is not a JSON object", request.path, "see docs/http-api.md");
+  }
+  return json;
+}
+
+Json state_json(const DaemonState& s) {
+  Json reasons = Json::array();
+  constexpr std::array<std::pair<std::uint32_t, const char*>, 4> kReasons{
+      {{kCameraLost, "camera"},
+       {kControllerLost, "controller"},
+       {kDiskFull, "disk"},
+       {kNoEvidence, "no_clean_frame"}}};
+  for (const auto& [bit, word] : kReasons) {
+    if ((s.reasons & bit) != 0) {
+      reasons.push_back(word);
+    }
+  }
+  Json json = {
+      {"version", std::string(kVersion)},
+      {"phase", std::string(to_string(s.phase))},
+      {"step", std::string(to_string(s.step))},
+      {"is_opening", s.is_opening},
+      {"reasons", std::move(reasons)},
+      {"reason", s.reason_text},
+      {"session", s.session.empty() ? Json(nullptr) : Json(s.session)},
+      {"folder", s.session.empty() ? Json(nullptr) : Json(s.folder.string())},
+      {"plan", s.plan == nullptr ? Json(nullptr)
+                                 : Json{{"name", s.plan->name}, {"hash", s.plan->hash}}},
+      {"shots", s.shots.size()},
+      {"committed", s.n_committed},
+      {"current", s.current < 0 ? Json(nullptr) : Json(s.current)},
+      {"seconds_left", s.seconds_left < 0 ? Json(nullptr) : Json(s.seconds_left)},
+      {"frames", s.counters.frames},
+      {"retries", s.counters.retries}};
+  if (s.recovery) {
+    json["recovery"] = {{"committed", s.recovery->n_committed},
+                        {"adopted", s.recovery->n_adopted},
+                        {"returned", s.recovery->n_returned},
+                        {"set_aside", s.recovery->set_aside}};
+  }
+  return json;
+}
+
+Json session_json(const fs::path& folder, const DaemonState& state) {
+  std::error_code ignored;
+  return {{"id", folder.filename().string()},
+          {"folder", folder.string()},
+          {"is_finished", fs::exists(folder / "session.json", ignored)},
+          {"is_aborted", fs::exists(folder / "aborted.txt", ignored)},
+          {"is_active", folder.filename() == state.session && state.phase != Phase::idle &&
+                            state.phase != Phase::done}};
+}
+
+HttpResponse list_sessions(const fs::path& sessions, const DaemonState& state) {
+  std::vector<fs::path> folders;
+  std::error_code error;
+  for (fs::directory_iterator it(sessions, error), end; !error && it != end;
+       it.increment(error)) {
+    std::error_code ignored;
+    if (fs::exists(it->path() / "start.json", ignored) ||
+        fs::exists(it->path() / "session.json", ignored)) {
+      folders.push_back(it->path());
+    }
+  }
+  std::sort(folders.begin(), folders.end());
+  Json list = Json::array();
+  for (const fs::path& folder : folders) {
+    list.push_back(session_json(folder, state));
+  }
+  return json_response({{"sessions", std::move(list)}});
+}
+
+/// The newest attempt of a shot that is on the disk.
+std::optional<fs::path> newest_frame(const fs::path& session, int shot) {
+  std::optional<fs::path> found;
+  int newest = -1;
+  std::error_code ignored;
+  for (int attempt = 0; attempt < newest + 33; ++attempt) {
+    fs::path file = session / frame_file_name(shot, attempt);
+    if (fs::exists(file, ignored)) {
+      newest = attempt;
+      found = std::move(file);
+    }
+  }
+  return found;
+}
+
+/// Sensor words of a stored frame as a small 8-bit picture, white = 255.
+std::string frame_preview(const fs::path& file, const FrameForm& form) {
+  const MappedFile mapped(file);
+  const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file.string());
+  if (header.sample != SampleType::u16 || header.channels != 1 || header.width != form.width) {
+    throw Error("the frame has another form than the session", file.string(),
+                "run haarlight verify");
+  }
+  const std::vector<std::byte> bytes =
+      read_frame_tiff_rows(mapped.bytes(), header, 0, form.height, file.string());
+  const ImageView<const std::uint16_t> words(
+      reinterpret_cast<const std::uint16_t*>(bytes.data()), form.height, form.width, 1);
+  const int step = std::max(1, (form.width + kPreviewWidth - 1) / kPreviewWidth);
+  Image<std::uint8_t> grey(std::max(1, form.height / step), std::max(1, form.width / step), 1);
+  for (int y = 0; y < grey.height(); ++y) {
+    for (int x = 0; x < grey.width(); ++x) {
+      const double value = 255.0 * words(y * step, x * step) / form.white_level;
+      grey(y, x) = static_cast<std::uint8_t>(std::clamp(value, 0.0, 255.0));
+    }
+  }
+  return encode_grey_jpeg(std::as_const(grey).view());
+}
+
+class Handlers {
+ public:
+  Handlers(Daemon& daemon, fs::path sessions)
+      : daemon_(daemon), sessions_(std::move(sessions)) {}
+
+  [[nodiscard]] HttpResponse health() const {
+    const std::string hanging = daemon_.hanging_thread();
+    if (!hanging.empty()) {
+      return error_response(503, "the " + hanging + " thread hangs", "healthz",
+                            "the service manager restarts the daemon");
+    }
+    return json_response({{"status", "good"}});
+  }
+
+  [[nodiscard]] HttpResponse session(const HttpRequest& request) const {
+    const auto folder = folder_of(request);
+    if (!folder) {
+      return missing("no such session", "GET /v1/sessions lists them");
+    }
+    const DaemonState state = daemon_.state();
+    Json json = session_json(*folder, state);
+    if (state.session == folder->filename() && state.plan != nullptr) {
+      json["shots"] = state.shots.size();
+      json["committed"] = state.n_committed;
+      json["plan_hash"] = state.plan->hash;
+    } else {
+      const SessionInfo info = info_of(*folder);
+      json["shots"] = info.shots.size();
+      json["committed"] = info.frames.size();
+      json["plan_hash"] = info.plan_hash;
+    }
+    return json_response(json);
+  }
+
+  [[nodiscard]] HttpResponse shots(const HttpRequest& request) const {
+    const auto folder = folder_of(request);
+    if (!folder) {
+      return missing("no such session", "GET /v1/sessions lists them");
+    }
+    const DaemonState state = daemon_.state();
+    const bool is_active = state.session == folder->filename() && state.plan != nullptr;
+    const std::vector<Shot> shots = is_active ? state.plan->shots : info_of(*folder).shots;
+    Json list = Json::array();
+    for (const Shot& shot : shots) {
+      const auto i = static_cast<std::size_t>(shot.index);
+      Json lit = Json::array();
+      for (const LightLevel& light : shot.lit) {
+        lit.push_back(light.light);
+      }
+      list.push_back({{"shot", shot.index},
+                      {"kind", std::string(to_string(shot.kind))},
+                      {"lights", std::move(lit)},
+                      {"state", is_active && i < state.shots.size()
+                                    ? std::string(to_string(state.shots[i]))
+                                    : std::string("committed")}});
+    }
+    return json_response({{"shots", std::move(list)}});
+  }
+
+  [[nodiscard]] HttpResponse shot(const HttpRequest& request) const {
+    const auto folder = folder_of(request);
+    const auto shot = whole_number(request.captures.at("shot"));
+    const auto file = folder && shot ? newest_frame(*folder, *shot) : std::nullopt;
+    if (!file) {
+      return missing("no frame of this shot yet",
+                     "GET /v1/sessions/ID/shots lists their states");
+    }
+    const MappedFile mapped(*file);
+    const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file->string());
+    const FrameDescription description =
+        frame_description_from_json(header.description, file->string());
+    return json_response({{"shot", description.shot},
+                          {"attempt", description.attempt},
+                          {"file", fs::relative(*file, *folder).string()},
+                          {"evidence", Json::parse(evidence_to_json(description.evidence))}});
+  }
+
+  [[nodiscard]] HttpResponse shot_preview(const HttpRequest& request) const {
+    const auto folder = folder_of(request);
+    const auto shot = whole_number(request.captures.at("shot"));
+    const auto file = folder && shot ? newest_frame(*folder, *shot) : std::nullopt;
+    if (!file) {
+      return missing("no frame of this shot yet",
+                     "GET /v1/sessions/ID/shots lists their states");
+    }
+    return {.content_type = "image/jpeg", .body = frame_preview(*file, info_of(*folder).form)};
+  }
+
+  [[nodiscard]] HttpResponse live_preview() const {
+    const auto picture = daemon_.preview();
+    if (!picture) {
+      return missing("the camera has delivered no frame yet", "start a run first");
+    }
+    return {.content_type = "image/jpeg",
+            .body = encode_grey_jpeg(picture->grey.view()),
+            .headers = {{"X-Frame-Sequence", std::to_string(picture->sequence)},
+                        {"X-Saturated-Share", fmt::format("{:.6f}", picture->saturated_share)},
+                        {"Cache-Control", "no-store"}}};
+  }
+
+  [[nodiscard]] HttpResponse run(const HttpRequest& request) const {
+    const std::string session = request.query_or("session", "");
+    const RunReceipt receipt = session.empty()
+                                   ? daemon_.run(request.body, request.query_or("name", ""))
+                                   : daemon_.resume_session(session);
+    return json_response({{"session", receipt.session},
+                          {"folder", receipt.folder.string()},
+                          {"plan_hash", receipt.plan_hash},
+                          {"shots", receipt.n_shots}},
+                         202);
+  }
+
+  [[nodiscard]] HttpResponse ask(EventBody body) const {
+    daemon_.request(std::move(body));
+    return json_response(state_json(daemon_.state()), 202);
+  }
+
+  [[nodiscard]] HttpResponse reshoot(const HttpRequest& request) const {
+    const Json body = body_of(request);
+    const auto it = body.find("shots");
+    if (it == body.end() || !it->is_array() || it->empty()) {
+      throw Error("the body has no list \"shots\"", request.path, "send {\"shots\": [3, 17]}");
+    }
+    const DaemonState state = daemon_.state();
+    event::Reshoot reshoot;
+    for (const Json& shot : *it) {
+      if (!shot.is_number_integer() || shot.get<std::int64_t>() < 0 ||
+          shot.get<std::int64_t>() >= static_cast<std::int64_t>(state.shots.size())) {
+        throw Error(fmt::format("{} is no shot: the session has shots 0 to {}", shot.dump(),
+                                static_cast<std::int64_t>(state.shots.size()) - 1),
+                    request.path, "GET /v1/sessions/ID/shots lists them");
+      }
+      reshoot.shots.push_back(shot.get<int>());
+    }
+    return ask(std::move(reshoot));
+  }
+
+ private:
+  [[nodiscard]] std::optional<fs::path> folder_of(const HttpRequest& request) const {
+    const std::string& id = request.captures.at("id");
+    std::error_code ignored;
+    if (!is_plain_name(id) || !fs::is_directory(sessions_ / id, ignored)) {
+      return std::nullopt;
+    }
+    return sessions_ / id;
+  }
+
+  /// session.json when finished, else start.json. @throws Error
+  [[nodiscard]] static SessionInfo info_of(const fs::path& folder) {
+    std::error_code ignored;
+    const fs::path file = fs::exists(folder / "session.json", ignored) ? folder / "session.json"
+                                                                       : folder / "start.json";
+    return session_info_from_json(read_file(file, kMaxFrameFile), file.string());
+  }
+
+  Daemon& daemon_;
+  fs::path sessions_;
+};
+
+}  // namespace
+
+std::string daemon_state_json(const DaemonState& state) {
+  return state_json(state).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
+                   const fs::path& sessions, const fs::path& web_folder) {
+  const auto h = std::make_shared<const Handlers>(daemon, sessions);
+  HttpSite site;
+  site.get("/v1/state",
+           [&daemon](const HttpRequest&) { return json_response(state_json(daemon.state())); });
+  site.add_events("/v1/events", std::move(events));
+  site.get("/v1/sessions", [&daemon, sessions](const HttpRequest&) {
+    return list_sessions(sessions, daemon.state());
+  });
+  site.get("/v1/sessions/{id}", [h](const HttpRequest& r) { return h->session(r); });
+  site.get("/v1/sessions/{id}/shots", [h](const HttpRequest& r) { return h->shots(r); });
+  site.get("/v1/sessions/{id}/shots/{shot}", [h](const HttpRequest& r) { return h->shot(r); });
+  site.get("/v1/sessions/{id}/shots/{shot}/preview.jpg",
+           [h](const HttpRequest& r) { return h->shot_preview(r); });
+  site.get("/v1/preview.jpg", [h](const HttpRequest&) { return h->live_preview(); });
+  const auto metrics = [&daemon](const HttpRequest&) {
+    return HttpResponse{.content_type = "text/plain; version=0.0.4", .body = daemon.metrics()};
+  };
+  site.add(
+      {.method = "GET", .pattern = "/v1/metrics", .handler = metrics, .access = Access::open});
+  site.add(
+      {.method = "GET", .pattern = "/metrics", .handler = metrics, .access = Access::open});
+  const auto health = [h](const HttpRequest&) { return h->health(); };
+  site.add({.method = "GET",
+            .pattern = "/v1/healthz",
+            .handler = health,
+            .access = Access::open,
+            .is_always = true});
+  site.add({.method = "GET",
+            .pattern = "/healthz",
+            .handler = health,
+            .access = Access::open,
+            .is_always = true});
+  site.post("/v1/run", [h](const HttpRequest& r) { return h->run(r); });
+  site.post("/v1/pause", [h](const HttpRequest&) { return h->ask(event::Pause{}); });
+  site.post("/v1/resume", [h](const HttpRequest&) { return h->ask(event::Resume{}); });
+  site.post("/v1/abort", [h](const HttpRequest&) { return h->ask(event::Abort{}); });
+  site.post("/v1/reshoot", [h](const HttpRequest& r) { return h->reshoot(r); });
+  site.add({.method = "POST",
+            .pattern = "/v1/all-off",
+            .handler = [h](const HttpRequest&) { return h->ask(event::SafeOff{}); },
+            .access = Access::write,
+            .is_always = true});
+  if (!web_folder.empty()) {
+    site.set_static_files("/", web_folder);
+  }
+  return site;
+}
+
+}  // namespace haarlight

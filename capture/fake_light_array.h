@@ -1,0 +1,76 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "firmware_iface/light_array.h"
+
+/// @file
+/// A light array without a device, for tests of what stands above it: remembers every change of
+/// light with its time, and can be told to fail. Its FakeLight outlives it, as a controller
+/// outlives a connection.
+
+namespace haarlight {
+
+/// The light's truth. Thread-safe.
+class FakeLight {
+ public:
+  struct Change {
+    std::int64_t t_ns = 0;
+    std::uint32_t tag = 0;
+    std::vector<ElementLevel> pattern;
+  };
+
+  // A person's hands.
+  void restart();               ///< dark, new boot id, connections lost
+  void set_gone(bool is_gone);  ///< no answers at all
+  void fail_next(int count);    ///< as many calls time out
+  void hang_next(
+      std::chrono::milliseconds length);  ///< one call does not come back for so long
+
+  [[nodiscard]] std::vector<Change> changes() const;
+  /// The tag lit over [t0, t1]; nothing when it changed in between.
+  [[nodiscard]] std::optional<std::uint32_t> tag_between(std::int64_t t0_ns,
+                                                         std::int64_t t1_ns) const;
+  [[nodiscard]] std::uint32_t shown_tag() const;
+  [[nodiscard]] bool is_dark() const;
+
+ private:
+  friend class FakeLightArray;
+  void change(std::uint32_t tag, std::vector<ElementLevel> pattern);
+
+  mutable std::mutex mutex_;
+  std::vector<Change> changes_;
+  std::uint32_t boot_id_ = 1;
+  bool is_gone_ = false;
+  int n_to_fail_ = 0;
+  std::chrono::milliseconds hang_{0};
+};
+
+/// One thread, as every LightArray.
+class FakeLightArray final : public LightArray {
+ public:
+  explicit FakeLightArray(std::shared_ptr<FakeLight> light) : light_(std::move(light)) {}
+
+  [[nodiscard]] Result<ControllerIdentity> connect() override;
+  void disconnect() noexcept override { boot_id_ = 0; }
+  [[nodiscard]] Result<LatchReceipt> show(std::span<const ElementLevel> pattern,
+                                          std::uint32_t tag) override;
+  [[nodiscard]] Result<LatchReceipt> all_off() override;
+  [[nodiscard]] Result<void> renew_lease() override;
+  [[nodiscard]] Result<ControllerStatus> status() override;
+  [[nodiscard]] Result<void> upload_table(std::span<const std::vector<ElementLevel>> patterns,
+                                          std::span<const std::uint32_t> tags) override;
+  [[nodiscard]] Result<LatchReceipt> step_table() override;
+
+ private:
+  /// Every call begins so: the faults that were asked for.
+  [[nodiscard]] Result<void> reach();
+
+  std::shared_ptr<FakeLight> light_;
+  std::uint32_t boot_id_ = 0;  ///< of the connection; 0 = none
+};
+
+}  // namespace haarlight

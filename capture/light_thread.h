@@ -1,0 +1,73 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "capture/sequencer.h"
+#include "capture/thread_pulse.h"
+#include "capture/work_queue.h"
+#include "firmware_iface/light_array.h"
+
+/// @file
+/// The thread that owns the bus to the lights: does the sequencer's light jobs one after the
+/// other and renews the lease between them, as long as the control thread lives (deadman): when
+/// it has not been heard for the length of a lease, the lights are put out here, and by the
+/// controller.
+
+namespace haarlight {
+
+struct LightThreadConfig {
+  std::chrono::milliseconds lease{2000};
+  /// Patterns by shot; of the run in progress.
+  std::function<std::shared_ptr<const std::vector<std::vector<ElementLevel>>>()> patterns;
+  std::function<void(EventBody)> send;
+};
+
+class LightThread {
+ public:
+  /// Starts; nothing is connected before the first ConnectLight.
+  LightThread(std::unique_ptr<LightArray> lights, LightThreadConfig config);
+  /// All off, then stops.
+  ~LightThread();
+  LightThread(const LightThread&) = delete;
+  LightThread& operator=(const LightThread&) = delete;
+
+  void post(const action::ConnectLight& job);
+  void post(const action::ShowShot& job);
+  /// Without a confirmation to wait for it goes before all waiting jobs, which are answered by
+  /// a fault.
+  void post(const action::LightsOff& job);
+
+  /// The control thread is alive.
+  void feed_deadman() { fed_ns_ = steady_now_ns(); }
+  [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
+
+ private:
+  using Job = std::variant<action::ConnectLight, action::ShowShot, action::LightsOff>;
+
+  void run(const std::stop_token& stop);
+  void do_job(const Job& job);
+  void connect(const action::ConnectLight& job);
+  void show(const action::ShowShot& job);
+  void darken(const action::LightsOff& job);
+  /// False when the light is not what it should be, or the controller did not answer.
+  [[nodiscard]] bool confirm(std::uint64_t job, const std::optional<ConfirmRequest>& request);
+  void keep_lease();
+  void enqueue(Job job);
+
+  std::unique_ptr<LightArray> lights_;
+  LightThreadConfig config_;
+  WorkQueue<Job> jobs_{64};
+  ThreadPulse pulse_{"light"};
+  std::atomic<std::int64_t> fed_ns_;
+  // Of the thread alone.
+  bool is_connected_ = false;
+  bool is_dark_ = true;
+  std::int64_t renewed_ns_ = 0;
+  std::jthread thread_;  // last: stops first
+};
+
+}  // namespace haarlight

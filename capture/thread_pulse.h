@@ -1,0 +1,49 @@
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <string_view>
+
+/// @file
+/// How the watchdog knows that a thread makes progress: each marks when it begins and ends a
+/// call that might hang. A thread that waits for work is healthy.
+
+namespace haarlight {
+
+[[nodiscard]] inline std::int64_t steady_now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+/// One a thread; read by the watchdog. Thread-safe.
+class ThreadPulse {
+ public:
+  explicit ThreadPulse(std::string_view name) : name_(name) {}
+
+  /// Marks the thread busy until the end of the scope.
+  class Busy {
+   public:
+    explicit Busy(ThreadPulse& pulse) : pulse_(pulse) { pulse_.since_ns_ = steady_now_ns(); }
+    ~Busy() { pulse_.since_ns_ = 0; }
+    Busy(const Busy&) = delete;
+    Busy& operator=(const Busy&) = delete;
+
+   private:
+    ThreadPulse& pulse_;
+  };
+
+  /// How long the present call has lasted; 0 when waiting for work.
+  [[nodiscard]] std::chrono::nanoseconds busy_for() const {
+    const std::int64_t since = since_ns_;
+    return std::chrono::nanoseconds(since == 0 ? 0 : steady_now_ns() - since);
+  }
+  [[nodiscard]] std::string_view name() const noexcept { return name_; }
+
+ private:
+  std::string_view name_;
+  std::atomic<std::int64_t> since_ns_{0};
+};
+
+}  // namespace haarlight

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <utility>
+
+/// @file
+/// A bounded queue between two threads of the daemon.
+
+namespace haarlight {
+
+/// Thread-safe; any number of threads at either end.
+template <class T>
+class WorkQueue {
+ public:
+  explicit WorkQueue(std::size_t capacity) : capacity_(capacity) {}
+
+  /// False when full: nothing is queued.
+  [[nodiscard]] bool try_push(T item) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (items_.size() >= capacity_) {
+        return false;
+      }
+      items_.push_back(std::move(item));
+    }
+    filled_.notify_one();
+    return true;
+  }
+
+  /// Waits for room; false when asked to stop.
+  [[nodiscard]] bool push(T item, const std::stop_token& stop) {
+    {
+      std::unique_lock lock(mutex_);
+      if (!emptied_.wait(lock, stop, [this] { return items_.size() < capacity_; })) {
+        return false;
+      }
+      items_.push_back(std::move(item));
+    }
+    filled_.notify_one();
+    return true;
+  }
+
+  /// Nothing when the deadline passes or a stop is asked for.
+  [[nodiscard]] std::optional<T> pop(std::chrono::steady_clock::time_point deadline,
+                                     const std::stop_token& stop) {
+    std::optional<T> item;
+    {
+      std::unique_lock lock(mutex_);
+      if (!filled_.wait_until(lock, stop, deadline, [this] { return !items_.empty(); })) {
+        return std::nullopt;
+      }
+      item.emplace(std::move(items_.front()));
+      items_.pop_front();
+    }
+    emptied_.notify_one();
+    return item;
+  }
+
+  /// Takes out every item that the predicate picks, in order.
+  template <class Predicate>
+  [[nodiscard]] std::deque<T> take_if(Predicate predicate) {
+    std::deque<T> taken;
+    {
+      const std::lock_guard lock(mutex_);
+      std::deque<T> kept;
+      for (T& item : items_) {
+        (predicate(item) ? taken : kept).push_back(std::move(item));
+      }
+      items_.swap(kept);
+    }
+    emptied_.notify_all();
+    return taken;
+  }
+
+ private:
+  std::size_t capacity_;
+  std::mutex mutex_;
+  std::condition_variable_any filled_;
+  std::condition_variable_any emptied_;
+  std::deque<T> items_;
+};
+
+}  // namespace haarlight

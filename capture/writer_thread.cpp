@@ -1,0 +1,321 @@
+#include "capture/writer_thread.h"
+
+#include <algorithm>
+#include <array>
+#include <ctime>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "capture/timing.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/log.h"
+#include "http/json_text.h"
+
+namespace haarlight {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::string iso_now() {
+  const std::time_t now = std::time(nullptr);
+  std::tm parts{};
+  ::gmtime_r(&now, &parts);
+  std::array<char, 32> text{};
+  (void)std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &parts);
+  return text.data();
+}
+
+std::string line_json(const action::LogEvent& line) {
+  return line.shot >= 0
+             ? fmt::format(R"({{"text": {}, "shot": {}}})", json_quote(line.text), line.shot)
+             : fmt::format(R"({{"text": {}}})", json_quote(line.text));
+}
+
+}  // namespace
+
+SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string& id) {
+  const CameraSpec& camera = rig.cameras.front();
+  SessionInfo info;
+  info.id = id;
+  info.created = iso_now();
+  info.plan_hash = plan.hash;
+  info.rig_hash = rig.hash;
+  info.form = {
+      .width = camera.frame_width,
+      .height = camera.active_rows,
+      .stored_height = camera.frame_height,
+      .channels = 1,
+      .sample = SampleType::u16,
+      .transfer = Transfer::linear,
+      .bayer = camera.bayer,
+      .black_level = camera.noise.black_dn,
+      .white_level = static_cast<double>((1U << static_cast<unsigned>(camera.bits)) - 1U)};
+  for (const LightElement& light : light_elements(rig)) {
+    SessionLight entry;
+    entry.name = fmt::format("{}/{}/{}", rig.faces[static_cast<std::size_t>(light.face)].id,
+                             light.row, light.col);
+    entry.is_position = true;
+    entry.place = light.centre;
+    info.lights.push_back(std::move(entry));
+  }
+  const Face& first = rig.faces.front();
+  const bool is_grid = std::all_of(rig.faces.begin(), rig.faces.end(), [&](const Face& face) {
+    return face.rows == first.rows && face.cols == first.cols;
+  });
+  info.grid_rows = is_grid ? first.rows : 0;
+  info.grid_cols = is_grid ? first.cols : 0;
+  info.shots = plan.shots;
+  return info;
+}
+
+WriterThread::WriterThread(WriterThreadConfig config, FrameStore& store)
+    : config_(std::move(config)),
+      store_(store),
+      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+
+WriterThread::~WriterThread() {
+  thread_.request_stop();
+  thread_.join();
+}
+
+void WriterThread::enqueue(Work work) {
+  if (!work_.try_push(std::move(work))) {
+    config_.send(event::CommitFault{Errc::device_busy, "the writer is far behind"});
+  }
+}
+
+void WriterThread::open(SessionOrder order) { enqueue(std::move(order)); }
+void WriterThread::post(const action::CommitFrame& commit) { enqueue(commit); }
+void WriterThread::post(const action::RetryCommits& retry) { enqueue(retry); }
+void WriterThread::post(const action::ForgetCommits& forget) { enqueue(forget); }
+void WriterThread::post(const action::WithdrawShot& withdraw) { enqueue(withdraw); }
+void WriterThread::post(const action::FinishSession& finish) { enqueue(finish); }
+void WriterThread::post(const action::LogEvent& line) {
+  if (!work_.try_push(line)) {
+    ++n_lines_dropped_;
+  }
+}
+
+void WriterThread::run(const std::stop_token& stop) {
+  for (;;) {
+    // With commits waiting: take what else is there, then commit all of it together.
+    const bool has_commits = !waiting_.empty() && !is_stuck_;
+    const auto wait = std::chrono::milliseconds(has_commits ? 0 : 250);
+    std::optional<Work> work = work_.pop(Clock::now() + wait, stop);
+    const ThreadPulse::Busy busy(pulse_);
+    if (work) {
+      do_work(*std::move(work));
+    } else if (has_commits) {
+      commit_waiting();
+    } else if (stop.stop_requested()) {
+      return;
+    }
+  }
+}
+
+void WriterThread::do_work(Work work) {
+  if (auto* order = std::get_if<SessionOrder>(&work)) {
+    open_session(std::move(*order));
+  } else if (auto* commit = std::get_if<action::CommitFrame>(&work)) {
+    waiting_.push_back(std::move(*commit));
+  } else if (std::get_if<action::RetryCommits>(&work) != nullptr) {
+    is_stuck_ = false;
+    commit_waiting();
+  } else if (std::get_if<action::ForgetCommits>(&work) != nullptr) {
+    waiting_.clear();
+    is_stuck_ = false;
+  } else if (const auto* shot = std::get_if<action::WithdrawShot>(&work)) {
+    withdraw(shot->shot);
+  } else if (std::get_if<action::FinishSession>(&work) != nullptr) {
+    finish();
+  } else if (const auto* line = std::get_if<action::LogEvent>(&work)) {
+    log(line->kind, line_json(*line));
+  }
+}
+
+void WriterThread::open_session(SessionOrder order) {
+  waiting_.clear();
+  is_stuck_ = false;
+  writer_.reset();
+  id_ = order.id;
+  folder_ = order.folder;
+  try {
+    auto opened = make_or_reopen(std::move(order));
+    if (!opened) {
+      writer_.reset();
+      id_.clear();
+    }
+    config_.opened(std::move(opened));
+  } catch (const Error& error) {
+    writer_.reset();
+    id_.clear();
+    config_.opened(fail(Errc::protocol, error.what()));
+  }
+}
+
+Result<OpenSession> WriterThread::make_or_reopen(SessionOrder order) {
+  if (order.is_new) {
+    const CameraSpec& camera = config_.rig.cameras.front();
+    const double frame_bytes =
+        2.0 * camera.frame_width * camera.frame_height + kFrameOverheadBytes;
+    const double reserve_bytes = frame_bytes * static_cast<double>(order.plan.shots.size()) +
+                                 1e6 * (config_.rig.storage.reserve_mb + order.plan.reserve_mb);
+    auto made = SessionWriter::create(
+        order.folder, session_info_of(config_.rig, order.plan, order.id), order.rig_toml,
+        plan_to_json(order.plan), static_cast<std::uint64_t>(reserve_bytes), *config_.storage);
+    if (!made) {
+      return tl::unexpected<Fault>(made.error());
+    }
+    writer_.emplace(*std::move(made));
+  } else {
+    auto reopened = SessionWriter::reopen(order.folder, *config_.storage);
+    if (!reopened) {
+      return tl::unexpected<Fault>(reopened.error());
+    }
+    writer_.emplace(*std::move(reopened));
+    order.plan = plan_from_json(writer_->plan_json(), (order.folder / "plan.json").string());
+    if (writer_->info().rig_hash != config_.rig.hash) {
+      return fail(
+          Errc::refused,
+          fmt::format("session {} was begun with another rig file; start the daemon with "
+                      "its rig.toml to go on",
+                      order.id));
+    }
+  }
+  OpenSession session;
+  session.id = order.id;
+  session.folder = order.folder;
+  session.committed = writer_->committed();
+  for (std::size_t i = 0; i < order.plan.shots.size(); ++i) {
+    session.next_attempt.push_back(writer_->next_attempt(static_cast<int>(i)));
+  }
+  session.recovery = writer_->recovery();
+  session.plan = std::make_shared<const Plan>(std::move(order.plan));
+  return session;
+}
+
+void WriterThread::commit_waiting() {
+  if (waiting_.empty()) {
+    return;
+  }
+  if (!writer_) {
+    waiting_.clear();
+    return;
+  }
+  std::vector<std::shared_ptr<const Frame>> frames;
+  std::vector<PendingFrame> pending;
+  std::vector<action::CommitFrame> kept;
+  for (action::CommitFrame& commit : waiting_) {
+    auto frame = store_.get(commit.frame);
+    if (frame == nullptr) {
+      continue;  // dropped by an abort
+    }
+    pending.push_back(PendingFrame{.shot = commit.shot,
+                                   .attempt = commit.attempt,
+                                   .evidence = commit.evidence,
+                                   .pixels = frame->pixels()});
+    frames.push_back(std::move(frame));
+    kept.push_back(std::move(commit));
+  }
+  waiting_ = std::move(kept);
+  if (waiting_.empty()) {
+    return;
+  }
+  const auto done = writer_->commit(pending);
+  if (done) {
+    std::string shots;
+    for (const action::CommitFrame& commit : waiting_) {
+      shots += fmt::format("{}{}", shots.empty() ? "" : ", ", commit.shot);
+    }
+    log("committed", fmt::format(R"({{"shots": [{}]}})", shots));
+    for (const action::CommitFrame& commit : waiting_) {
+      config_.send(event::FrameCommitted{commit.frame, commit.shot});
+    }
+    waiting_.clear();
+    return;
+  }
+  if (done.error().code == Errc::refused || done.error().code == Errc::protocol) {
+    commit_one_by_one();
+    return;
+  }
+  is_stuck_ = true;
+  config_.send(event::CommitFault{done.error().code, done.error().what});
+}
+
+/// A frame of the group does not hold: find out which, and have its shot taken again.
+void WriterThread::commit_one_by_one() {
+  while (!waiting_.empty()) {
+    const action::CommitFrame& commit = waiting_.front();
+    const auto frame = store_.get(commit.frame);
+    if (frame != nullptr) {
+      const PendingFrame pending{.shot = commit.shot,
+                                 .attempt = commit.attempt,
+                                 .evidence = commit.evidence,
+                                 .pixels = frame->pixels()};
+      const auto done = writer_->commit(std::span(&pending, 1));
+      if (done) {
+        log("committed", fmt::format(R"({{"shots": [{}]}})", commit.shot));
+        config_.send(event::FrameCommitted{commit.frame, commit.shot});
+      } else if (done.error().code == Errc::refused || done.error().code == Errc::protocol) {
+        config_.send(
+            event::FrameChecked{commit.frame, commit.shot, commit.evidence, done.error().what});
+      } else {
+        is_stuck_ = true;
+        config_.send(event::CommitFault{done.error().code, done.error().what});
+        return;
+      }
+    }
+    waiting_.erase(waiting_.begin());
+  }
+}
+
+void WriterThread::finish() {
+  if (!writer_) {
+    return;
+  }
+  const auto done = writer_->finish();
+  if (!done) {
+    config_.send(event::CommitFault{done.error().code, done.error().what});
+    return;
+  }
+  std::error_code ignored;
+  std::filesystem::remove(folder_ / "aborted.txt", ignored);
+  config_.logged(
+      JournalLine{id_, 0, "finished", fmt::format(R"({{"session": {}}})", json_quote(id_))});
+  config_.send(event::SessionFinished{});
+}
+
+/// A finished session is reopened first.
+void WriterThread::withdraw(int shot) {
+  if (!writer_) {
+    return;
+  }
+  auto done = writer_->withdraw(shot, "taken again by request");
+  if (!done && done.error().code == Errc::refused) {
+    writer_.reset();
+    auto reopened = SessionWriter::reopen(folder_, *config_.storage);
+    if (reopened) {
+      writer_.emplace(*std::move(reopened));
+      done = writer_->withdraw(shot, "taken again by request");
+    } else {
+      done = tl::unexpected<Fault>(reopened.error());
+    }
+  }
+  if (!done) {
+    log_error(fmt::format("shot {} could not be withdrawn: {}", shot, done.error().what));
+  }
+}
+
+void WriterThread::log(const std::string& kind, const std::string& json) {
+  JournalLine line{id_, 0, kind, json};
+  if (writer_) {
+    const auto row = writer_->log_event(kind, json);
+    line.row = row ? *row : 0;
+  }
+  config_.logged(line);
+}
+
+}  // namespace haarlight
