@@ -8,6 +8,14 @@
 namespace haarlight {
 
 void add_check(CLI::App& root, Invocation& invocation);
+void add_plan(CLI::App& root, Invocation& invocation);
+void add_capture(CLI::App& root, Invocation& invocation);
+void add_status(CLI::App& root, Invocation& invocation);
+void add_pause(CLI::App& root, Invocation& invocation);
+void add_resume(CLI::App& root, Invocation& invocation);
+void add_abort(CLI::App& root, Invocation& invocation);
+void add_all_off(CLI::App& root, Invocation& invocation);
+void add_reshoot(CLI::App& root, Invocation& invocation);
 void add_import(CLI::App& root, Invocation& invocation);
 void add_verify(CLI::App& root, Invocation& invocation);
 void add_rebuild(CLI::App& root, Invocation& invocation);
@@ -19,12 +27,22 @@ namespace {
 using AddVerb = void (*)(CLI::App& root, Invocation& invocation);
 
 constexpr AddVerb kVerbs[] = {
+    // clang-format off: one a line, so that two additions do not meet
     add_check,
+    add_plan,
+    add_capture,
+    add_status,
+    add_pause,
+    add_resume,
+    add_abort,
+    add_all_off,
+    add_reshoot,
     add_import,
     add_verify,
     add_rebuild,
     add_develop,
     add_export,
+    // clang-format on
 };
 
 }  // namespace
