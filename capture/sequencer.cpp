@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -19,8 +20,9 @@ constexpr std::int64_t kDiskRetry_ns = 1000 * kMs;
 constexpr std::int64_t kEvidenceRetry_ns = 2000 * kMs;
 constexpr std::int64_t kAbortLimit_ns = 200 * kMs;
 constexpr std::int64_t kShotSlack_ns =
-    300 * kMs;                       // beside the frames: late delivery, a busy host
-constexpr double kShotFrames = 8.0;  // frame times without a clean frame: shown again
+    300 * kMs;                        // beside the frames: late delivery, a busy host
+constexpr double kShotFrames = 8.0;   // frame times without a clean frame: shown again
+constexpr std::size_t kMaxEarly = 2;  // frames kept until the latch's acknowledgement is told
 constexpr int kLightFaultsToLose = 3;
 constexpr int kFailuresToRotate = 4;    // the next shot is tried first
 constexpr int kFailuresToSuspend = 24;  // in a row, without a commit
@@ -201,6 +203,10 @@ class Stepper {
         std::max(s_.plan->frame_us, shot_of(s_.current).exposure_us + s_.plan->skew_us);
     s_.shot_deadline_ns = std::max(t_, s_.t_stable_ns) + kShotSlack_ns +
                           static_cast<std::int64_t>(kShotFrames * frame_us * 1e3);
+    // Their stamps decide, not the order in which two threads were heard.
+    for (const event::FrameArrived& frame : std::exchange(s_.early, {})) {
+      judge(frame);
+    }
   }
 
   void on(const event::LightDark& e) {
@@ -277,7 +283,7 @@ class Stepper {
     s_.n_hashes = 0;
     s_.exposure_read_us = e.exposure_us;
     s_.max_held =
-        std::max(1, std::min(s_.plan != nullptr ? s_.plan->max_held : 1, e.n_buffers - 2));
+        std::max(1, std::min(s_.plan != nullptr ? s_.plan->max_held : 1, e.n_buffers - 3));
     if (!check_exposure()) {
       return;
     }
@@ -313,21 +319,23 @@ class Stepper {
 
   void on(const event::FrameArrived& e) {
     ++s_.counters.frames;
-    const bool is_usable = examine(e);
-    const bool is_wanted = s_.phase == Phase::running && s_.current >= 0 && !s_.awaiting &&
-                           (s_.step == ShotStep::settle || s_.step == ShotStep::collect);
-    if (!is_wanted) {
+    const bool is_of_stream = s_.is_camera_started && e.stream == s_.stream;
+    const bool is_usable = is_of_stream && examine(e);
+    const bool has_shot = is_of_stream && s_.phase == Phase::running && s_.current >= 0 &&
+                          s_.step != ShotStep::none;
+    if (!has_shot || !is_usable) {
+      s_.discarded += has_shot ? 1 : 0;
       ++s_.counters.frames_unused;
       drop(e.frame);
-      return;
-    }
-    if (t_ >= s_.t_stable_ns) {
-      s_.step = ShotStep::collect;
-    }
-    if (!is_usable || !is_exposed_as_asked(e.info) || !accept(e)) {
-      ++s_.discarded;
-      ++s_.counters.frames_unused;
-      drop(e.frame);
+    } else if (s_.step == ShotStep::light) {
+      if (s_.early.size() >= kMaxEarly) {
+        drop(s_.early.front().frame);
+        s_.early.erase(s_.early.begin());
+        ++s_.counters.frames_unused;
+      }
+      s_.early.push_back(e);
+    } else {
+      judge(e);
     }
   }
 
@@ -507,6 +515,7 @@ class Stepper {
     s_.current = -1;
     s_.step = ShotStep::none;
     s_.shot_deadline_ns = kNever;
+    drop_early();
   }
 
   /// A try that failed. After some in a row another shot goes first; after many the run waits.
@@ -749,6 +758,27 @@ class Stepper {
     // Without the strobe's count the stamp alone decides: a lost neighbour takes nothing from
     // it.
     return !is_gap || (s_.plan != nullptr && s_.plan->sync == SyncMode::free_run);
+  }
+
+  /// Takes the frame for the present shot, or gives it back.
+  void judge(const event::FrameArrived& e) {
+    const bool is_collecting = s_.current >= 0 && !s_.awaiting &&
+                               (s_.step == ShotStep::settle || s_.step == ShotStep::collect);
+    if (is_collecting && t_ >= s_.t_stable_ns) {
+      s_.step = ShotStep::collect;
+    }
+    if (!is_collecting || !is_exposed_as_asked(e.info) || !accept(e)) {
+      ++s_.discarded;
+      ++s_.counters.frames_unused;
+      drop(e.frame);
+    }
+  }
+
+  void drop_early() {
+    for (const event::FrameArrived& frame : std::exchange(s_.early, {})) {
+      drop(frame.frame);
+      ++s_.counters.frames_unused;
+    }
   }
 
   bool is_exposed_as_asked(const FrameInfo& info) {

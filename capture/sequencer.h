@@ -303,6 +303,8 @@ struct SequencerState {
   std::int64_t t_stable_ns = 0;
   std::int64_t shot_deadline_ns = kNever;
   int discarded = 0;
+  /// Frames that came before the latch's acknowledgement was told; judged when it is.
+  std::vector<event::FrameArrived> early;
   int failures = 0;  ///< shots tried in a row without a commit
 
   // The light. At most one job matters: the newest.

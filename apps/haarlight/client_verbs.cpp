@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
+#include <optional>
 #include <thread>
 
 #include <CLI/CLI.hpp>
@@ -96,22 +97,20 @@ class PatientClient {
   std::optional<Json> state() {
     try {
       Json json = parse(client_.get("/v1/state"));
-      away_since_.reset();
+      last_answer_ = Clock::now();
       return json;
     } catch (const Error& error) {
-      const auto now = std::chrono::steady_clock::now();
-      if (error.code() != ExitCode::unavailable ||
-          now - away_since_.value_or(now) > kDaemonAway) {
+      if (error.code() != ExitCode::unavailable || Clock::now() - last_answer_ > kDaemonAway) {
         throw;
       }
-      away_since_ = away_since_.value_or(now);
       return std::nullopt;
     }
   }
 
  private:
+  using Clock = std::chrono::steady_clock;
   DaemonClient& client_;
-  std::optional<std::chrono::steady_clock::time_point> away_since_;
+  Clock::time_point last_answer_ = Clock::now();
 };
 
 /// Waits until the session is done. @throws Error(interrupted)  it was aborted or taken over

@@ -1,0 +1,172 @@
+#!/usr/bin/env python3
+"""Kills the real daemon (SIGKILL) at random moments of captures of a virtual rig, restarts it until
+each session is done, and compares every session with an undisturbed one: same plan hash and, for
+each shot, same lights, tag and pixel hash. Times, sequence numbers and attempts may differ.
+
+    scripts/kill_test.py [--kills 50] [--seed 1] [--bin build/release/apps] [--rig RIG] [--scene S]
+
+Exit code 0 when all sessions agree."""
+
+import argparse
+import json
+import os
+import pathlib
+import random
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+
+HERE = pathlib.Path(__file__).resolve().parent.parent
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class Rig:
+    """The simulator, and a daemon that can be killed and started again."""
+
+    def __init__(self, args, folder):
+        self.args = args
+        self.folder = folder
+        self.port = free_port()
+        text = (HERE / args.rig).read_text()
+        text = re.sub(r"(?m)^device = .*", f'device = "{folder}/camera.sock"', text)
+        text = re.sub(r'(?m)^address = "127.0.0.1:\d+"', f'address = "127.0.0.1:{free_port()}"', text)
+        text = re.sub(r"(?m)^port = .*", f"port = {self.port}", text)
+        text = re.sub(r"(?m)^folder = .*", f'folder = "{folder}/sessions"', text)
+        self.rig = folder / "rig.toml"
+        self.rig.write_text(text)
+        self.log = open(folder / "haarlightd.log", "ab")
+        sim_log = open(folder / "haarlight-sim.log", "wb")
+        self.sim = subprocess.Popen(
+            [f"{args.bin}/haarlight-sim/haarlight-sim", self.rig, "--scene", HERE / args.scene,
+             "--ready-file", folder / "ready", "--quiet"], stdout=sim_log, stderr=sim_log)
+        self.daemon = None
+        wait_for(lambda: (folder / "ready").exists() and (folder / "ready").stat().st_size > 0, 600)
+
+    def start(self):
+        self.daemon = subprocess.Popen([f"{self.args.bin}/haarlightd/haarlightd", self.rig],
+                                       stdout=self.log, stderr=self.log)
+
+    def kill(self):
+        self.daemon.send_signal(signal.SIGKILL)
+        self.daemon.wait()
+
+    def ask(self, path, body=None):
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data=body)
+        with urllib.request.urlopen(request, timeout=10) as reply:
+            return json.load(reply)
+
+    def state(self):
+        try:
+            return self.ask("/v1/state")
+        except (urllib.error.URLError, OSError):
+            return {"phase": "away", "committed": 0, "session": None}
+
+    def begin(self, plan):
+        wait_for(lambda: self.state()["phase"] in ("idle", "done"), 30)
+        return self.ask("/v1/run", plan)["session"]
+
+    def end(self):
+        for process in (self.daemon, self.sim):
+            if process is not None and process.poll() is None:
+                process.terminate()
+                process.wait(20)
+
+
+def wait_for(condition, seconds):
+    limit = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > limit:
+            sys.exit("FAILED: waited in vain for " + str(seconds) + " s")
+        time.sleep(0.005)
+
+
+def essence(session):
+    info = json.loads((session / "session.json").read_text())
+    shots = {shot["index"]: json.dumps(shot, sort_keys=True) for shot in info["shots"]}
+    frames = {f["shot"]: (f["evidence"]["tag"], f["evidence"]["tag_echo"],
+                          f["evidence"]["pixel_hash"]) for f in info["frames"]}
+    return {"plan": info["plan_hash"], "shots": shots, "frames": frames}
+
+
+def differences(a, b):
+    if a["plan"] != b["plan"] or a["shots"] != b["shots"]:
+        return ["plan or shots differ"]
+    return [f"shot {k}: {a['frames'].get(k)} != {b['frames'].get(k)}"
+            for k in sorted(a["frames"].keys() | b["frames"].keys())
+            if a["frames"].get(k) != b["frames"].get(k)]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--bin", default=str(HERE / "build/release/apps"))
+    parser.add_argument("--rig", default="configs/rigs/small8.toml")
+    parser.add_argument("--scene", default="configs/scenes/blocks.toml")
+    parser.add_argument("--plan", default="configs/plans/quick.toml")
+    parser.add_argument("--keep", action="store_true")
+    args = parser.parse_args()
+    dice = random.Random(args.seed)
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="haarlight-kill."))
+    plan = (HERE / args.plan).read_bytes()
+    begin = time.monotonic()
+    rig = Rig(args, folder)
+    try:
+        rig.start()
+        wait_for(lambda: rig.state()["phase"] == "idle", 30)
+        first = rig.begin(plan)
+        wait_for(lambda: rig.state()["phase"] == "done", 600)
+        truth = essence(folder / "sessions" / first)
+        seconds = time.monotonic() - begin
+        kills, sessions, problems, at = 0, 0, [], []
+        while kills < args.kills:
+            session = rig.begin(plan)
+            sessions += 1
+            while True:
+                # Between nothing and a whole session's time after the start or the last kill.
+                time.sleep(dice.uniform(0.0, min(seconds, 1.0)))
+                state = rig.state()
+                if state["phase"] == "done" and state["session"] == session:
+                    break
+                if kills >= args.kills:
+                    wait_for(lambda: rig.state()["phase"] == "done", 600)
+                    break
+                rig.kill()
+                kills += 1
+                at.append(state["committed"])
+                if not (folder / "sessions" / session / "start.json").exists():
+                    # Killed before the session was promised: a person starts it again.
+                    rig.start()
+                    session = rig.begin(plan)
+                else:
+                    rig.start()
+            found = differences(truth, essence(folder / "sessions" / session))
+            problems += [f"session {session}: {line}" for line in found]
+        print(f"{kills} kills in {sessions} sessions of {len(truth['frames'])} shots, at "
+              f"{min(at)} to {max(at)} committed; {len(problems)} differences; "
+              f"{time.monotonic() - begin:.1f} s")
+        for line in problems[:20]:
+            print(line)
+        return 1 if problems else 0
+    finally:
+        rig.end()
+        if args.keep:
+            print(folder)
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
