@@ -21,6 +21,9 @@ void add_verify(CLI::App& root, Invocation& invocation);
 void add_rebuild(CLI::App& root, Invocation& invocation);
 void add_develop(CLI::App& root, Invocation& invocation);
 void add_export(CLI::App& root, Invocation& invocation);
+void add_plate(CLI::App& root, Invocation& invocation);
+void add_compress(CLI::App& root, Invocation& invocation);
+void add_relight(CLI::App& root, Invocation& invocation);
 
 namespace {
 
@@ -43,6 +46,9 @@ constexpr AddVerb kVerbs[] = {
     add_develop,
     add_export,
     // clang-format on
+    add_plate,
+    add_compress,
+    add_relight,
 };
 
 }  // namespace

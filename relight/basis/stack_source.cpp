@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/parallel.h"
 
 namespace haarlight {
 
@@ -91,7 +92,18 @@ MemoryStack read_all(const StackSource& source, std::size_t max_bytes) {
         "light stack", "work tile by tile, or allow more memory");
   }
   std::vector<float> values(n_values);
-  source.read_tile({0, 0, dims.width, dims.height}, values);
+  if (dims.channels == 1) {
+    // Bands of rows lie one after the other: read side by side.
+    constexpr std::size_t kRows = 8;
+    parallel_for(count(dims.height), kRows, [&](std::size_t begin, std::size_t end) {
+      const std::size_t row_values = count(dims.width) * count(dims.n_lights);
+      source.read_tile(
+          {0, static_cast<int>(begin), dims.width, static_cast<int>(end - begin)},
+          std::span(values).subspan(begin * row_values, (end - begin) * row_values));
+    });
+  } else {
+    source.read_tile({0, 0, dims.width, dims.height}, values);
+  }
   return {dims, std::move(values)};
 }
 

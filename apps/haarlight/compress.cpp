@@ -1,0 +1,110 @@
+/// @file
+/// `haarlight compress SESSION -o BASIS`: develops a session and compresses it over the lights.
+
+#include <optional>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "apps/haarlight/verb.h"
+#include "core/files.h"
+#include "relight/basis/compress_session.h"
+#include "session/session.h"
+
+namespace haarlight {
+
+namespace {
+
+struct CompressArguments {
+  std::string session;
+  std::string output;
+  double max_error = 0.01;
+  std::optional<double> worst_pixel;
+  std::string plate;
+  std::string basis = "haar";
+};
+
+ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& common,
+                      Report& report) {
+  report.add_input(arguments.session);
+  CompressOptions options;
+  options.relative_l2 = arguments.max_error;
+  if (arguments.worst_pixel) {
+    options.worst_pixel = *arguments.worst_pixel;
+  }
+  options.basis = arguments.basis == "haar" ? BasisKind::haar : BasisKind::direct;
+  options.memory_bytes = common.memory_bytes;
+  options.progress = common.progress();
+  report.add_asked("relative_l2", options.relative_l2);
+  report.add_asked("worst_pixel", options.worst_pixel);
+  report.add_asked("basis", arguments.basis);
+  report.add_asked("plate", arguments.plate.empty() ? "automatic" : arguments.plate);
+  require_absent(arguments.output, common.force);
+  const PlateChoice plate = PlateChoice::parse(arguments.plate);
+  const Session session = Session::open(arguments.session);
+  const CompressSummary summary = compress_session(session, plate, arguments.output, options);
+  const BasisHeader& header = summary.header;
+  report.add_reached("relative_l2", header.reached.relative_l2);
+  report.add_reached("worst_pixel", header.reached.worst_pixel);
+  report.add_reached("worst_value", header.reached.worst_value);
+  report.add_reached("worst_light", summary.worst_light);
+  report.add_detail("coding", std::string(to_string(header.coding)));
+  report.add_detail("plate", header.plate);
+  report.add_detail("plate_rank", std::int64_t{header.plate_rank});
+  report.add_detail("coefficients_per_pixel", header.mean_coefficients);
+  report.add_detail("bytes_moved", static_cast<std::int64_t>(summary.bytes_moved));
+  report.set_bytes(summary.bytes);
+  const double raw =
+      2.0 * double(header.dims.n_pixels()) * header.dims.channels * header.dims.n_lights;
+  fmt::print(
+      "{}: {} x {} pixels, {} channels, {} lights; {} basis, plate: {}\n"
+      "  relative error {:.3g} (worst pixel {:.3g}, worst light {:.3g}), {:.1f} coefficients a "
+      "pixel\n"
+      "  {} bytes, {:.1f} times smaller than 16-bit pictures\n",
+      arguments.output, header.dims.width, header.dims.height, header.dims.channels,
+      header.dims.n_lights, to_string(header.basis), header.plate, header.reached.relative_l2,
+      header.reached.worst_pixel, summary.worst_light, header.mean_coefficients, summary.bytes,
+      raw / double(summary.bytes));
+  return summary.is_reached() ? ExitCode::done : ExitCode::target_missed;
+}
+
+}  // namespace
+
+void add_compress(CLI::App& root, Invocation& invocation) {
+  auto arguments = std::make_shared<CompressArguments>();
+  CLI::App* verb =
+      root.add_subcommand("compress", "Compress a session over its lights to a basis file");
+  verb->add_option("SESSION", arguments->session, "Session folder")->required();
+  verb->add_option("-o,--output", arguments->output, "Basis file to write")
+      ->required()
+      ->type_name("BASIS.hlb");
+  verb->add_option("--max-error", arguments->max_error,
+                   "Relative L2 error of the whole stack; 0 is exact, bit for bit")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  verb->add_option("--worst-pixel", arguments->worst_pixel,
+                   "Bound on every pixel's own relative error (default: none)")
+      ->check(CLI::NonNegativeNumber);
+  verb->add_option(
+          "--plate", arguments->plate,
+          "Clean plate: a .hlb, a session of the empty rig, or none (default: computed "
+          "from the session's rig)")
+      ->type_name("FILE|SESSION|none");
+  verb->add_option("--basis", arguments->basis,
+                   "haar: lights in square grids of 2, 4, 8, ... a side; direct: any lights")
+      ->check(CLI::IsMember({"haar", "direct"}))
+      ->capture_default_str();
+  verb->footer(
+      "Examples:\n"
+      "  haarlight compress sessions/airplane -o airplane.hlb --max-error 0.01\n"
+      "  haarlight compress sessions/coin -o coin.hlb --basis direct --plate none");
+  add_common_options(*verb, invocation);
+  verb->callback([arguments, &invocation] {
+    invocation.command = "compress";
+    invocation.run = [arguments, &invocation](Report& report) {
+      return run_compress(*arguments, invocation.common, report);
+    };
+  });
+}
+
+}  // namespace haarlight

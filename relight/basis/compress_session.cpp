@@ -1,0 +1,174 @@
+#include "relight/basis/compress_session.h"
+
+#include <memory>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "relight/basis/haar.h"
+#include "relight/basis/plate.h"
+#include "session/develop.h"
+
+namespace haarlight {
+
+namespace {
+
+/// Keeps alive what a plate is read from.
+struct OpenPlate {
+  std::unique_ptr<Session> session;
+  std::unique_ptr<LightStack> stack;
+  std::unique_ptr<BasisFile> basis;
+  std::unique_ptr<StackSource> source;
+  std::string kind = "none";
+  std::string hash;
+};
+
+int rig_grid(const Rig& rig) {
+  if (rig.faces.empty()) {
+    return 0;
+  }
+  for (const Face& face : rig.faces) {
+    if (!face.is_haar_grid() || face.rows != rig.faces.front().rows) {
+      return 0;
+    }
+  }
+  return rig.faces.front().rows;
+}
+
+OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateChoice& choice,
+                     const CompressOptions& options) {
+  OpenPlate plate;
+  switch (choice.kind) {
+    case PlateChoice::Kind::none:
+      break;
+    case PlateChoice::Kind::automatic: {
+      if (!session.rig() || session.rig()->planes.empty() ||
+          session.rig()->n_lights() != dims.n_lights) {
+        break;
+      }
+      const int camera = camera_of_size(*session.rig(), dims.width, dims.height);
+      if (camera >= 0) {
+        plate.source = std::make_unique<ComputedPlate>(*session.rig(), camera);
+        plate.kind = "computed";
+        plate.hash = session.rig()->hash;
+      }
+      break;
+    }
+    case PlateChoice::Kind::file:
+      plate.basis = std::make_unique<BasisFile>(BasisFile::open(choice.path));
+      plate.source = std::make_unique<BasisSource>(*plate.basis);
+      plate.kind = plate.basis->header().kind == "plate" ? "computed" : "captured";
+      plate.hash = plate.basis->header().rig_hash;
+      break;
+    case PlateChoice::Kind::session: {
+      plate.session = std::make_unique<Session>(Session::open(choice.path));
+      DevelopOptions develop_options;
+      develop_options.memory_bytes = options.memory_bytes;
+      develop_options.progress = options.progress;
+      plate.stack = std::make_unique<LightStack>(develop(*plate.session, develop_options));
+      plate.source = std::make_unique<LightStackSource>(*plate.stack);
+      plate.kind = "captured";
+      plate.hash = plate.session->info().plan_hash;
+      break;
+    }
+  }
+  return plate;
+}
+
+}  // namespace
+
+PlateChoice PlateChoice::parse(const std::string& text) {
+  if (text.empty()) {
+    return {};
+  }
+  if (text == "none") {
+    return {Kind::none, {}};
+  }
+  if (std::filesystem::is_directory(text)) {
+    return {Kind::session, text};
+  }
+  if (std::filesystem::is_regular_file(text)) {
+    return {Kind::file, text};
+  }
+  throw Error("no such plate", text, "give a .hlb file, a session's folder, or none",
+              ExitCode::usage);
+}
+
+int haar_grid(const SessionInfo& info) {
+  const int n = info.grid_rows;
+  const auto n_lights = static_cast<int>(info.lights.size());
+  return n > 0 && n == info.grid_cols && is_haar_size(n) && n_lights % (n * n) == 0 ? n : 0;
+}
+
+int camera_of_size(const Rig& rig, int width, int height) {
+  for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+    if (rig.cameras[i].model.width == width && rig.cameras[i].model.height == height) {
+      return static_cast<int>(i);
+    }
+  }
+  return -1;
+}
+
+CompressSummary compress_session(const Session& session, const PlateChoice& choice,
+                                 const std::filesystem::path& file,
+                                 const CompressOptions& options) {
+  DevelopOptions develop_options;
+  develop_options.memory_bytes = options.memory_bytes;
+  develop_options.progress = options.progress;
+  const LightStack stack = develop(session, develop_options);
+  const LightStackSource stack_source(stack);
+  const OpenPlate plate = open_plate(session, stack_source.dims(), choice, options);
+  CompressSource source;
+  source.stack = &stack_source;
+  source.plate = plate.source.get();
+  source.plate_kind = plate.kind;
+  source.plate_source = plate.hash;
+  source.grid = haar_grid(session.info());
+  // The rig speaks for the lights only when the session has all of them.
+  if (session.rig() && session.rig()->n_lights() == stack_source.dims().n_lights) {
+    source.rig_toml = session.rig()->text;
+    source.rig_hash = session.rig()->hash;
+  }
+  for (const SessionLight& light : session.info().lights) {
+    if (source.rig_toml.empty()) {
+      source.lights.push_back(
+          {light.name, light.is_position, light.place, light.relative_power});
+    }
+  }
+  source.name = session.info().id.empty() ? session.folder().string() : session.info().id;
+  source.hash = session.info().plan_hash;
+  return compress_stack(source, file, options);
+}
+
+CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file,
+                               const CompressOptions& options) {
+  const ComputedPlate computed(rig);
+  const StackDims dims = computed.dims();
+  // Four passes read the plate; in memory where half the budget holds it.
+  std::optional<MemoryStack> memory;
+  const std::uint64_t bytes = std::uint64_t{dims.n_pixels()} *
+                              static_cast<std::uint64_t>(dims.n_lights) * sizeof(float);
+  CompressOptions rest = options;
+  if (bytes <= options.memory_bytes / 2) {
+    memory = read_all(computed, bytes);
+    rest.memory_bytes -= bytes;
+  }
+  CompressSource source;
+  source.stack = memory ? static_cast<const StackSource*>(&*memory) : &computed;
+  source.plate = source.stack;
+  source.plate_kind = "computed";
+  source.plate_source = rig.hash;
+  source.grid = rig_grid(rig);
+  source.rig_toml = rig.text;
+  source.rig_hash = rig.hash;
+  source.name = rig.name;
+  source.hash = rig.hash;
+  source.kind = "plate";
+  if (source.grid == 0) {
+    rest.basis = BasisKind::direct;
+  }
+  return compress_stack(source, file, rest);
+}
+
+}  // namespace haarlight

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "relight/basis/compress.h"
+#include "session/session.h"
+
+/// @file
+/// A session to a basis file: develop, find the plate, compress. And the plate of a rig,
+/// computed.
+
+namespace haarlight {
+
+/// Which clean plate to take off.
+struct PlateChoice {
+  enum class Kind {
+    automatic,  ///< computed from the session's rig where it has a camera and a plane; else
+                ///< none
+    none,
+    file,     ///< a .hlb of `haarlight plate`, or of a compressed empty-rig session
+    session,  ///< a session of the empty rig
+  };
+  Kind kind = Kind::automatic;
+  std::filesystem::path path;
+
+  /// "none", a session's folder, or a .hlb file. @throws Error(usage)  none of these
+  [[nodiscard]] static PlateChoice parse(const std::string& text);
+};
+
+/// n where the session's lights form n x n grids with n a power of two, else 0.
+[[nodiscard]] int haar_grid(const SessionInfo& info);
+
+/// Index of the rig's camera whose active area has this size, -1 when there is none.
+[[nodiscard]] int camera_of_size(const Rig& rig, int width, int height);
+
+/// @throws Error  as develop() and compress_stack() do
+[[nodiscard]] CompressSummary compress_session(const Session& session, const PlateChoice& plate,
+                                               const std::filesystem::path& file,
+                                               const CompressOptions& options);
+
+/// The computed clean plate of a rig as a basis file of its own.
+[[nodiscard]] CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file,
+                                             const CompressOptions& options);
+
+}  // namespace haarlight

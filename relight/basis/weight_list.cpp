@@ -1,0 +1,103 @@
+#include "relight/basis/weight_list.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <string_view>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "core/files.h"
+
+namespace haarlight {
+
+namespace {
+
+using nlohmann::json;
+
+void add_word(std::string_view word, Eigen::MatrixXd& weights) {
+  const auto n_lights = weights.rows();
+  const std::size_t equals = word.find('=');
+  const std::string_view light = word.substr(0, equals);
+  int k = -1;
+  double w = 1.0;
+  auto [end, code] = std::from_chars(light.data(), light.data() + light.size(), k);
+  bool is_good = code == std::errc() && end == light.data() + light.size();
+  if (is_good && equals != std::string_view::npos) {
+    const std::string_view number = word.substr(equals + 1);
+    const auto read = std::from_chars(number.data(), number.data() + number.size(), w);
+    is_good =
+        read.ec == std::errc() && read.ptr == number.data() + number.size() && std::isfinite(w);
+  }
+  if (!is_good) {
+    throw Error(fmt::format("'{}' is not a light and its drive", word), "command line",
+                "write a light's number, or NUMBER=DRIVE, for example 528 or 528=0.5",
+                ExitCode::usage);
+  }
+  if (k < 0 || k >= n_lights) {
+    throw Error(fmt::format("there is no light {}", k), "command line",
+                fmt::format("the lights are 0 to {}", n_lights - 1), ExitCode::usage);
+  }
+  weights(k, 0) += w;
+}
+
+void flatten(const json& value, int depth, std::vector<double>& numbers,
+             const std::string& where) {
+  constexpr int kDeepest = 4;
+  if (value.is_number()) {
+    numbers.push_back(value.get<double>());
+    return;
+  }
+  if (!value.is_array() || depth > kDeepest) {
+    throw Error("the weights are not a list of numbers", where,
+                "write a list of one number, or [r, g, b], a light");
+  }
+  for (const json& item : value) {
+    flatten(item, depth + 1, numbers, where);
+  }
+}
+
+}  // namespace
+
+Eigen::MatrixXd weights_from_words(const std::vector<std::string>& words, int n_lights) {
+  Eigen::MatrixXd weights = Eigen::MatrixXd::Zero(n_lights, 1);
+  for (const std::string& text : words) {
+    std::size_t begin = 0;
+    while (begin <= text.size()) {
+      const std::size_t end = std::min(text.find(',', begin), text.size());
+      add_word(std::string_view(text).substr(begin, end - begin), weights);
+      begin = end + 1;
+    }
+  }
+  return weights;
+}
+
+Eigen::MatrixXd weights_from_json(const std::filesystem::path& file, int n_lights) {
+  const json root = json::parse(read_file(file), nullptr, false);
+  if (root.is_discarded()) {
+    throw Error("the weights are not JSON", file.string(),
+                "write a list of one number, or [r, g, b], a light");
+  }
+  std::vector<double> numbers;
+  flatten(root, 0, numbers, file.string());
+  const auto n = static_cast<int>(numbers.size());
+  if (n != n_lights && n != 3 * n_lights) {
+    throw Error(fmt::format("{} numbers for {} lights", n, n_lights), file.string(),
+                "write one number, or [r, g, b], a light");
+  }
+  const int colours = n / n_lights;
+  Eigen::MatrixXd weights(n_lights, colours);
+  for (int i = 0; i < n; ++i) {
+    const double w = numbers[static_cast<std::size_t>(i)];
+    if (!std::isfinite(w)) {
+      throw Error(fmt::format("weight {} is not finite", i), file.string(),
+                  "correct the number");
+    }
+    weights(i / colours, i % colours) = w;
+  }
+  return weights;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+/// @file
+/// Drives of lights as people write them: on the command line and in a JSON file.
+
+namespace haarlight {
+
+/// "528" or "528=0.5", several after one another or in one text with commas. Lights named twice
+/// add up.
+/// @return  (n_lights, 1)
+/// @throws Error(usage)  not a number, no such light
+[[nodiscard]] Eigen::MatrixXd weights_from_words(const std::vector<std::string>& words,
+                                                 int n_lights);
+
+/// A JSON list of one number or [r, g, b] a light; rows of a face may be nested lists.
+/// @return  (n_lights, 1 or 3)
+/// @throws Error  not such a list, another number of lights, a number that is not finite
+[[nodiscard]] Eigen::MatrixXd weights_from_json(const std::filesystem::path& file,
+                                                int n_lights);
+
+}  // namespace haarlight
