@@ -1,0 +1,211 @@
+#include "relight/basis/basis_file.h"
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <memory>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "relight/basis/basis_header.h"
+#include "relight/basis/relight.h"
+#include "tests/relight/basis/made_stack.h"
+
+namespace haarlight {
+namespace {
+
+using test::made_source;
+using test::make_stack;
+
+/// A good file's bytes, made once.
+const std::string& good_bytes() {
+  static const std::string kBytes = [] {
+    const auto path = std::filesystem::path(testing::TempDir()) / "good.hlb";
+    const MemoryStack stack = make_stack({.width = 34, .height = 33, .grid = 8});
+    const MemoryStack plate =
+        make_stack({.width = 34, .height = 33, .grid = 8, .has_sphere = false});
+    (void)compress_stack(made_source(stack, 8, &plate), path, {.worst_pixel = 0.05});
+    std::string bytes = read_file(path);
+    std::filesystem::remove(path);
+    return bytes;
+  }();
+  return kBytes;
+}
+
+BasisFile from_text(const std::string& bytes) {
+  return BasisFile::from_bytes(std::as_bytes(std::span(bytes.data(), bytes.size())),
+                               "made.hlb");
+}
+
+/// Opens and reads everything.
+void read_everything(const std::string& bytes) {
+  const BasisFile basis = from_text(bytes);
+  for (int t = 0; t < basis.n_tiles(); ++t) {
+    for (int c = 0; c < basis.header().dims.channels; ++c) {
+      (void)basis.decode_tile(t, c);
+    }
+  }
+  (void)relight(basis, LightWeights::Ones(basis.header().dims.n_lights, 1));
+}
+
+std::uint64_t number_at(const std::string& bytes, std::size_t offset) {
+  std::uint64_t value = 0;
+  std::memcpy(&value, bytes.data() + offset, sizeof(value));
+  return value;
+}
+
+void put_number(std::string& bytes, std::size_t offset, std::uint64_t value) {
+  std::memcpy(bytes.data() + offset, &value, sizeof(value));
+}
+
+std::uint64_t checksum(std::string_view bytes) {
+  return block_checksum(std::as_bytes(std::span(bytes.data(), bytes.size())));
+}
+
+void sign_preamble(std::string& bytes) {
+  put_number(bytes, 96, checksum(std::string_view(bytes).substr(0, 96)));
+}
+
+/// The file with another header text, all checksums right.
+std::string with_header(const std::function<std::string(std::string)>& change) {
+  std::string bytes = good_bytes();
+  const std::size_t offset = number_at(bytes, 24);
+  const std::string header = change(bytes.substr(offset, number_at(bytes, 32)));
+  bytes.resize(offset);  // the header stands last
+  bytes += header;
+  put_number(bytes, 16, bytes.size());
+  put_number(bytes, 32, header.size());
+  put_number(bytes, 40, checksum(header));
+  sign_preamble(bytes);
+  return bytes;
+}
+
+std::string replace(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+void expect_refused(const std::string& bytes, const std::string& words) {
+  try {
+    read_everything(bytes);
+    FAIL() << "a broken file was taken; expected: " << words;
+  } catch (const Error& error) {
+    EXPECT_THAT(error.problem(), testing::HasSubstr(words));
+    EXPECT_THAT(error.where(), testing::HasSubstr("made.hlb"));
+    EXPECT_FALSE(error.cure().empty());
+  }
+}
+
+TEST(BasisFile, GoodOneIsRead) { EXPECT_NO_THROW(read_everything(good_bytes())); }
+
+TEST(BasisFile, OtherFilesAndOtherVersionsAreRefused) {
+  expect_refused("", "not a basis file");
+  expect_refused("PNG and so on, a long text that is no basis file at all", "not a basis file");
+  std::string newer = good_bytes();
+  newer[8] = 2;
+  expect_refused(newer, "version 2");
+}
+
+TEST(BasisFile, CutFilesAreRefused) {
+  for (const std::size_t size : {std::size_t{50}, std::size_t{103}, std::size_t{104},
+                                 good_bytes().size() / 2, good_bytes().size() - 1}) {
+    const std::string cut = good_bytes().substr(0, size);
+    EXPECT_THROW(read_everything(cut), Error) << size;
+  }
+  expect_refused(good_bytes() + "x", "bytes, it was written with");
+}
+
+TEST(BasisFile, EveryFlippedByteIsNoticed) {
+  // Each byte is under a checksum but the four reserved ones' copy: all are.
+  for (std::size_t i = 0; i < good_bytes().size(); i += 1 + good_bytes().size() / 997) {
+    std::string bytes = good_bytes();
+    bytes[i] = static_cast<char>(bytes[i] ^ 0x20);
+    EXPECT_THROW(read_everything(bytes), Error) << "byte " << i;
+  }
+}
+
+TEST(BasisFile, PartsOutsideTheFileAreRefused) {
+  for (const std::size_t field : {24U, 32U, 48U, 56U, 72U, 80U}) {
+    std::string bytes = good_bytes();
+    put_number(bytes, field, std::uint64_t{1} << 62U);
+    sign_preamble(bytes);
+    EXPECT_THROW(read_everything(bytes), Error) << field;
+  }
+}
+
+TEST(BasisFile, BrokenHeadersAreRefusedByField) {
+  const auto refuse = [](const std::string& from, const std::string& to,
+                         const std::string& words) {
+    expect_refused(with_header([&](const std::string& h) { return replace(h, from, to); }),
+                   words);
+  };
+  refuse("{", "[", "not JSON");
+  refuse("\"width\": 34", "\"width\": 0", "'picture.width'");
+  refuse("\"width\": 34", "\"width\": 99999999999", "'picture.width'");
+  refuse("\"width\": 34", "\"width\": 340", "index");
+  refuse("\"width\": 34", "\"breadth\": 34", "'picture.width' is missing");
+  refuse("\"basis\": \"haar\"", "\"basis\": \"fourier\"", "fourier");
+  refuse("\"grid\": 8", "\"grid\": 7", "no grids");
+  refuse("\"grid\": 8", "\"grid\": 0", "without a grid");
+  refuse("\"count\": 64", "\"count\": 63", "group_ends");
+  refuse("\"tile\": 32", "\"tile\": \"x\"", "'tile'");
+  refuse("\"tile\": 32", "\"tile\": 16", "index");
+  refuse("\"rank\": ", "\"rank\": 1", "");
+  refuse("\"dead_zone\": 0.6", "\"dead_zone\": -1", "'dead_zone'");
+  refuse("\"group_ends\": [\n  64", "\"group_ends\": [\n  65", "group_ends");
+}
+
+TEST(BasisFile, HeaderSurvivesTheRoundTrip) {
+  const BasisFile basis = from_text(good_bytes());
+  const std::string json = basis_header_to_json(basis.header());
+  EXPECT_EQ(basis_header_to_json(basis_header_from_json(json, "x")), json);
+  EXPECT_EQ(basis.header().lights.size(), 64U);
+}
+
+TEST(BasisFile, FileAppearsOnlyWhenFinished) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "unfinished.hlb";
+  std::filesystem::remove(path);
+  {
+    BasisWriter writer(path);
+    writer.append({});
+    EXPECT_FALSE(std::filesystem::exists(path));
+  }
+  EXPECT_FALSE(std::filesystem::exists(path));
+}
+
+RC_GTEST_PROP(BlockCodecProperty, SparseRoundTrips, (std::vector<std::uint8_t> gaps)) {
+  SparseBlock block;
+  std::uint32_t cell = 0;
+  for (const std::uint8_t gap : gaps) {
+    cell += gap;
+    block.cell.push_back(cell++);
+    block.value.push_back(*rc::gen::arbitrary<std::int32_t>());
+  }
+  RC_ASSERT(decode_sparse(encode_sparse(block), block.cell.size(), cell, "x") == block);
+}
+
+RC_GTEST_PROP(BlockCodecProperty, PixelsAndFloatsRoundTrip,
+              (std::uint8_t n, std::uint8_t rank)) {
+  const std::size_t n_pixels = 1 + n % 40;
+  const std::size_t n_rows = rank % 5;
+  PixelBlock block;
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    block.shift.push_back(*rc::gen::inRange<std::uint8_t>(0, 64));
+  }
+  std::vector<float> floats;
+  for (std::size_t i = 0; i < n_rows * n_pixels; ++i) {
+    block.plate.push_back(*rc::gen::arbitrary<std::int32_t>());
+    floats.push_back(static_cast<float>(*rc::gen::arbitrary<std::int32_t>()) * 1e-20F);
+  }
+  RC_ASSERT(decode_pixels(encode_pixels(block), n_pixels, n_rows, "x") == block);
+  RC_ASSERT(decode_floats(encode_floats(floats, n_pixels), n_rows, n_pixels, "x") == floats);
+}
+
+}  // namespace
+}  // namespace haarlight

@@ -1,0 +1,92 @@
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <string>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "core/files.h"
+#include "relight/basis/compress.h"
+#include "tests/relight/basis/made_stack.h"
+
+/// docs/read_hlb.py, written from docs/basis-format.md alone, must read what we write.
+
+namespace haarlight {
+namespace {
+
+using test::made_source;
+using test::make_stack;
+
+class NumpyReader : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (std::system("/usr/bin/python3 -c 'import numpy' 2>/dev/null") != 0) {
+      GTEST_SKIP() << "needs /usr/bin/python3 with numpy (Debian: python3-numpy)";
+    }
+    folder_ = std::filesystem::path(testing::TempDir()) /
+              (std::string("numpy_reader_") +
+               testing::UnitTest::GetInstance()->current_test_info()->name());
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  /// Largest difference between numpy's array and our own decoding, as a share of the peak.
+  double compare_with_numpy(const CompressSource& source, const CompressOptions& options) {
+    const auto hlb = folder_ / "a.hlb";
+    const auto npy = folder_ / "a.npy";
+    (void)compress_stack(source, hlb, options);
+    const std::string command = fmt::format("/usr/bin/python3 {}/docs/read_hlb.py {} {}",
+                                            HAARLIGHT_SOURCE_DIR, hlb.string(), npy.string());
+    EXPECT_EQ(std::system(command.c_str()), 0);
+    const MemoryStack own = read_all(BasisSource(BasisFile::open(hlb)));
+    const std::string bytes = read_file(npy);
+    const std::size_t n = own.values().size();
+    if (bytes.size() < n * sizeof(double)) {
+      ADD_FAILURE() << "numpy wrote " << bytes.size() << " bytes";
+      return 1.0;
+    }
+    const char* data = bytes.data() + (bytes.size() - n * sizeof(double));
+    double worst = 0.0;
+    double peak = 0.0;
+    for (std::size_t i = 0; i < n; ++i) {
+      double value = 0.0;
+      std::memcpy(&value, data + i * sizeof(double), sizeof(double));
+      worst = std::max(worst, std::abs(value - double{own.values()[i]}));
+      peak = std::max(peak, std::abs(value));
+    }
+    return worst / peak;
+  }
+
+  std::filesystem::path folder_;
+};
+
+TEST_F(NumpyReader, ReadsHaarWithPlateAndPixelShifts) {
+  const MemoryStack stack = make_stack({.channels = 3});
+  const MemoryStack plate = make_stack({.has_sphere = false});
+  // Ours is float, numpy's double.
+  EXPECT_LE(compare_with_numpy(made_source(stack, 16, &plate), {.worst_pixel = 0.03}), 1e-6);
+}
+
+TEST_F(NumpyReader, ReadsSeveralGrids) {
+  const MemoryStack one = make_stack({.grid = 16});
+  MemoryStack stack({40, 36, 1, 256}, {one.values().begin(), one.values().end()});
+  EXPECT_LE(compare_with_numpy(made_source(stack, 8), {}), 1e-6);  // four grids of 8 x 8
+}
+
+TEST_F(NumpyReader, ReadsLossless) {
+  const MemoryStack stack = make_stack({.width = 35, .noise = 0.01});
+  EXPECT_EQ(compare_with_numpy(made_source(stack, 16), {.relative_l2 = 0.0}), 0.0);
+}
+
+TEST_F(NumpyReader, ReadsDirect) {
+  const MemoryStack stack = make_stack({.width = 33, .height = 34, .grid = 8});
+  const MemoryStack plate =
+      make_stack({.width = 33, .height = 34, .grid = 8, .has_sphere = false});
+  EXPECT_LE(compare_with_numpy(made_source(stack, 0, &plate), {.basis = BasisKind::direct}),
+            1e-6);
+}
+
+}  // namespace
+}  // namespace haarlight
