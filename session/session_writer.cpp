@@ -468,6 +468,10 @@ Result<SessionWriter> SessionWriter::create(const fs::path& folder, const Sessio
     is_reserved = reserved.has_value();
     impl->reserved = is_reserved ? reserve_bytes : 0;
   }
+  // A creation that was stopped leaves temporary files and a journal without rows.
+  if (auto done = impl->sweep_temporaries(); !done) {
+    return pass_on(done);
+  }
   if (auto done = impl->open_journal(); !done) {
     return pass_on(done);
   }

@@ -46,7 +46,8 @@ inline const std::string kSmallPlan = R"({"plan": "one at a time"})";
 /// A whole session in `folder`.
 void make_small_session(const std::filesystem::path& folder, int n_lights);
 
-/// A finished session of the given shots with asserted evidence; `pixels` gives a shot's stored rows.
+/// A finished session of the given shots with asserted evidence; `pixels` gives a shot's stored
+/// rows.
 void make_session(const std::filesystem::path& folder, const SessionInfo& info,
                   const std::function<Image<std::uint16_t>(int shot)>& pixels);
 
