@@ -1,7 +1,7 @@
 #include "session/journal.h"
 
 #include <array>
-#include <cstring>
+#include <initializer_list>
 #include <utility>
 
 #include <fmt/format.h>
@@ -215,13 +215,20 @@ struct Journal::Impl {
 };
 
 Result<void> Journal::Impl::set_up(const std::string& session_id) {
-  // One owner: the WAL's index then lives in memory, and a second writer is refused.
-  for (const char* sql : {"PRAGMA locking_mode=EXCLUSIVE", "PRAGMA journal_mode=WAL",
-                          "PRAGMA synchronous=FULL", "PRAGMA wal_autocheckpoint=1000",
-                          "PRAGMA trusted_schema=OFF", "PRAGMA cell_size_check=ON"}) {
-    if (auto done = step(sql); !done) {
-      return done;
+  // One owner: the WAL's index then lives in memory, and a second writer is refused. Nothing is
+  // written before the file has proved to be this session's sound journal.
+  const auto run_all = [this](std::initializer_list<const char*> statements) -> Result<void> {
+    for (const char* sql : statements) {
+      if (auto done = step(sql); !done) {
+        return done;
+      }
     }
+    return {};
+  };
+  if (auto done = run_all({"PRAGMA locking_mode=EXCLUSIVE", "PRAGMA trusted_schema=OFF",
+                           "PRAGMA cell_size_check=ON"});
+      !done) {
+    return done;
   }
   if (auto sound = check_integrity(db(), file); !sound) {
     return sound;
@@ -235,7 +242,20 @@ Result<void> Journal::Impl::set_up(const std::string& session_id) {
     is_new = query.integer(0) == 0;
   }
   if (!is_new) {
-    return check_meta(db(), file, session_id);
+    if (auto own = check_meta(db(), file, session_id); !own) {
+      return own;
+    }
+    if (auto rows = select_rows(db(), file); !rows) {
+      return tl::unexpected<Fault>(rows.error());
+    }
+  }
+  if (auto done = run_all({"PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL",
+                           "PRAGMA wal_autocheckpoint=1000"});
+      !done) {
+    return done;
+  }
+  if (!is_new) {
+    return {};
   }
   return transact([&]() -> Result<void> {
     for (const char* sql :
