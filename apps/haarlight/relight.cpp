@@ -62,7 +62,7 @@ LightWeights environment_weights(const RelightArguments& arguments, const BasisH
           : rig_weights(environment, parse_rig(header.rig_toml, arguments.basis + " (rig)"));
   report.add_reached("missing_share", found.missing_share);
   report.add_reached("energy_conservation_error", found.conservation_error);
-  if (found.missing_share > 0.0) {
+  if (found.missing_share > 1e-6) {
     fmt::print("  {:.1f} % of the environment's light comes from where the rig has no lights\n",
                100.0 * found.missing_share);
   }

@@ -1,0 +1,294 @@
+/// @file
+/// The speed-for-accuracy table: one capture compressed to several errors, then relit; bytes,
+/// milliseconds (medians of interleaved runs), error against the uncompressed stack. From a
+/// session, or from a scene rendered as the twin's figures were defined.
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <optional>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include "core/error.h"
+#include "core/random.h"
+#include "core/tolerance.h"
+#include "relight/basis/compress_session.h"
+#include "relight/basis/plate.h"
+#include "relight/basis/relight.h"
+#include "relight/basis/weight_list.h"
+#include "render/scene.h"
+#include "session/develop.h"
+#include "sim/transport.h"
+
+namespace haarlight {
+namespace {
+
+struct Arguments {
+  std::string session;
+  std::string rig = "configs/rigs/cube32.toml";
+  std::string scene;
+  std::string lightings;
+  bool has_plate = true;
+  int repeats = 9;
+  double electrons = 0.0;
+  std::vector<double> errors = {0.01, 0.001, 0.0};
+};
+
+/// One lighting of one file.
+struct Row {
+  std::string mode;
+  std::string lighting;
+  double error = 0.0;
+  double worst_pixel = 0.0;
+  double psnr_db = 0.0;
+  double bound = 0.0;
+  int terms = 0;
+  double milliseconds = 0.0;
+};
+
+/// The rig of the twin's figures: 128 x 128 pixels, 36 degrees.
+Rig twin_rig(const std::string& file) {
+  constexpr int kSize = 128;
+  const double focal = 0.5 * kSize / std::tan(0.5 * 36.0 * 3.14159265358979323846 / 180.0);
+  Rig rig = read_rig(file);
+  CameraModel& camera = rig.cameras.front().model;
+  camera.width = camera.height = kSize;
+  camera.fx = camera.fy = focal;
+  camera.cx = camera.cy = 0.5 * kSize;
+  camera.world_from_cam = look_at({0, -560, 520}, {0, 5, 45}, {0, 0, 1});
+  return rig;
+}
+
+MemoryStack stack_of(const Transport& transport, double scale) {
+  MemoryStack stack({transport.width(), transport.height(), 1, transport.n_lights()});
+  for (int k = 0; k < transport.n_lights(); ++k) {
+    const ImageView<const float> plane = transport.plane(k);
+    for (int y = 0; y < transport.height(); ++y) {
+      for (int x = 0; x < transport.width(); ++x) {
+        stack.at(0, y, x, k) = static_cast<float>(double{plane(y, x)} / scale);
+      }
+    }
+  }
+  return stack;
+}
+
+/// Shot and read noise as the twin's README has it: `electrons` for a lit pixel, 3 to read.
+void add_noise(MemoryStack& stack, double electrons) {
+  const StackDims dims = stack.dims();
+  for (int y = 0; y < dims.height; ++y) {
+    for (int x = 0; x < dims.width; ++x) {
+      for (int k = 0; k < dims.n_lights; ++k) {
+        float& value = stack.at(0, y, x, k);
+        const double signal = std::max(0.0, double{value}) * electrons;
+        const double sigma = std::sqrt(signal + 9.0);
+        value = static_cast<float>(
+            (signal +
+             sigma * standard_normal(hash_key(1, static_cast<std::uint64_t>(y * dims.width + x),
+                                              static_cast<std::uint64_t>(k)))) /
+            electrons);
+      }
+    }
+  }
+}
+
+std::vector<std::pair<std::string, LightWeights>> lightings(const Arguments& arguments, int n) {
+  std::vector<std::pair<std::string, LightWeights>> all;
+  if (n == 1024) {
+    all.emplace_back("nine lights",
+                     weights_from_words({"165,176,186,517,528,538,837,848,858"}, n));
+  } else {
+    all.emplace_back("one light", weights_from_words({std::to_string(n / 2)}, n));
+  }
+  if (!arguments.lightings.empty()) {
+    const auto root = nlohmann::json::parse(std::ifstream(arguments.lightings));
+    for (const auto& [name, rows] : root.items()) {
+      LightWeights w(n, 1);
+      Eigen::Index k = 0;
+      for (const auto& row : rows) {
+        for (const auto& value : row) {
+          w(k++, 0) = value.get<double>();
+        }
+      }
+      all.emplace_back("twin " + name, std::move(w));
+    }
+  }
+  return all;
+}
+
+double milliseconds_of(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+      .count();
+}
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(),
+                   values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
+                   values.end());
+  return values[values.size() / 2];
+}
+
+/// A capture, what to take off it, and what speaks for its lights.
+struct Capture {
+  std::optional<LightStack> file;
+  std::optional<MemoryStack> memory;
+  std::unique_ptr<StackSource> file_source;
+  std::unique_ptr<StackSource> plate;
+  CompressSource source;
+};
+
+Capture open_capture(const Arguments& arguments) {
+  Capture capture;
+  if (!arguments.session.empty()) {
+    const Session session = Session::open(arguments.session);
+    capture.file = develop(session);
+    capture.file_source = std::make_unique<LightStackSource>(*capture.file);
+    capture.source.stack = capture.file_source.get();
+    capture.source.grid = haar_grid(session.info());
+    if (arguments.has_plate && session.rig()) {
+      const StackDims dims = capture.source.stack->dims();
+      const int camera = camera_of_size(*session.rig(), dims.width, dims.height);
+      if (camera >= 0) {
+        capture.plate = std::make_unique<ComputedPlate>(*session.rig(), camera);
+      }
+    }
+    capture.source.name = arguments.session;
+  } else {
+    const Rig rig = twin_rig(arguments.rig);
+    const Transport transport =
+        make_transport(rig, 0, read_scene(arguments.scene).scene, TransportOptions{});
+    capture.memory = stack_of(transport, transport.scale());
+    if (arguments.electrons > 0.0) {
+      add_noise(*capture.memory, arguments.electrons);
+    }
+    capture.source.stack = &*capture.memory;
+    capture.source.grid = rig.faces.front().rows;
+    if (arguments.has_plate) {
+      capture.plate = std::make_unique<MemoryStack>(read_all(ComputedPlate(rig)));
+    }
+    capture.source.name = arguments.scene;
+  }
+  capture.source.plate = capture.plate.get();
+  capture.source.plate_kind = capture.plate ? "computed" : "none";
+  capture.source.lights.resize(static_cast<std::size_t>(capture.source.stack->dims().n_lights));
+  return capture;
+}
+
+std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
+                         const std::filesystem::path& folder) {
+  struct File {
+    std::string mode;
+    BasisFile basis;
+    RelightOptions options;
+  };
+  std::vector<File> files;
+  fmt::print(
+      "| mode | bytes | times smaller than 16 bits | coefficients a pixel | plate vectors | "
+      "reached: stack | worst pixel | worst light | seconds to compress |\n"
+      "|---|---|---|---|---|---|---|---|---|\n");
+  const StackDims dims = capture.source.stack->dims();
+  const double raw = 2.0 * double(dims.n_pixels()) * dims.channels * dims.n_lights;
+  for (const double error : arguments.errors) {
+    const std::string mode = error == 0.0 ? "exact" : fmt::format("{:g} %", 100.0 * error);
+    const auto path = folder / (mode.substr(0, mode.find(' ')) + ".hlb");
+    CompressOptions options;
+    options.relative_l2 = error;
+    std::optional<CompressSummary> summary;
+    const double seconds = 1e-3 * milliseconds_of([&] {
+                             summary = compress_stack(capture.source, path, options);
+                           });
+    const BasisHeader& header = summary->header;
+    fmt::print("| {} | {} | {:.1f} | {:.1f} | {} | {:.3g} | {:.3g} | {:.3g} | {:.2f} |\n", mode,
+               summary->bytes, raw / double(summary->bytes), header.mean_coefficients,
+               header.plate_rank, header.reached.relative_l2, header.reached.worst_pixel,
+               summary->worst_light, seconds);
+    files.push_back({mode, BasisFile::open(path), {}});
+    if (error == 0.0) {
+      for (const double fast : {0.01, 0.001}) {
+        RelightOptions fast_options;
+        fast_options.max_error = fast;
+        files.push_back({fmt::format("{}, fast {:g} %", mode, 100.0 * fast),
+                         BasisFile::open(path), fast_options});
+      }
+    } else if (error < 0.01) {
+      RelightOptions fast_options;
+      fast_options.max_error = 0.02;
+      files.push_back({mode + ", fast 2 %", BasisFile::open(path), fast_options});
+    }
+  }
+  std::vector<Row> rows;
+  for (const auto& [name, weights] : lightings(arguments, dims.n_lights)) {
+    const Image<float> truth = relight_stack(*capture.source.stack, weights);
+    std::vector<std::vector<double>> times(files.size() + 1);
+    std::vector<RelitPicture> pictures(files.size());
+    for (int repeat = 0; repeat < arguments.repeats; ++repeat) {  // interleaved
+      for (std::size_t i = 0; i < files.size(); ++i) {
+        times[i].push_back(milliseconds_of(
+            [&] { pictures[i] = relight(files[i].basis, weights, files[i].options); }));
+      }
+      times.back().push_back(milliseconds_of(
+          [&, &w = weights] { (void)relight_stack(*capture.source.stack, w); }));
+    }
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      const Achieved found = compare(pictures[i].picture.pixels(), truth.pixels());
+      rows.push_back({files[i].mode, name, found.relative_l2, found.worst_pixel, found.psnr_db,
+                      pictures[i].bound.relative_l2, pictures[i].terms, median(times[i])});
+    }
+    rows.push_back(
+        {"whole stack", name, 0.0, 0.0, INFINITY, 0.0, dims.n_lights, median(times.back())});
+  }
+  return rows;
+}
+
+void print_rows(const std::vector<Row>& rows) {
+  fmt::print(
+      "\n| lighting | mode | relative L2 | promised | worst pixel | PSNR dB | terms | ms |\n"
+      "|---|---|---|---|---|---|---|---|\n");
+  for (const Row& row : rows) {
+    fmt::print("| {} | {} | {:.2g} | {:.2g} | {:.2g} | {:.1f} | {} | {:.1f} |\n", row.lighting,
+               row.mode, row.error, row.bound, row.worst_pixel, row.psnr_db, row.terms,
+               row.milliseconds);
+  }
+}
+
+int run(int argc, char** argv) {
+  Arguments arguments;
+  CLI::App app("Speed for accuracy: compress a capture and relight it");
+  app.add_option("SESSION", arguments.session, "Session folder");
+  app.add_option("--rig", arguments.rig, "Rig of the twin")->capture_default_str();
+  app.add_option("--scene", arguments.scene, "Scene file: rendered as the twin was, 128 x 128");
+  app.add_option("--lightings", arguments.lightings, "lightings.json of the twin");
+  app.add_option("--repeats", arguments.repeats, "Runs of each mode")->capture_default_str();
+  app.add_option("--electrons", arguments.electrons,
+                 "Noise: electrons of a lit pixel, 0 = none");
+  app.add_option("--errors", arguments.errors, "Errors to compress to");
+  app.add_flag("!--no-plate", arguments.has_plate, "Without the clean plate");
+  CLI11_PARSE(app, argc, argv);
+  const auto folder =
+      std::filesystem::temp_directory_path() / fmt::format("accuracy-{}", ::getpid());
+  std::filesystem::create_directories(folder);
+  const Capture capture = open_capture(arguments);
+  print_rows(measure(capture, arguments, folder));
+  std::filesystem::remove_all(folder);
+  return 0;
+}
+
+}  // namespace
+}  // namespace haarlight
+
+int main(int argc, char** argv) {
+  try {
+    return haarlight::run(argc, argv);
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "relight_accuracy: {}\n", error.what());
+    return 1;
+  }
+}
