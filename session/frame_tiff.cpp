@@ -115,6 +115,7 @@ struct CloseTiff {
 };
 using TiffHandle = std::unique_ptr<TIFF, CloseTiff>;
 
+/// @param mode  "rc": c keeps libtiff from presenting a single strip as several smaller ones
 TiffHandle open_memory(Memory& memory, const char* mode) {
   TIFFOpenOptions* options = TIFFOpenOptionsAlloc();
   TIFFOpenOptionsSetErrorHandlerExtR(options, keep_complaint, &memory);
@@ -240,7 +241,7 @@ FrameTiffHeader read_frame_tiff_header(std::span<const std::byte> file,
     throw Error(what, where, kDamagedCure);
   };
   Memory memory{.input = file, .output = nullptr, .position = 0, .complaint = {}};
-  const TiffHandle tiff = open_memory(memory, "r");
+  const TiffHandle tiff = open_memory(memory, "rc");
   if (!tiff) {
     refuse(file.empty() ? "the file is empty" : "not a TIFF file: " + memory.complaint);
   }
@@ -306,7 +307,7 @@ std::vector<std::byte> read_frame_tiff_rows(std::span<const std::byte> file,
     throw Error(fmt::format("rows {} .. {} of {}", y0, y1, header.height), where, kDamagedCure);
   }
   Memory memory{.input = file, .output = nullptr, .position = 0, .complaint = {}};
-  const TiffHandle tiff = open_memory(memory, "r");
+  const TiffHandle tiff = open_memory(memory, "rc");
   const std::size_t row_bytes = static_cast<std::size_t>(header.width) *
                                 static_cast<std::size_t>(header.channels) *
                                 bytes_per_sample(header.sample);

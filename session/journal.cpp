@@ -254,6 +254,12 @@ Result<void> Journal::Impl::set_up(const std::string& session_id) {
       !done) {
     return done;
   }
+  {
+    Query mode(db(), "PRAGMA journal_mode");
+    if (!mode.step() || mode.text(0) != "wal") {
+      return fail(Errc::unsupported, file.string() + ": this file system does not take a WAL");
+    }
+  }
   if (!is_new) {
     return {};
   }

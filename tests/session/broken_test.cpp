@@ -334,5 +334,14 @@ TEST(FrameTiff, KeepsEverySampleTypeAndAnyRange) {
   EXPECT_EQ(encode_frame_tiff(ImageView<const float>(pixels.view()), "text"), file);
 }
 
+TEST(FrameTiff, AFrameOfOneStripIsReadAsOneStrip) {
+  for (const int height : {1, 9, 63, 64, 65}) {
+    const Image<float> pixels(height, 2000, 1);
+    const std::vector<std::byte> file = encode_frame_tiff(pixels.view(), "text");
+    const FrameTiffHeader header = read_frame_tiff_header(file, "f");
+    EXPECT_EQ(read_frame_tiff_rows(file, header, 0, height, "f").size(), height * 8000U);
+  }
+}
+
 }  // namespace
 }  // namespace haarlight

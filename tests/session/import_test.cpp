@@ -1,0 +1,298 @@
+#include "session/import.h"
+
+#include <cmath>
+#include <cstring>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "session/develop.h"
+#include "session/verify.h"
+#include "tests/session/small_session.h"
+
+namespace haarlight {
+namespace {
+
+namespace fs = std::filesystem;
+using test::TemporaryFolder;
+using testing::HasSubstr;
+
+const fs::path kData = fs::path(HAARLIGHT_SOURCE_DIR) / "../shared/data";
+
+Image<float> gradient(int height, int width, int channels, float seed) {
+  Image<float> image(height, width, channels);
+  for (std::size_t i = 0; i < image.pixels().size(); ++i) {
+    image.pixels()[i] = 0.1F + 0.8F * std::abs(std::sin(seed + 0.37F * static_cast<float>(i)));
+  }
+  return image;
+}
+
+/// Three pictures of one ending and their list.
+void write_capture(const fs::path& folder, const std::string& ending, int n = 3) {
+  fs::create_directories(folder);
+  std::string lp = fmt::format("{}\n", n);
+  for (int k = 0; k < n; ++k) {
+    const std::string name = fmt::format("light {}{}", k, ending);
+    write_image(folder / name, gradient(9, 12, 3, static_cast<float>(k)).view());
+    lp += fmt::format("{} {} 0 {}\n", name, 0.6 * (k % 2), k % 2 == 0 ? 1.0 : 0.8);
+  }
+  test::write_text(folder / "dirs.lp", lp);
+}
+
+std::string refusal(const fs::path& folder, const fs::path& lights, const fs::path& target,
+                    const ImportOptions& options = {}) {
+  try {
+    (void)import_pictures(folder, lights, target, options);
+  } catch (const Error& error) {
+    EXPECT_FALSE(error.cure().empty()) << error.what();
+    return error.what();
+  }
+  return "accepted";
+}
+
+/// Nothing half-written: neither the target nor a temporary folder beside it.
+void expect_nothing_written(const fs::path& folder, const fs::path& target) {
+  EXPECT_FALSE(fs::exists(target));
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr(".import")));
+  }
+}
+
+TEST(Import, KeepsDisplayPicturesAsCodedAndDevelopsThemLinear) {
+  TemporaryFolder folder;
+  write_capture(folder.path() / "in", ".png");
+  const ImportResult result = import_pictures(
+      folder.path() / "in", folder.path() / "in/dirs.lp", folder.path() / "out");
+  EXPECT_EQ(result.info.form.transfer, Transfer::srgb);
+  EXPECT_EQ(result.info.form.sample, SampleType::u8);
+  const VerifyReport report = verify_session(folder.path() / "out");
+  EXPECT_TRUE(report.is_good()) << report.problems[0];
+  const LightStack stack = develop(Session::open(folder.path() / "out"));
+  const Image<float> image = stack.light_image(1);
+  const Image<float> truth = gradient(9, 12, 3, 1.0F);
+  for (std::size_t i = 0; i < image.pixels().size(); ++i) {
+    // Half a code of 8 bits where the sRGB curve is steepest: 0.5/255 * 2.4/1.055 at white.
+    ASSERT_NEAR(image.pixels()[i], truth.pixels()[i], 0.0046);
+  }
+}
+
+TEST(Import, KeepsFloatingPicturesBitByBit) {
+  TemporaryFolder folder;
+  write_capture(folder.path() / "in", ".exr");
+  const ImportResult result = import_pictures(
+      folder.path() / "in", folder.path() / "in/dirs.lp", folder.path() / "out");
+  EXPECT_EQ(result.info.form.sample, SampleType::f32);
+  EXPECT_TRUE(verify_session(folder.path() / "out").is_good());
+  const LightStack stack = develop(Session::open(folder.path() / "out"));
+  const Image<float> image = stack.light_image(2);
+  const Image<float> truth = gradient(9, 12, 3, 2.0F);
+  EXPECT_EQ(0, std::memcmp(image.pixels().data(), truth.pixels().data(),
+                           truth.pixels().size() * sizeof(float)));
+}
+
+TEST(Import, FramesOpenInAnotherTiffReader) {
+  TemporaryFolder folder;
+  write_capture(folder.path() / "in", ".png");
+  (void)import_pictures(folder.path() / "in", folder.path() / "in/dirs.lp",
+                        folder.path() / "out");
+  // OpenImageIO reads what our encoder wrote: the independent check of the frame's form.
+  const PictureFile source = read_picture(folder.path() / "in/light 1.png");
+  const PictureFile frame = read_picture(folder.path() / "out/frames/000001_a0.tif");
+  ASSERT_EQ(frame.pixels.pixels().size(), source.pixels.pixels().size());
+  EXPECT_EQ(frame.bits_per_sample, 8);
+  EXPECT_TRUE(std::equal(frame.pixels.pixels().begin(), frame.pixels.pixels().end(),
+                         source.pixels.pixels().begin()));
+}
+
+TEST(Import, RefusesByName) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  const fs::path out = folder.path() / "out";
+  write_capture(in, ".exr");
+  const std::string lp = test::read_text(in / "dirs.lp");
+
+  test::write_text(in / "dirs.lp", "1\nlight 9.exr 0 0 1\n");
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out),
+              AllOf(HasSubstr("\"light 9.exr\" is missing"), HasSubstr("is it \"light ")));
+  test::write_text(in / "dirs.lp", lp);
+
+  Image<float> broken = gradient(9, 12, 3, 1.0F);
+  broken(4, 7, 2) = std::numeric_limits<float>::quiet_NaN();
+  write_image(in / "light 1.exr", broken.view());
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out),
+              AllOf(HasSubstr("light 1.exr"), HasSubstr("pixel (x 7, y 4)")));
+
+  write_image(in / "light 1.exr", gradient(8, 12, 3, 1.0F).view());
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out),
+              AllOf(HasSubstr("light 1.exr"), HasSubstr("12 x 8"), HasSubstr("12 x 9")));
+
+  write_image(in / "light 1.exr", gradient(9, 12, 1, 1.0F).view());
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out),
+              AllOf(HasSubstr("light 1.exr"), HasSubstr("grey")));
+
+  test::write_text(in / "light 1.exr", "no picture");
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out), HasSubstr("light 1.exr"));
+
+  fs::copy_file(in / "light 0.exr", in / "light 1.exr", fs::copy_options::overwrite_existing);
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out),
+              AllOf(HasSubstr("light 1.exr"), HasSubstr("same bytes as light 0.exr")));
+
+  EXPECT_THAT(refusal(in, in / "none.lp", out), HasSubstr("none.lp"));
+  EXPECT_THAT(refusal(folder.path() / "none", in / "dirs.lp", out), HasSubstr("none"));
+  expect_nothing_written(folder.path(), out);
+}
+
+TEST(Import, TakesPicturesInNaturalOrderWhenTheListNamesNone) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  fs::create_directories(in);
+  for (const int k : {0, 2, 9, 10}) {
+    write_image(in / fmt::format("p{}.png", k),
+                gradient(4, 5, 3, static_cast<float>(k)).view());
+  }
+  write_image(in / "mask.png", gradient(4, 5, 3, 77.0F).view());
+  write_image(in / "ambient.png", gradient(4, 5, 3, 78.0F).view());
+  test::write_text(in / "l.lp", "4\n0 0 1\n0.6 0 0.8\n0 0.6 0.8\n0 -0.6 0.8\n");
+  EXPECT_THAT(refusal(in, in / "l.lp", folder.path() / "out"), HasSubstr("6 pictures for 4"));
+  const ImportResult result = import_pictures(in, in / "l.lp", folder.path() / "out",
+                                              {.dark = {"ambient.png"}, .exclude = {"mask"}});
+  ASSERT_EQ(result.info.lights.size(), 4U);
+  EXPECT_EQ(result.info.lights[3].name, "p10.png");
+  EXPECT_EQ(result.info.shots[4].kind, ShotKind::dark);
+}
+
+TEST(Import, FindsPicturesByBareNameWhenTheListCarriesAnothersPaths) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  write_capture(in, ".png", 2);
+  test::write_text(in / "dirs.lp",
+                   "2\nC:\\work\\light 0.png 0 0 1\n/home/x/light 1.png 0.6 0 0.8\n");
+  const ImportResult result = import_pictures(in, in / "dirs.lp", folder.path() / "out");
+  EXPECT_EQ(result.info.lights.size(), 2U);
+  EXPECT_GE(result.notes.size(), 2U);
+}
+
+TEST(Import, ReplacesAnImportOnlyWhenForcedAndNeverACapture) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  const fs::path out = folder.path() / "out";
+  write_capture(in, ".png");
+  (void)import_pictures(in, in / "dirs.lp", out);
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out), HasSubstr("--force"));
+  (void)import_pictures(in, in / "dirs.lp", out, {.force = true});
+  EXPECT_TRUE(verify_session(out).is_good());
+  test::make_small_session(folder.path() / "captured", 2);
+  EXPECT_THAT(refusal(in, in / "dirs.lp", folder.path() / "captured", {.force = true}),
+              HasSubstr("never a capture"));
+  EXPECT_TRUE(verify_session(folder.path() / "captured").is_good());
+}
+
+TEST(Import, SubtractsTheAmbientPicture) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  fs::create_directories(in);
+  Image<float> lit(6, 6, 1);
+  Image<float> ambient(6, 6, 1);
+  for (std::size_t i = 0; i < lit.pixels().size(); ++i) {
+    ambient.pixels()[i] = 0.05F + 0.001F * static_cast<float>(i);
+    lit.pixels()[i] = ambient.pixels()[i] + 0.4F;
+  }
+  write_image(in / "a.exr", lit.view());
+  write_image(in / "dark.exr", ambient.view());
+  test::write_text(in / "l.lp", "1\na.exr 0 0 1\n");
+  (void)import_pictures(in, in / "l.lp", folder.path() / "out", {.dark = {"dark.exr"}});
+  const LightStack stack = develop(Session::open(folder.path() / "out"));
+  for (const float value : stack.band(0)) {
+    ASSERT_NEAR(value, 0.4F, 1e-6F);
+  }
+}
+
+struct RealCapture {
+  const char* folder;
+  const char* lights;
+  std::vector<std::string> exclude;
+  std::size_t n_lights;
+  int width;
+  int height;
+  int channels;
+};
+
+void PrintTo(const RealCapture& capture, std::ostream* out) { *out << capture.folder; }
+
+class RealImport : public testing::TestWithParam<RealCapture> {};
+
+TEST_P(RealImport, BecomesASessionThatVerifiesAndDevelops) {
+  const RealCapture& capture = GetParam();
+  const fs::path in = kData / capture.folder;
+  if (!fs::exists(in)) {
+    GTEST_SKIP() << in << " is not here";
+  }
+  TemporaryFolder folder;
+  const ImportResult result = import_pictures(in, kData / capture.lights, folder.path() / "out",
+                                              {.exclude = capture.exclude});
+  EXPECT_EQ(result.info.lights.size(), capture.n_lights);
+  EXPECT_EQ(result.info.form.width, capture.width);
+  EXPECT_EQ(result.info.form.height, capture.height);
+  EXPECT_EQ(result.info.form.channels, capture.channels);
+  const VerifyReport report = verify_session(folder.path() / "out");
+  EXPECT_TRUE(report.is_good()) << report.problems[0];
+  EXPECT_EQ(static_cast<std::size_t>(report.n_frames), capture.n_lights);
+  const Session session = Session::open(folder.path() / "out");
+  const LightStack stack = develop(session);
+  // A light's picture read by another way: OpenImageIO, linearised at once.
+  const std::size_t k = capture.n_lights / 2;
+  const Image<float> truth =
+      read_linear_image(in / fs::path(result.info.lights[k].name).filename());
+  const Image<float> image = stack.light_image(static_cast<int>(k));
+  ASSERT_EQ(image.pixels().size(), truth.pixels().size());
+  for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
+    ASSERT_NEAR(image.pixels()[i], truth.pixels()[i], 2e-6F) << i;  // i/255 rounded twice
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    SharedData, RealImport,
+    testing::Values(
+        RealCapture{"rti_real/item1", "rti_real/item1/dirs.lp", {}, 60, 487, 439, 3},
+        RealCapture{"balls/chrome", "balls/lights.txt", {"mask"}, 12, 512, 340, 3},
+        RealCapture{"balls/gray", "balls/lights.txt", {"mask"}, 12, 512, 340, 3},
+        RealCapture{"rti_synth/Single_Object1_material4/Test",
+                    "rti_synth/Single_Object1_material4/Test/dirs.lp",
+                    {},
+                    20,
+                    320,
+                    320,
+                    3},
+        RealCapture{
+            "formats/ptmfitter", "formats/ptmfitter/reference_8x5.lp", {}, 12, 8, 5, 3}),
+    [](const testing::TestParamInfo<RealCapture>& capture) {
+      return "Capture" + std::to_string(capture.index);
+    });
+
+TEST(RealImport, TakesEightLedsAndTheirAmbientPicture) {
+  const fs::path in = kData / "rti_real/butterfly_8led";
+  if (!fs::exists(in)) {
+    GTEST_SKIP() << in << " is not here";
+  }
+  TemporaryFolder folder;
+  std::string json = R"({"lights": [)";
+  for (int k = 0; k < 8; ++k) {
+    const double phi = k * 0.7853981633974483;
+    json += fmt::format(R"({}{{"name": "image{}.png", "direction": [{}, {}, 0.7]}})",
+                        k == 0 ? "" : ", ", k, 0.7 * std::cos(phi), 0.7 * std::sin(phi));
+  }
+  test::write_text(folder.path() / "lights.json", json + "]}");
+  const ImportResult result =
+      import_pictures(in, folder.path() / "lights.json", folder.path() / "out",
+                      {.dark = {"image_ambient.png"}});
+  EXPECT_EQ(result.info.form.channels, 1);
+  EXPECT_EQ(result.info.shots.size(), 9U);
+  const VerifyReport report = verify_session(folder.path() / "out");
+  EXPECT_TRUE(report.is_good()) << report.problems[0];
+  EXPECT_EQ(develop(Session::open(folder.path() / "out")).shape().n_lights, 8);
+}
+
+}  // namespace
+}  // namespace haarlight
