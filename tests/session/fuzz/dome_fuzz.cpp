@@ -1,0 +1,22 @@
+/// @file
+/// Any bytes as a `.dome` and as our own list of lights: lights or an Error.
+
+#include <cstdint>
+#include <string_view>
+
+#include "core/error.h"
+#include "session/light_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  for (const auto parse : {haarlight::parse_dome, haarlight::parse_light_json}) {
+    try {
+      const haarlight::LightList list = parse(text, "a.dome");
+      for (const haarlight::SessionLight& light : list.lights) {
+        HAARLIGHT_EXPECTS(light.place.allFinite(), "finite places");
+      }
+    } catch (const haarlight::Error&) {
+    }
+  }
+  return 0;
+}

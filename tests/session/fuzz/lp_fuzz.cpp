@@ -1,0 +1,24 @@
+/// @file
+/// Any bytes as a `.lp`: lights or an Error, in all three readings.
+
+#include <cstdint>
+#include <string_view>
+
+#include "core/error.h"
+#include "session/light_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using haarlight::LightPlaces;
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  for (const LightPlaces places :
+       {LightPlaces::automatic, LightPlaces::directions, LightPlaces::positions}) {
+    try {
+      const haarlight::LightList list = haarlight::parse_lp(text, "a.lp", places);
+      for (const haarlight::SessionLight& light : list.lights) {
+        HAARLIGHT_EXPECTS(light.place.allFinite(), "finite places");
+      }
+    } catch (const haarlight::Error&) {
+    }
+  }
+  return 0;
+}
