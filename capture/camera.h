@@ -16,18 +16,17 @@
 
 namespace haarlight {
 
-/// Bits of FrameInfo::flags.
-enum FrameFlag : std::uint32_t {
-  kFrameError = 1U << 0U,      ///< the driver marked the buffer as damaged
-  kFrameShort = 1U << 1U,      ///< fewer bytes than a frame
-  kFrameMonotonic = 1U << 2U,  ///< the stamp is CLOCK_MONOTONIC
-};
+// FrameFlag: the bits of FrameInfo::flags.
+inline constexpr std::uint32_t kFrameError =
+    1U << 0U;  ///< the driver marked the buffer as damaged
+inline constexpr std::uint32_t kFrameShort = 1U << 1U;      ///< fewer bytes than a frame
+inline constexpr std::uint32_t kFrameMonotonic = 1U << 2U;  ///< the stamp is CLOCK_MONOTONIC
 
 struct FrameInfo {
   std::uint64_t sequence = 0;     ///< counts frames of the sensor; a gap is a lost frame
   std::int64_t timestamp_ns = 0;  ///< CLOCK_MONOTONIC; meaning as the rig file says
   std::uint32_t flags = 0;
-  double exposure_us = 0.0;       ///< as in force for this frame
+  double exposure_us = 0.0;  ///< as in force for this frame
   double gain_db = 0.0;
 };
 
@@ -68,7 +67,10 @@ struct CameraSetup {
 
 class Camera {
  public:
+  Camera() = default;
   virtual ~Camera() = default;
+  Camera(const Camera&) = delete;
+  Camera& operator=(const Camera&) = delete;
   /// Opens the device, sets everything the rig asks for, reads it back and starts streaming.
   [[nodiscard]] virtual Result<CameraSetup> start(const CameraSpec& spec) = 0;
   /// The next frame. Fault timeout when `deadline` passes; device_gone when it is lost.

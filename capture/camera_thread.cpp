@@ -16,9 +16,8 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kSlice{20};  // how long a command waits at most for a silent camera
-constexpr std::int64_t kSilence_ns =
-    500'000'000;  // beside exposure and frames: then it is lost
-constexpr std::int64_t kPreviewEvery_ns = 100'000'000;
+constexpr std::int64_t kSilenceNs = 500'000'000;  // beside exposure and frames: then it is lost
+constexpr std::int64_t kPreviewEveryNs = 100'000'000;
 constexpr int kPreviewWidth = 640;
 
 }  // namespace
@@ -135,7 +134,7 @@ void CameraThread::take_frame() {
   if (!frame && frame.error().code == Errc::timeout) {
     const double patience_us = spec_.exposure_us + spec_.skew_us + 3e6 / spec_.fps;
     if (steady_now_ns() - last_frame_ns_ >
-        kSilence_ns + static_cast<std::int64_t>(patience_us * 1e3)) {
+        kSilenceNs + static_cast<std::int64_t>(patience_us * 1e3)) {
       fault(Fault{Errc::timeout,
                   fmt::format("no frame for {:.1f} s",
                               1e-9 * static_cast<double>(steady_now_ns() - last_frame_ns_))});
@@ -162,7 +161,7 @@ void CameraThread::take_frame() {
 }
 
 void CameraThread::keep_preview(const Frame& frame) {
-  if (last_frame_ns_ - last_preview_ns_ < kPreviewEvery_ns) {
+  if (last_frame_ns_ - last_preview_ns_ < kPreviewEveryNs) {
     return;
   }
   last_preview_ns_ = last_frame_ns_;

@@ -30,9 +30,9 @@ LightThread::~LightThread() {
   thread_.join();
 }
 
-void LightThread::enqueue(Job job) {
+void LightThread::enqueue(const Job& job) {
   const std::uint64_t number = number_of(job);
-  if (!jobs_.try_push(std::move(job))) {
+  if (!jobs_.try_push(job)) {
     config_.send(event::LightFault{number, Errc::device_busy, "the light thread is behind"});
   }
 }

@@ -56,7 +56,7 @@ class LightThread {
   /// False when the light is not what it should be, or the controller did not answer.
   [[nodiscard]] bool confirm(std::uint64_t job, const std::optional<ConfirmRequest>& request);
   void keep_lease();
-  void enqueue(Job job);
+  void enqueue(const Job& job);
 
   std::unique_ptr<LightArray> lights_;
   LightThreadConfig config_;

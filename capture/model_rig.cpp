@@ -14,9 +14,9 @@ namespace {
 
 constexpr std::int64_t kUs = 1000;
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kNoAnswer_ns = 30 * kMs;  // the bus's timeout
+constexpr std::int64_t kNoAnswerNs = 30 * kMs;  // the bus's timeout
 constexpr std::uint64_t kMaxEvents = 2'000'000;
-constexpr std::int64_t kAbortPromise_ns = 201 * kMs;
+constexpr std::int64_t kAbortPromiseNs = 201 * kMs;
 
 double draw(std::uint64_t seed, std::uint64_t i) { return uniform_unit(hash_key(seed, i)); }
 
@@ -258,7 +258,7 @@ void ModelRig::reboot() {
 void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
                          std::optional<ConfirmRequest> confirm) {
   const auto fault = [this, job](Errc code, const char* what) {
-    at(now_ns_ + kNoAnswer_ns, [this, job, code, what] {
+    at(now_ns_ + kNoAnswerNs, [this, job, code, what] {
       end_job(event::LightFault{job, code, what});
     });
   };
@@ -310,7 +310,7 @@ void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
       change_light(tag, some_ns(config_.latch_us));
     }
     if (!is_up || is_lost) {
-      at(now_ns_ + kNoAnswer_ns, [this, job] {
+      at(now_ns_ + kNoAnswerNs, [this, job] {
         end_job(event::LightFault{job, Errc::timeout, "latch: no answer"});
       });
       return;
@@ -556,7 +556,7 @@ ModelOutcome ModelRig::run(std::vector<bool> committed, std::vector<int> next_at
       send(event::Run{plan_, is_committed_, attempts_});  // a person starts it again
       continue;
     }
-    if (abort_ns_ != kNever && now_ns_ > abort_ns_ + kAbortPromise_ns) {
+    if (abort_ns_ != kNever && now_ns_ > abort_ns_ + kAbortPromiseNs) {
       fail("an abort took more than 200 ms");
     }
     if (now_ns_ > limit_ns || n_events_ > kMaxEvents || queue_.empty()) {

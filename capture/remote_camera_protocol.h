@@ -3,10 +3,10 @@
 #include <cstdint>
 
 /// @file
-/// The wire of a remote camera: a unix SEQPACKET socket. The camera is the server. One message a
-/// packet, little-endian, first a RemoteHeader. A frame's pixels come as a memfd by SCM_RIGHTS
-/// (rows of `stride` bytes, 16-bit words); the client maps it read-only, and gives it back by
-/// closing it and sending `release` with the frame's sequence. Written down in
+/// The wire of a remote camera: a unix SEQPACKET socket. The camera is the server. One message
+/// a packet, little-endian, first a RemoteHeader. A frame's pixels come as a memfd by
+/// SCM_RIGHTS (rows of `stride` bytes, 16-bit words); the client maps it read-only, and gives
+/// it back by closing it and sending `release` with the frame's sequence. Written down in
 /// docs/remote-camera.md.
 
 namespace haarlight {
@@ -15,13 +15,15 @@ inline constexpr std::uint32_t kRemoteMagic = 0x4d434c48;  // "HLCM"
 inline constexpr std::uint16_t kRemoteVersion = 1;
 
 enum class RemoteMessage : std::uint16_t {
-  setup = 1,         ///< client: width, height, exposure, gain, fps wanted; server answers `setup` as set
-  set_exposure = 2,  ///< client: exposure wanted; server answers `set_exposure` with the value set
-  start = 3,         ///< client: stream
-  stop = 4,          ///< client: stop
-  frame = 5,         ///< server: a frame, with a memfd
-  release = 6,       ///< client: this sequence's memory is free again
-  error = 7,         ///< server: the request was refused; `flags` holds an errno
+  setup =
+      1,  ///< client: width, height, exposure, gain, fps wanted; server answers `setup` as set
+  set_exposure =
+      2,        ///< client: exposure wanted; server answers `set_exposure` with the value set
+  start = 3,    ///< client: stream
+  stop = 4,     ///< client: stop
+  frame = 5,    ///< server: a frame, with a memfd
+  release = 6,  ///< client: this sequence's memory is free again
+  error = 7,    ///< server: the request was refused; `flags` holds an errno
 };
 
 /// 64 bytes.
@@ -33,14 +35,14 @@ struct RemoteHeader {
   std::int64_t timestamp_ns = 0;  ///< CLOCK_MONOTONIC
   std::uint32_t flags = 0;        ///< FrameFlag
   std::uint32_t width = 0;
-  std::uint32_t height = 0;       ///< tag rows included
+  std::uint32_t height = 0;  ///< tag rows included
   std::uint32_t fourcc = 0;
-  std::uint32_t stride = 0;       ///< bytes a row
-  std::uint32_t bytes = 0;        ///< of the memfd
+  std::uint32_t stride = 0;  ///< bytes a row
+  std::uint32_t bytes = 0;   ///< of the memfd
   float exposure_us = 0.0F;
   float gain_db = 0.0F;
   float fps = 0.0F;
-  std::uint32_t n_buffers = 0;    ///< frames the client may hold
+  std::uint32_t n_buffers = 0;  ///< frames the client may hold
 };
 static_assert(sizeof(RemoteHeader) == 64);
 

@@ -14,26 +14,25 @@ namespace haarlight {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kFirstBackoff_ns = 100 * kMs;
-constexpr std::int64_t kLastBackoff_ns = 2000 * kMs;
-constexpr std::int64_t kDiskRetry_ns = 1000 * kMs;
-constexpr std::int64_t kEvidenceRetry_ns = 2000 * kMs;
-constexpr std::int64_t kAbortLimit_ns = 200 * kMs;
-constexpr std::int64_t kShotSlack_ns =
+constexpr std::int64_t kFirstBackoffNs = 100 * kMs;
+constexpr std::int64_t kLastBackoffNs = 2000 * kMs;
+constexpr std::int64_t kDiskRetryNs = 1000 * kMs;
+constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
+constexpr std::int64_t kAbortLimitNs = 200 * kMs;
+constexpr std::int64_t kShotSlackNs =
     300 * kMs;                        // beside the frames: late delivery, a busy host
 constexpr double kShotFrames = 8.0;   // frame times without a clean frame: shown again
-constexpr std::size_t kMaxEarly = 2;  // frames kept until the latch's acknowledgement is told
+constexpr std::size_t kMaxEarly = 4;  // frames kept until the latch's acknowledgement is told
 constexpr int kLightFaultsToLose = 3;
-constexpr int kFailuresToRotate = 4;    // the next shot is tried first
-constexpr int kFailuresToSuspend = 24;  // in a row, without a commit
-constexpr std::int64_t kStampAhead_ns =
-    2 * kMs;                               // a stamp this far after its arrival is a jump
-constexpr double kExposureTol = 0.005;     // frame against read-back: floats on the wire
+constexpr int kFailuresToRotate = 4;             // the next shot is tried first
+constexpr int kFailuresToSuspend = 24;           // in a row, without a commit
+constexpr std::int64_t kStampAheadNs = 2 * kMs;  // a stamp this far after its arrival is a jump
+constexpr double kExposureTol = 0.005;           // frame against read-back: floats on the wire
 constexpr double kExposureReadTol = 0.05;  // read-back against asked: sensors step in rows
 
 std::int64_t backoff_ns(int faults) {
   const int doublings = std::clamp(faults - 1, 0, 10);
-  return std::min(kFirstBackoff_ns << doublings, kLastBackoff_ns);
+  return std::min(kFirstBackoffNs << doublings, kLastBackoffNs);
 }
 
 /// One event's work on the state.
@@ -201,7 +200,7 @@ class Stepper {
     s_.discarded = 0;
     const double frame_us =
         std::max(s_.plan->frame_us, shot_of(s_.current).exposure_us + s_.plan->skew_us);
-    s_.shot_deadline_ns = std::max(t_, s_.t_stable_ns) + kShotSlack_ns +
+    s_.shot_deadline_ns = std::max(t_, s_.t_stable_ns) + kShotSlackNs +
                           static_cast<std::int64_t>(kShotFrames * frame_us * 1e3);
     // Their stamps decide, not the order in which two threads were heard.
     for (const event::FrameArrived& frame : std::exchange(s_.early, {})) {
@@ -380,7 +379,7 @@ class Stepper {
       return;
     }
     ++s_.counters.commit_faults;
-    s_.retry_disk_ns = t_ + kDiskRetry_ns;
+    s_.retry_disk_ns = t_ + kDiskRetryNs;
     add_reason(kDiskFull, "disk: " + e.what);
   }
 
@@ -444,10 +443,17 @@ class Stepper {
   void preflight() {
     s_.phase = Phase::preflight;
     log("state", "preflight");
-    if (!s_.is_light_connected && !s_.is_job_open) {
-      connect_light();
-    }
-    if (!s_.is_camera_started && !s_.is_camera_starting) {
+    prepare();
+  }
+
+  /// First the light, which connects dark; then the camera: so no frame of an unknown light
+  /// comes.
+  void prepare() {
+    if (!s_.is_light_connected) {
+      if (!s_.is_job_open) {
+        connect_light();
+      }
+    } else if (!s_.is_camera_started && !s_.is_camera_starting) {
       start_camera();
     }
     preflight_done();
@@ -530,7 +536,7 @@ class Stepper {
       s_.pending.push_front(shot);
     }
     if (s_.failures >= kFailuresToSuspend && s_.phase == Phase::running) {
-      s_.retry_evidence_ns = t_ + kEvidenceRetry_ns;
+      s_.retry_evidence_ns = t_ + kEvidenceRetryNs;
       add_reason(kNoEvidence, "no clean frame: " + why);
     }
   }
@@ -574,7 +580,7 @@ class Stepper {
     const bool was_preflight = s_.phase == Phase::preflight;
     clear_reason(reason);
     if (was_preflight && s_.phase == Phase::preflight) {
-      preflight_done();
+      prepare();
     }
   }
 
@@ -585,7 +591,7 @@ class Stepper {
     s_.reason_text = why;
     enter(Phase::aborting, why);
     leave_shot();
-    s_.abort_deadline_ns = t_ + kAbortLimit_ns;
+    s_.abort_deadline_ns = t_ + kAbortLimitNs;
     darken();
   }
 
@@ -733,7 +739,7 @@ class Stepper {
     const bool is_first = !s_.has_sequence;
     const bool is_forward = is_first || (info.sequence > s_.last_sequence &&
                                          info.timestamp_ns > s_.last_timestamp_ns);
-    if (!is_forward || info.timestamp_ns > t_ + kStampAhead_ns) {
+    if (!is_forward || info.timestamp_ns > t_ + kStampAheadNs) {
       ++s_.counters.frames_out_of_order;
       return false;
     }

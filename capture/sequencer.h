@@ -47,13 +47,12 @@ enum class Phase {
 enum class ShotStep { none, light, settle, collect };
 [[nodiscard]] std::string_view to_string(ShotStep step) noexcept;
 
-/// Why a run is suspended; bits of SequencerState::reasons. Each ends by itself.
-enum SuspendReason : std::uint32_t {
-  kCameraLost = 1U << 0U,      ///< retried with growing delay
-  kControllerLost = 1U << 1U,  ///< retried with growing delay
-  kDiskFull = 1U << 2U,        ///< the commit is repeated every second
-  kNoEvidence = 1U << 3U,      ///< many frames, none clean: tried again every two seconds
-};
+// SuspendReason: why a run is suspended; bits of SequencerState::reasons. Each ends by itself.
+inline constexpr std::uint32_t kCameraLost = 1U << 0U;      ///< retried with growing delay
+inline constexpr std::uint32_t kControllerLost = 1U << 1U;  ///< retried with growing delay
+inline constexpr std::uint32_t kDiskFull = 1U << 2U;  ///< the commit is repeated every second
+/// Many frames, none clean: tried again every two seconds.
+inline constexpr std::uint32_t kNoEvidence = 1U << 3U;
 /// "camera, disk"
 [[nodiscard]] std::string reasons_text(std::uint32_t reasons);
 
@@ -283,7 +282,7 @@ struct SequencerCounters {
 inline constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
 /// All that the sequencer knows. Plain data; copyable.
-struct SequencerState {
+struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted for readers
   Phase phase = Phase::boot;
   std::uint32_t reasons = 0;          ///< SuspendReason bits
   std::string reason_text;            ///< of the newest suspension or refusal, for people

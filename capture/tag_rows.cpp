@@ -15,16 +15,16 @@ constexpr std::uint32_t kMixedFlag = 1;
 
 using BitField = std::array<bool, kBits>;
 
-void put_bits(BitField& bits, int first, int count, std::uint32_t value) {
-  for (int i = 0; i < count; ++i) {
-    bits[static_cast<std::size_t>(first + i)] = ((value >> (count - 1 - i)) & 1U) != 0;
+void put_bits(BitField& bits, std::size_t first, std::size_t count, std::uint32_t value) {
+  for (std::size_t i = 0; i < count; ++i) {
+    bits[first + i] = ((value >> (count - 1 - i)) & 1U) != 0;
   }
 }
 
-std::uint32_t get_bits(const BitField& bits, int first, int count) {
+std::uint32_t get_bits(const BitField& bits, std::size_t first, std::size_t count) {
   std::uint32_t value = 0;
-  for (int i = 0; i < count; ++i) {
-    value = (value << 1U) | (bits[static_cast<std::size_t>(first + i)] ? 1U : 0U);
+  for (std::size_t i = 0; i < count; ++i) {
+    value = (value << 1U) | (bits[first + i] ? 1U : 0U);
   }
   return value;
 }

@@ -8,19 +8,19 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kRoundTrip_us =
+constexpr double kRoundTripUs =
     1000.0;                           // confirm and latch over TCP, with two thread hand-overs
 constexpr double kBitsAByte = 10.0;   // RTU: start, 8 data, parity or stop, stop
 constexpr double kBytesAShot = 64.0;  // RTU: confirm, changed levels, tag, latch, read back
 
 double round_trip_us(const ControllerSpec& controller) {
   if (controller.kind != ControllerKind::modbus_rtu) {
-    return kRoundTrip_us;
+    return kRoundTripUs;
   }
   const auto colon = controller.address.rfind(':');
   const double baud =
       colon == std::string::npos ? 115200.0 : std::atof(controller.address.c_str() + colon + 1);
-  return kRoundTrip_us + 1e6 * kBytesAShot * kBitsAByte / std::max(baud, 300.0);
+  return kRoundTripUs + 1e6 * kBytesAShot * kBitsAByte / std::max(baud, 300.0);
 }
 
 }  // namespace
@@ -28,7 +28,7 @@ double round_trip_us(const ControllerSpec& controller) {
 std::int64_t settle_ns(const ControllerSpec& controller) noexcept {
   const double settle_us =
       controller.latch_us + std::max(controller.rise_us, controller.fall_us);
-  return static_cast<std::int64_t>(std::llround(settle_us * 1e3)) + kGuard_ns;
+  return static_cast<std::int64_t>(std::llround(settle_us * 1e3)) + kGuardNs;
 }
 
 double expected_frames_a_shot(const Rig& rig, double exposure_us) {

@@ -11,7 +11,7 @@
 namespace haarlight {
 
 /// Added to the measured settle times: jitter of stamps and of the latch's own clock.
-inline constexpr std::int64_t kGuard_ns = 100'000;
+inline constexpr std::int64_t kGuardNs = 100'000;
 
 /// Bytes a stored frame needs beside its words: TIFF tags, evidence, its share of the journal.
 inline constexpr double kFrameOverheadBytes = 4096.0;

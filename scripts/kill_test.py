@@ -50,9 +50,12 @@ class Rig:
         sim_log = open(folder / "haarlight-sim.log", "wb")
         self.sim = subprocess.Popen(
             [f"{args.bin}/haarlight-sim/haarlight-sim", self.rig, "--scene", HERE / args.scene,
-             "--ready-file", folder / "ready", "--quiet"], stdout=sim_log, stderr=sim_log)
+             "--ready-file", folder / "ready", "--quiet", *args.more], stdout=sim_log, stderr=sim_log)
         self.daemon = None
-        wait_for(lambda: (folder / "ready").exists() and (folder / "ready").stat().st_size > 0, 600)
+        wait_for(lambda: self.sim.poll() is not None or (folder / "ready").exists() and (folder / "ready").stat().st_size > 0, 600)
+
+        if self.sim.poll() is not None:
+            sys.exit("FAILED: " + (folder / "haarlight-sim.log").read_text())
 
     def start(self):
         self.daemon = subprocess.Popen([f"{self.args.bin}/haarlightd/haarlightd", self.rig],
@@ -66,6 +69,10 @@ class Rig:
         request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data=body)
         with urllib.request.urlopen(request, timeout=10) as reply:
             return json.load(reply)
+
+    def text(self, path):
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=10) as reply:
+            return reply.read().decode()
 
     def state(self):
         try:
@@ -118,6 +125,8 @@ def main():
     parser.add_argument("--plan", default="configs/plans/quick.toml")
     parser.add_argument("--keep", action="store_true")
     args = parser.parse_args()
+    # A host that is preempted between latch and acknowledgement must still take the same frame.
+    args.more = ["--doubtful-us", "8000"]
     dice = random.Random(args.seed)
     folder = pathlib.Path(tempfile.mkdtemp(prefix="haarlight-kill."))
     plan = (HERE / args.plan).read_bytes()

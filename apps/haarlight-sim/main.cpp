@@ -33,6 +33,7 @@ struct Arguments {
   std::string stack;
   std::uint64_t seed = 1;
   double lit_electrons = 0.0;
+  double doubtful_us = haarlight::VirtualRigOptions{}.doubtful_us;
   int n_subpixels = 2;
   int threads = 0;
   bool only_transport = false;
@@ -51,6 +52,11 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_option("--seed", arguments.seed, "Of noise and faults")->capture_default_str();
   app.add_option("--lit-electrons", arguments.lit_electrons,
                  "Electrons of a lit pixel of the plane; 0 = half the full well")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--doubtful-us", arguments.doubtful_us,
+                 "Frames begun this soon after a change of light are lost, so that the committed "
+                 "pixels do not depend on the host's speed; 0 = none")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   app.add_option("--subpixels", arguments.n_subpixels, "N x N sub-pixel centres a pixel")
@@ -146,6 +152,7 @@ int run(const Arguments& arguments) {
   haarlight::VirtualRigOptions options;
   options.seed = arguments.seed;
   options.lit_electrons = arguments.lit_electrons;
+  options.doubtful_us = arguments.doubtful_us;
   if (!arguments.faults.empty()) {
     options.faults = haarlight::read_fault_script(arguments.faults);
   }

@@ -42,6 +42,7 @@ struct Options {
   int port = -1;
   bool is_check_only = false;
   bool stays_idle = false;
+  bool is_all_off = false;
 };
 
 /// Blocks the ending signals in every thread; they are read from a descriptor.
@@ -82,10 +83,10 @@ DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& stor
 
 /// Waits for a signal; feeds the service manager as long as every thread makes progress.
 ExitCode watch(const Daemon& daemon, const haarlight::Fd& signals) {
-  constexpr int kSlice_ms = 200;
+  constexpr int kSliceMs = 200;
   for (;;) {
     pollfd wait{.fd = signals.get(), .events = POLLIN, .revents = 0};
-    if (::poll(&wait, 1, kSlice_ms) > 0) {
+    if (::poll(&wait, 1, kSliceMs) > 0) {
       haarlight::log_info("asked to end: all lights off");
       sd_notify(0, "STOPPING=1");
       return ExitCode::done;
@@ -102,8 +103,26 @@ ExitCode watch(const Daemon& daemon, const haarlight::Fd& signals) {
   }
 }
 
+/// The service manager's stop action, and a person's: lights out without a daemon.
+ExitCode put_all_off(const Rig& rig) {
+  auto lights = haarlight::make_light_array(rig.controller, rig.n_lights());
+  const auto connected =
+      lights ? (*lights)->connect() : tl::unexpected<haarlight::Fault>(lights.error());
+  const auto off =
+      connected ? (*lights)->all_off() : tl::unexpected<haarlight::Fault>(connected.error());
+  if (!off) {
+    throw Error("the lights were not put out: " + off.error().what, rig.controller.address,
+                "the controller's lease does it, or cut its power", ExitCode::unavailable);
+  }
+  fmt::print("all lights off\n");
+  return ExitCode::done;
+}
+
 ExitCode run(const Options& options) {
   const Rig rig = haarlight::read_rig(options.rig);
+  if (options.is_all_off) {
+    return put_all_off(rig);
+  }
   haarlight::require_sync_mode(rig);
   haarlight::DiskStorage storage;
   DaemonConfig config = configure(options, rig, storage);
@@ -137,6 +156,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0, 65535));
   app.add_flag("--check-config", options.is_check_only,
                "Read and check everything, touch no hardware, exit");
+  app.add_flag("--all-off", options.is_all_off,
+               "Put all lights out and exit: what the service manager does after a stop");
   app.add_flag("--stay-idle", options.stays_idle, "Do not go on with an unfinished session");
   app.footer(
       "Exit codes: 0 ended by request, 2 usage, 65 bad configuration, 69 device or address "

@@ -27,7 +27,7 @@ ModelOutcome run_session(std::uint64_t seed, bool is_verbose) {
   ModelOutcome outcome = rig.run(std::vector<bool>(plan->shots.size(), false),
                                  std::vector<int>(plan->shots.size(), 0));
   if (!outcome.problem.empty() || is_verbose) {
-    outcome.problem += "\n" + tail_of(rig);
+    outcome.problem += fmt::format("\n{}", tail_of(rig));
   }
   return outcome;
 }
@@ -167,7 +167,11 @@ TEST(Sequencer, BootLeadsToIdleAndARunToPreflight) {
   d.send(event::Run{two_shots(), {false, false}, {0, 0}});
   EXPECT_EQ(d.state.phase, Phase::preflight);
   EXPECT_NE(d.find<action::ConnectLight>(), nullptr);
+  EXPECT_EQ(d.find<action::StartCamera>(), nullptr) << "not before the lights are known";
+  d.send(event::LightConnected{d.state.job, 77});
   EXPECT_NE(d.find<action::StartCamera>(), nullptr);
+  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+  EXPECT_EQ(d.state.phase, Phase::running);
 }
 
 TEST(Sequencer, AFrameBegunBeforeTheLightStoodIsNotTaken) {

@@ -1,0 +1,118 @@
+/// A finished session goes through the sequencer again, with its own stamps: an old capture can
+/// be judged by the present rules.
+
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "capture/daemon.h"
+#include "capture/fake_camera.h"
+#include "capture/fake_light_array.h"
+#include "capture/replay_camera.h"
+#include "capture/sequencer.h"
+#include "core/files.h"
+#include "session/storage.h"
+#include "tests/temporary_folder.h"
+
+namespace haarlight {
+namespace {
+
+using namespace std::chrono_literals;
+
+/// A session of eight lights, captured with fake devices on the real clock.
+std::filesystem::path capture_session(const std::filesystem::path& folder, Rig& rig) {
+  rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
+  rig.storage.reserve_mb = 0.0;
+  DiskStorage storage;
+  auto light = std::make_shared<FakeLight>();
+  auto hands = std::make_shared<FakeCameraHands>();
+  Daemon daemon({.rig = rig,
+                 .sessions = folder,
+                 .make_light = [&]() -> Result<std::unique_ptr<LightArray>> {
+                   return std::make_unique<FakeLightArray>(light);
+                 },
+                 .make_camera = [&]() -> Result<std::unique_ptr<Camera>> {
+                   return std::make_unique<FakeCamera>(light, hands);
+                 },
+                 .storage = &storage,
+                 .has_http = false});
+  const auto limit = std::chrono::steady_clock::now() + 20s;
+  while (daemon.state().phase != Phase::idle && std::chrono::steady_clock::now() < limit) {
+    std::this_thread::sleep_for(1ms);
+  }
+  const RunReceipt receipt = daemon.run(
+      "schema = 1\nname = \"p\"\npatterns = \"one_at_a_time\"\nlights = [0,1,2,3,4,5,6,7]\n",
+      "p");
+  while (daemon.state().phase != Phase::done && std::chrono::steady_clock::now() < limit) {
+    std::this_thread::sleep_for(1ms);
+  }
+  return receipt.folder;
+}
+
+/// Feeds the recorded latches, frames and confirmations; counts what would be committed.
+int replay(ReplayCamera& camera, const Rig& rig, const Plan& plan, std::int64_t delay_ns) {
+  SequencerState state;
+  std::vector<Action> actions;
+  const auto send = [&](std::int64_t t_ns, EventBody body) {
+    StepResult result = step(std::move(state), TimedEvent{t_ns, std::move(body)});
+    state = std::move(result.state);
+    actions = std::move(result.actions);
+  };
+  send(0, event::Booted{});
+  send(0, event::Recovered{});
+  send(0, event::Run{sequencer_plan(rig, plan), std::vector<bool>(plan.shots.size(), false),
+                     std::vector<int>(plan.shots.size(), 0)});
+  send(0, event::LightConnected{state.job, 1});
+  send(0, event::CameraStarted{state.stream, plan.shots.front().exposure_us, 8});
+  int n_good = 0;
+  std::uint64_t id = 0;
+  while (const FrameRecord* record = camera.upcoming()) {
+    const FrameEvidence e = record->evidence;
+    const auto frame = camera.next(std::chrono::steady_clock::now());
+    EXPECT_TRUE(frame.has_value());
+    send(e.t_ack_ns, event::LightShown{state.job, {e.t_command_ns, e.t_ack_ns, e.tag_echo}});
+    FrameInfo info = frame->info();
+    info.timestamp_ns -= delay_ns;
+    ++id;
+    send(e.t_next_change_ns, event::FrameArrived{id, state.stream, info, id, true});
+    send(e.t_next_change_ns, event::LightConfirmed{id, e.t_next_change_ns, e.tag, 1});
+    for (const Action& action : actions) {
+      if (const auto* check = std::get_if<action::CheckFrame>(&action)) {
+        EXPECT_EQ(check->evidence.t_exposure_start_ns, e.t_exposure_start_ns);
+        EXPECT_EQ(check->evidence.tag, e.tag);
+        const event::FrameChecked good{check->frame, check->shot, check->evidence, ""};
+        send(e.t_next_change_ns, good);
+        send(e.t_next_change_ns, event::FrameCommitted{good.frame, good.shot});
+        ++n_good;
+        break;
+      }
+    }
+  }
+  return n_good;
+}
+
+TEST(Replay, AnOldSessionPassesTheSequencerAgainFrameByFrame) {
+  testing::TemporaryFolder folder;
+  Rig rig;
+  const std::filesystem::path session = capture_session(folder.path(), rig);
+  const Plan plan = plan_from_json(read_file(session / "plan.json"), "plan.json");
+  CameraSpec spec = rig.cameras.front();
+  spec.device = session.string();
+  ReplayCamera camera;
+  ASSERT_TRUE(camera.start(spec).has_value());
+  EXPECT_EQ(replay(camera, rig, plan, 0), 8);
+  // Had the stamps meant a moment 20 ms earlier, not one frame would have been taken.
+  ASSERT_TRUE(camera.start(spec).has_value());
+  EXPECT_EQ(replay(camera, rig, plan, 20'000'000), 0);
+}
+
+TEST(Replay, WhatIsNoSessionIsRefused) {
+  testing::TemporaryFolder folder;
+  CameraSpec spec;
+  spec.device = folder.path().string();
+  ReplayCamera camera;
+  EXPECT_FALSE(camera.start(spec).has_value());
+}
+
+}  // namespace
+}  // namespace haarlight
