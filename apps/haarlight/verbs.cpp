@@ -24,6 +24,7 @@ void add_export(CLI::App& root, Invocation& invocation);
 void add_plate(CLI::App& root, Invocation& invocation);
 void add_compress(CLI::App& root, Invocation& invocation);
 void add_relight(CLI::App& root, Invocation& invocation);
+void add_shadow(CLI::App& root, Invocation& invocation);
 
 namespace {
 
@@ -45,10 +46,11 @@ constexpr AddVerb kVerbs[] = {
     add_rebuild,
     add_develop,
     add_export,
-    // clang-format on
     add_plate,
     add_compress,
     add_relight,
+    add_shadow,
+    // clang-format on
 };
 
 }  // namespace

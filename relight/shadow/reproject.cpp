@@ -39,7 +39,6 @@ struct Total {
   double unknown = 0.0;
   double outside = 0.0;
   double widening = 1.0;
-  double gap = 0.0;
 };
 
 /// Visibility of one light at one receiver.
@@ -87,9 +86,6 @@ class Reprojector {
       result.half_spread = 0.5 * std::abs(high.value - mean.value);
       mean = {0.5 * (mean.value + high.value), std::max(mean.unknown, high.unknown),
               0.5 * (mean.outside + high.outside)};
-      const double top = std::min(options_.object->high_mm / H, 0.999);
-      total.gap = std::max(total.gap, corrected_window_scale(window.ratio, top) -
-                                          corrected_window_scale(window.ratio, low / H));
     } else {
       mean = mean_at(-1.0);
     }
@@ -149,7 +145,6 @@ void fill_report(std::span<const Receiver> receivers, std::span<const Total> tot
     report.unknown_share += total.unknown;
     report.outside_share += total.outside;
     report.worst_widening = std::max(report.worst_widening, total.widening);
-    report.widest_gap = std::max(report.widest_gap, total.gap);
     n_affected += total.unknown > kAffected * total.light ? 1.0 : 0.0;
     if (options.object) {
       const double over = sign * frame.height_of(receivers[i].surface.point);
@@ -184,6 +179,22 @@ void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value
 }
 
 }  // namespace
+
+std::vector<SquareLight> square_lights(const Rig& rig) {
+  std::vector<SquareLight> lights;
+  for (const LightElement& element : light_elements(rig)) {
+    SquareLight light;
+    light.centre = element.centre;
+    light.u = element.u;
+    light.v = element.v;
+    light.emits = element.emits;
+    light.width_mm = element.width_mm;
+    light.height_mm = element.height_mm;
+    light.lobe_mu = element.lobe_mu;
+    lights.push_back(light);
+  }
+  return lights;
+}
 
 double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
                            const Eigen::Vector3d& normal) {

@@ -12,6 +12,7 @@
 #include "core/camera_model.h"
 #include "core/image.h"
 #include "core/progress.h"
+#include "core/rig.h"
 #include "relight/shadow/area_mean.h"
 #include "relight/shadow/plane_frame.h"
 #include "relight/shadow/visibility.h"
@@ -30,6 +31,9 @@
 /// receivers the method cannot serve.
 
 namespace haarlight {
+
+/// The rig's lights with radiance 1, light k at index k.
+[[nodiscard]] std::vector<SquareLight> square_lights(const Rig& rig);
 
 /// A point of the scene that a sub-pixel of the camera sees.
 struct Receiver {
@@ -74,7 +78,6 @@ struct ReprojectReport {
                                     ///< below them darken them falsely (height range known)
   double over_object_share = 0.0;   ///< receivers over its highest point: drawn lit
   double worst_widening = 1.0;  ///< penumbra above the plane: so many times too wide at most
-  double widest_gap = 0.0;  ///< below: W'/W at the object's upper end minus at its lower end
   VisibilityCount count;
   bool has_glossy = false;  ///< materials whose gloss was left out
 };

@@ -32,6 +32,12 @@ void VisibilityCount::add(const VisibilityCount& other) {
   worst_excess = std::max(worst_excess, other.worst_excess);
 }
 
+void VisibilityCount::add_value(double v) {
+  ++n_values;
+  n_excess += v > 1.0 + kExcess ? 1 : 0;
+  worst_excess = std::max(worst_excess, v - 1.0);
+}
+
 Visibility divide_by_plate(ImageView<const float> shadow, ImageView<const float> plate,
                            ImageView<const std::uint8_t> known, double dark_share) {
   HAARLIGHT_EXPECTS(shadow.height() == plate.height() && shadow.width() == plate.width() &&
@@ -60,9 +66,7 @@ Visibility divide_by_plate(ImageView<const float> shadow, ImageView<const float>
         continue;
       }
       const double v = sum_of_channels(shadow, y, x) / b;
-      ++out.count.n_values;
-      out.count.n_excess += v > 1.0 + kExcess ? 1 : 0;
-      out.count.worst_excess = std::max(out.count.worst_excess, v - 1.0);
+      out.count.add_value(v);
       out.value(y, x) = static_cast<float>(std::clamp(v, 0.0, 1.0));
       out.known(y, x) = 1;
     }
@@ -103,10 +107,9 @@ double fit_plate_scale(std::span<const float> values, std::span<const double> fa
   return ratios.empty() ? rough : take_median(ratios);
 }
 
-bool shows_plane(std::span<const float> values, std::span<const float> plate, double tolerance,
-                 double min_lit_share) {
+bool shows_plane(std::span<const float> values, std::span<const float> plate,
+                 const PlaneTest& test) {
   HAARLIGHT_EXPECTS(values.size() == plate.size(), "one plate value a light");
-  constexpr double kMaxBrightShare = 0.01;
   std::size_t n_usable = 0;
   std::size_t n_lit = 0;
   std::size_t n_bright = 0;
@@ -117,12 +120,12 @@ bool shows_plane(std::span<const float> values, std::span<const float> plate, do
     }
     const double ratio = static_cast<double>(values[k]) / b;
     ++n_usable;
-    n_lit += std::abs(ratio - 1.0) <= tolerance ? 1 : 0;
-    n_bright += ratio > 1.0 + tolerance ? 1 : 0;
+    n_lit += std::abs(ratio - 1.0) <= test.tolerance ? 1 : 0;
+    n_bright += ratio > 1.0 + test.tolerance ? 1 : 0;
   }
   const auto usable = static_cast<double>(n_usable);
-  return n_usable > 0 && static_cast<double>(n_lit) >= min_lit_share * usable &&
-         static_cast<double>(n_bright) <= kMaxBrightShare * usable;
+  return n_usable > 0 && static_cast<double>(n_lit) >= test.min_lit_share * usable &&
+         static_cast<double>(n_bright) <= test.max_bright_share * usable;
 }
 
 Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane) {

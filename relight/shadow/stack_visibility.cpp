@@ -1,0 +1,245 @@
+#include "relight/shadow/stack_visibility.h"
+
+#include <algorithm>
+#include <functional>
+#include <mutex>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "relight/shadow/reproject.h"
+
+namespace haarlight {
+namespace {
+
+constexpr int kTile = 32;            // pixels a side: 4 MB of values for 1024 lights
+constexpr float kDarkPlate = -1.0F;  // mark in values_: no visibility can be told
+constexpr int kFitEvery = 13;        // every so many pixels takes part in the fit of g
+
+std::vector<TileRect> tiles_of(const StackDims& dims) {
+  std::vector<TileRect> tiles;
+  for (int y = 0; y < dims.height; y += kTile) {
+    for (int x = 0; x < dims.width; x += kTile) {
+      tiles.push_back(
+          {x, y, std::min(kTile, dims.width - x), std::min(kTile, dims.height - y)});
+    }
+  }
+  return tiles;
+}
+
+/// Sum over channels of one pixel's row over the lights.
+void sum_channels(std::span<const float> values, int channels, std::size_t n_pixels,
+                  std::size_t pixel, std::span<float> out) {
+  std::fill(out.begin(), out.end(), 0.0F);
+  const std::size_t n = out.size();
+  for (int c = 0; c < channels; ++c) {
+    const float* row = &values[(static_cast<std::size_t>(c) * n_pixels + pixel) * n];
+    for (std::size_t k = 0; k < n; ++k) {
+      out[k] += row[k];
+    }
+  }
+}
+
+}  // namespace
+
+RigPlate::RigPlate(const CameraModel& camera, const Plane& plane,
+                   std::span<const SquareLight> lights, PlateKind kind)
+    : camera_(camera), plane_(plane), lights_(lights.begin(), lights.end()), kind_(kind) {}
+
+StackDims RigPlate::dims() const {
+  return {camera_.width, camera_.height, 1, static_cast<int>(lights_.size())};
+}
+
+void RigPlate::read_tile(const TileRect& rect, std::span<float> out) const {
+  std::size_t at = 0;
+  for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
+    for (int x = rect.x0; x < rect.x0 + rect.width; ++x) {
+      const CameraRay ray = ray_through(camera_, x + 0.5, y + 0.5);
+      const double towards = plane_.n.dot(ray.direction_world);
+      const double t = -(plane_.n.dot(ray.origin_world) + plane_.d) / towards;
+      const bool is_seen = towards != 0.0 && t > 0.0;
+      const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
+      const Eigen::Vector3d normal = towards < 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
+      for (const SquareLight& light : lights_) {
+        double value = 0.0;
+        if (is_seen) {
+          // Per square millimetre of a light, times 1e6: near 1, whatever the rig.
+          value = kind_ == PlateKind::points ? plate_falloff(light, point, normal)
+                                             : receiver_irradiance(light, point, normal) /
+                                                   (light.width_mm * light.height_mm);
+        }
+        out[at++] = static_cast<float>(1e6 * value);
+      }
+    }
+  }
+}
+
+StackVisibility::StackVisibility(const StackSource& stack, const StackSource& plate,
+                                 const CameraModel& camera, const PlaneFrame& frame,
+                                 std::vector<int> wanted, StackVisibilityOptions options)
+    : stack_(stack),
+      plate_(plate),
+      dims_(stack.dims()),
+      plate_channels_(plate.dims().channels),
+      options_(std::move(options)),
+      wanted_(std::move(wanted)) {
+  const StackDims b = plate.dims();
+  if (b.width != dims_.width || b.height != dims_.height || b.n_lights != dims_.n_lights ||
+      (b.channels != 1 && b.channels != dims_.channels)) {
+    throw Error(
+        fmt::format("the plate is {} x {} with {} lights, the capture {} x {} with {}", b.width,
+                    b.height, b.n_lights, dims_.width, dims_.height, dims_.n_lights),
+        "plate", "use a plate of the same rig and camera");
+  }
+  if (camera.width != dims_.width || camera.height != dims_.height) {
+    throw Error(fmt::format("the rig's camera is {} x {}, the capture {} x {}", camera.width,
+                            camera.height, dims_.width, dims_.height),
+                "rig", "use the rig file that the capture was made with");
+  }
+  fit_scale();
+  if (options_.shows_plane.is_empty()) {
+    find_plane();
+  } else {
+    HAARLIGHT_EXPECTS(options_.shows_plane.width() == dims_.width &&
+                          options_.shows_plane.height() == dims_.height,
+                      "a mask of the capture's size");
+    shows_plane_ = options_.shows_plane;
+  }
+  sampler_.emplace(camera, frame, shows_plane_.view());
+}
+
+void StackVisibility::for_each_tile(
+    const std::function<void(const TileRect& rect, std::span<const float> t,
+                             std::span<const float> b)>& visit) const {
+  const std::vector<TileRect> tiles = tiles_of(dims_);
+  parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const auto n = static_cast<std::size_t>(tiles[i].n_pixels()) *
+                     static_cast<std::size_t>(dims_.n_lights);
+      std::vector<float> t(n * static_cast<std::size_t>(dims_.channels));
+      std::vector<float> b(n * static_cast<std::size_t>(plate_channels_));
+      stack_.read_tile(tiles[i], t);
+      plate_.read_tile(tiles[i], b);
+      visit(tiles[i], t, b);
+    }
+  });
+}
+
+void StackVisibility::fit_scale() {
+  std::mutex mutex;
+  std::vector<float> values;
+  std::vector<double> plate;
+  for_each_tile([&](const TileRect& rect, std::span<const float> t, std::span<const float> b) {
+    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
+    std::vector<float> b_row(t_row.size());
+    const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
+    for (std::size_t p = 0; p < n_pixels; p += kFitEvery) {
+      sum_channels(t, dims_.channels, n_pixels, p, t_row);
+      sum_channels(b, plate_channels_, n_pixels, p, b_row);
+      const std::lock_guard lock(mutex);
+      values.insert(values.end(), t_row.begin(), t_row.end());
+      plate.insert(plate.end(), b_row.begin(), b_row.end());
+    }
+  });
+  // Medians do not depend on the order in which the tiles came.
+  scale_ = fit_plate_scale(values, plate);
+  if (!(scale_ > 0.0)) {
+    throw Error("the plate or the capture is black: there is nothing to divide by", "plate",
+                "check the plane in the rig file, or give a captured plate");
+  }
+}
+
+void StackVisibility::find_plane() {
+  Image<std::uint8_t> found(dims_.height, dims_.width, 1);
+  for_each_tile([&](const TileRect& rect, std::span<const float> t, std::span<const float> b) {
+    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
+    std::vector<float> b_row(t_row.size());
+    const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      sum_channels(t, dims_.channels, n_pixels, p, t_row);
+      sum_channels(b, plate_channels_, n_pixels, p, b_row);
+      for (float& value : b_row) {
+        value *= static_cast<float>(scale_);
+      }
+      const int x = rect.x0 + static_cast<int>(p) % rect.width;
+      const int y = rect.y0 + static_cast<int>(p) / rect.width;
+      found(y, x) = haarlight::shows_plane(t_row, b_row, options_.test) ? 1 : 0;
+    }
+  });
+  shows_plane_ = grow_hidden(found.view());
+}
+
+void StackVisibility::load(std::size_t first) {
+  const std::uint64_t bytes = sizeof(float) * dims_.n_pixels();
+  const auto fits = static_cast<std::size_t>(
+      std::max<std::uint64_t>(1, options_.memory_bytes / std::max<std::uint64_t>(1, bytes)));
+  first_ = first;
+  n_loaded_ = std::min(fits, wanted_.size() - first);
+  values_.assign(n_loaded_, Image<float>(dims_.height, dims_.width, 1));
+  for_each_tile([&](const TileRect& rect, std::span<const float> t, std::span<const float> b) {
+    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
+    std::vector<float> b_row(t_row.size());
+    const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      sum_channels(t, dims_.channels, n_pixels, p, t_row);
+      sum_channels(b, plate_channels_, n_pixels, p, b_row);
+      const int x = rect.x0 + static_cast<int>(p) % rect.width;
+      const int y = rect.y0 + static_cast<int>(p) / rect.width;
+      for (std::size_t i = 0; i < n_loaded_; ++i) {
+        const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
+        const double plate = scale_ * static_cast<double>(b_row[k]);
+        values_[i](y, x) =
+            plate > 0.0
+                ? static_cast<float>(std::max(0.0, static_cast<double>(t_row[k]) / plate))
+                : kDarkPlate;
+      }
+    }
+  });
+}
+
+Visibility StackVisibility::visibility(int k) {
+  const auto place = std::lower_bound(wanted_.begin(), wanted_.end(), k);
+  HAARLIGHT_EXPECTS(place != wanted_.end() && *place == k, "a light that was announced");
+  const auto at = static_cast<std::size_t>(place - wanted_.begin());
+  if (at < first_ || at >= first_ + n_loaded_) {
+    load(at);
+  }
+  // The division is done; what is left is the clamp, the count and the way to the plane.
+  Image<float> value = values_[at - first_];
+  Image<float> dark(value.height(), value.width(), 1);
+  VisibilityCount count;
+  bool has_dark = false;
+  for (std::size_t i = 0; i < value.pixels().size(); ++i) {
+    float& v = value.pixels()[i];
+    if (shows_plane_.pixels()[i] == 0) {
+      v = 0.0F;
+      continue;
+    }
+    if (v == kDarkPlate) {
+      v = 0.0F;
+      dark.pixels()[i] = 1.0F;
+      has_dark = true;
+      ++count.n_no_plate;
+      continue;
+    }
+    count.add_value(static_cast<double>(v));
+    v = std::min(v, 1.0F);
+  }
+  Visibility out{sampler_->rectify(value.view()), sampler_->known(), count};
+  if (has_dark) {
+    const Image<float> touched = sampler_->rectify(dark.view());
+    for (std::size_t i = 0; i < touched.pixels().size(); ++i) {
+      if (touched.pixels()[i] > 0.0F) {
+        out.known.pixels()[i] = 0;
+        out.value.pixels()[i] = 0.0F;
+      }
+    }
+  }
+  for (float& v : out.value.pixels()) {
+    v = std::clamp(v, 0.0F, 1.0F);
+  }
+  return out;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/camera_model.h"
+#include "core/image.h"
+#include "relight/basis/stack_source.h"
+#include "relight/shadow/plane_frame.h"
+#include "relight/shadow/rectify.h"
+#include "relight/shadow/visibility.h"
+#include "render/scene.h"
+
+/// @file
+/// Shadow pictures out of a capture: V_k = T_k/(g B_k) at the camera's pixels that show the
+/// plane, rectified to the plane. g, one number a capture, brings plate and capture to one
+/// scale.
+
+namespace haarlight {
+
+struct StackVisibilityOptions {
+  /// (h, w, 1) of the camera: 1 shows the plane, 0 the object. Empty: found from the values.
+  Image<std::uint8_t> shows_plane;
+  PlaneTest test;  ///< for finding it
+  std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
+};
+
+enum class PlateKind {
+  squares,  ///< irradiance of the LEDs' squares, relative error below 1e-6
+  points,   ///< cos^4/r^2 (with the lobe) of small lamps
+};
+
+/// The clean plate of a rig, in closed form, at the plane point of every pixel's centre. Its
+/// scale is fitted like any plate's. Faster than ComputedPlate, whose Lambert sums are exact to
+/// rounding.
+class RigPlate final : public StackSource {
+ public:
+  RigPlate(const CameraModel& camera, const Plane& plane, std::span<const SquareLight> lights,
+           PlateKind kind);
+  [[nodiscard]] StackDims dims() const override;
+  void read_tile(const TileRect& rect, std::span<float> out) const override;
+
+ private:
+  CameraModel camera_;
+  Plane plane_;
+  std::vector<SquareLight> lights_;
+  PlateKind kind_;
+};
+
+/// One thread. Borrows stack and plate.
+class StackVisibility {
+ public:
+  /// Reads the stack once for g and for the pixels that show the plane.
+  /// @param wanted  the lights that will be asked for, ascending
+  /// @throws Error  stack, plate and camera of different sizes; a black plate
+  StackVisibility(const StackSource& stack, const StackSource& plate, const CameraModel& camera,
+                  const PlaneFrame& frame, std::vector<int> wanted,
+                  StackVisibilityOptions options = {});
+
+  /// Plane picture of light k. Reads the stack again whenever the memory is used up.
+  [[nodiscard]] Visibility visibility(int k);
+
+  [[nodiscard]] double scale() const noexcept { return scale_; }
+  /// Share of the plane picture that is known.
+  [[nodiscard]] double known_share() const { return sampler_->known_share(); }
+  /// (h, w, 1) of the camera.
+  [[nodiscard]] const Image<std::uint8_t>& shows_plane() const noexcept { return shows_plane_; }
+
+ private:
+  void fit_scale();
+  void find_plane();
+  void load(std::size_t first);
+  void for_each_tile(const std::function<void(const TileRect& rect, std::span<const float> t,
+                                              std::span<const float> b)>& visit) const;
+
+  const StackSource& stack_;
+  const StackSource& plate_;
+  StackDims dims_;
+  int plate_channels_ = 1;
+  StackVisibilityOptions options_;
+  std::vector<int> wanted_;
+  double scale_ = 0.0;
+  Image<std::uint8_t> shows_plane_;
+  std::optional<PlaneSampler> sampler_;
+
+  std::size_t first_ = 0;  ///< place in wanted_ of the first one loaded
+  std::size_t n_loaded_ = 0;
+  std::vector<Image<float>> values_;  ///< (h, w, 1) of the camera, -1 where the plate is dark
+};
+
+}  // namespace haarlight
