@@ -43,8 +43,10 @@ tmsize_t read_memory(thandle_t handle, void* buffer, tmsize_t size) {
   }
   const std::size_t n = std::min(static_cast<std::size_t>(size),
                                  bytes.size() - static_cast<std::size_t>(memory.position));
-  std::memcpy(buffer, bytes.data() + memory.position, n);
-  memory.position += n;
+  if (n > 0) {
+    std::memcpy(buffer, bytes.data() + memory.position, n);
+    memory.position += n;
+  }
   return static_cast<tmsize_t>(n);
 }
 

@@ -164,7 +164,7 @@ struct Journal::Impl {
   [[nodiscard]] sqlite3* db() const { return database.get(); }
 
   /// One step of the journal: the test's stop sign first, then SQL that returns nothing.
-  [[nodiscard]] Result<void> step(const char* sql) {
+  [[nodiscard]] Result<void> step(const char* sql) const {
     if (auto allowed = storage->journal_step(); !allowed) {
       return allowed;
     }
@@ -178,7 +178,7 @@ struct Journal::Impl {
     return {};
   }
 
-  [[nodiscard]] Result<void> run(Query& query, const char* operation) {
+  [[nodiscard]] Result<void> run(Query& query, const char* operation) const {
     if (auto allowed = storage->journal_step(); !allowed) {
       return allowed;
     }

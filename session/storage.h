@@ -17,7 +17,10 @@ namespace haarlight {
 
 class Storage {
  public:
+  Storage() = default;
   virtual ~Storage() = default;
+  Storage(const Storage&) = delete;
+  Storage& operator=(const Storage&) = delete;
   /// Creates or truncates `path` and writes all bytes; not yet durable.
   [[nodiscard]] virtual Result<void> write(const std::filesystem::path& path,
                                            std::span<const std::byte> bytes) = 0;
