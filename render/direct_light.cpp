@@ -19,6 +19,8 @@ using Eigen::Vector3d;
 
 constexpr int kJitterTables = 64;
 
+std::size_t to_index(int i) { return static_cast<std::size_t>(i); }
+
 enum class Sight : std::uint8_t { hidden, seen, mixed, dark };  // dark: no light can arrive
 
 /// Gauss-Legendre nodes on [-1, 1] and weights of sum 1.
@@ -160,11 +162,11 @@ DirectLight::DirectLight(const RayCaster& caster, std::span<const SquareLight> l
                         options.mixed_grid <= 64,
                     "1 <= uniform_grid <= mixed_grid <= 64");
   const int n = options.mixed_grid;
-  jitter_.reserve(static_cast<std::size_t>(kJitterTables * n * n));
+  jitter_.reserve(to_index(kJitterTables * n * n));
   for (int table = 0; table < kJitterTables; ++table) {
     for (int j = 0; j < n; ++j) {
       for (int i = 0; i < n; ++i) {
-        const auto cell = static_cast<std::uint64_t>((table * n + j) * n + i);
+        const auto cell = to_index((table * n + j) * n + i);
         jitter_.emplace_back((i + uniform_unit(hash_key(options.seed, 1, cell))) / n,
                              (j + uniform_unit(hash_key(options.seed, 2, cell))) / n);
       }
@@ -190,10 +192,10 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
   }
   scratch.cast(*caster_);
   const auto corner = [&](int row, int col) {
-    return scratch.blocked[static_cast<std::size_t>(row * (grid.cols + 1) + col)];
+    return scratch.blocked[to_index(row * (grid.cols + 1) + col)];
   };
   const auto sight_at = [&](int row, int col) -> Sight& {
-    return scratch.sight[static_cast<std::size_t>(grid.first + row * grid.cols + col)];
+    return scratch.sight[to_index(grid.first + row * grid.cols + col)];
   };
   std::vector<int> fresh;
   for (int row = 0; row < grid.rows; ++row) {
@@ -202,10 +204,9 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
       if (sight == Sight::dark) {
         continue;
       }
-      const int n_blocked =
-          corner(row, col) + corner(row, col + 1) + corner(row + 1, col) +
-          corner(row + 1, col + 1) +
-          scratch.blocked[n_corners + static_cast<std::size_t>(row * grid.cols + col)];
+      const int n_blocked = corner(row, col) + corner(row, col + 1) + corner(row + 1, col) +
+                            corner(row + 1, col + 1) +
+                            scratch.blocked[n_corners + to_index(row * grid.cols + col)];
       sight = n_blocked == 0 ? Sight::seen : n_blocked == 5 ? Sight::hidden : Sight::mixed;
       if (sight == Sight::mixed) {
         fresh.push_back(row * grid.cols + col);
@@ -213,7 +214,7 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
     }
   }
   // Neighbours of a mixed light are tested by their own strata, and so on while more turn up.
-  std::vector<std::uint8_t> is_tested(static_cast<std::size_t>(grid.rows * grid.cols), 0);
+  std::vector<std::uint8_t> is_tested(to_index(grid.rows * grid.cols), 0);
   const auto n = static_cast<std::size_t>(options_.uniform_grid);
   while (!fresh.empty()) {
     scratch.asked.clear();
@@ -223,7 +224,7 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
       for (int y = std::max(0, row - 1); y <= std::min(grid.rows - 1, row + 1); ++y) {
         for (int x = std::max(0, col - 1); x <= std::min(grid.cols - 1, col + 1); ++x) {
           const Sight sight = sight_at(y, x);
-          std::uint8_t& tested = is_tested[static_cast<std::size_t>(y * grid.cols + x)];
+          std::uint8_t& tested = is_tested[to_index(y * grid.cols + x)];
           if (tested == 0 && (sight == Sight::seen || sight == Sight::hidden)) {
             tested = 1;
             scratch.asked.push_back(y * grid.cols + x);
@@ -234,7 +235,7 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
     fresh.clear();
     scratch.targets.clear();
     for (const int place : scratch.asked) {
-      const SquareLight& light = lights_[static_cast<std::size_t>(grid.first + place)];
+      const SquareLight& light = lights_[to_index(grid.first + place)];
       for (std::size_t j = 0; j < n; ++j) {
         for (std::size_t i = 0; i < n; ++i) {
           const double s = (static_cast<double>(i) + 0.5) / static_cast<double>(n) - 0.5;
@@ -247,7 +248,7 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
     scratch.cast(*caster_);
     for (std::size_t a = 0; a < scratch.asked.size(); ++a) {
       const int place = scratch.asked[a];
-      Sight& sight = scratch.sight[static_cast<std::size_t>(grid.first + place)];
+      Sight& sight = scratch.sight[to_index(grid.first + place)];
       const std::uint8_t expected = sight == Sight::hidden ? 1 : 0;
       const auto begin = scratch.blocked.begin() + static_cast<std::ptrdiff_t>(a * n * n);
       if (!std::all_of(begin, begin + static_cast<std::ptrdiff_t>(n * n),
@@ -273,7 +274,7 @@ void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
     scratch.targets.clear();
     for (int j = 0; j < n; ++j) {
       for (int i = 0; i < n; ++i) {
-        const std::uint64_t cell = static_cast<std::uint64_t>(j * n + i);
+        const auto cell = to_index(j * n + i);
         const std::uint64_t hash = hash_key(options_.seed ^ 3U, key, k, cell);
         const double s = (i + uniform_unit(hash)) / n - 0.5;
         const double t = (j + uniform_unit(hash_key(hash))) / n - 0.5;
@@ -287,14 +288,14 @@ void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
   for (const LightGrid& grid : grids_) {
     for (int row = 0; row < grid.rows; ++row) {
       for (int col = 0; col < grid.cols; ++col) {
-        const auto k = static_cast<std::size_t>(grid.first + row * grid.cols + col);
+        const auto k = to_index(grid.first + row * grid.cols + col);
         if (scratch.sight[k] == Sight::dark) {
           continue;
         }
         bool is_mixed = share[k] > 0 && share[k] < n * n;
         for (int y = std::max(0, row - 1); y <= std::min(grid.rows - 1, row + 1); ++y) {
           for (int x = std::max(0, col - 1); x <= std::min(grid.cols - 1, col + 1); ++x) {
-            const int other = share[static_cast<std::size_t>(grid.first + y * grid.cols + x)];
+            const int other = share[to_index(grid.first + y * grid.cols + x)];
             is_mixed = is_mixed || (other >= 0 && other != share[k]);
           }
         }
@@ -310,7 +311,7 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
                                std::uint64_t key, Scratch& scratch, LightShare& share) const {
   const SquareLight& light = lights_[static_cast<std::size_t>(k)];
   const int n = options_.mixed_grid;
-  const auto n_cells = static_cast<std::size_t>(n * n);
+  const auto n_cells = to_index(n * n);
   const std::uint64_t table =
       hash_key(options_.seed, key, static_cast<std::uint64_t>(k)) % kJitterTables;
   const std::span<const Vector2d> cells(jitter_.data() + table * n_cells, n_cells);
@@ -337,10 +338,9 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
   int n_edges = 0;
   for (int j = 0; j < n; ++j) {
     for (int i = 0; i < n; ++i) {
-      const std::uint8_t here = scratch.blocked[static_cast<std::size_t>(j * n + i)];
-      n_edges += i + 1 < n && here != scratch.blocked[static_cast<std::size_t>(j * n + i + 1)];
-      n_edges +=
-          j + 1 < n && here != scratch.blocked[static_cast<std::size_t>((j + 1) * n + i)];
+      const std::uint8_t here = scratch.blocked[to_index(j * n + i)];
+      n_edges += i + 1 < n && here != scratch.blocked[to_index(j * n + i + 1)];
+      n_edges += j + 1 < n && here != scratch.blocked[to_index((j + 1) * n + i)];
     }
   }
   const double cells_inverse = 1.0 / static_cast<double>(n_cells);
@@ -372,7 +372,7 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
         test_grid(grid, surface, scratch);
       } else {
         for (int i = 0; i < grid.rows * grid.cols; ++i) {
-          Sight& sight = scratch.sight[static_cast<std::size_t>(grid.first + i)];
+          Sight& sight = scratch.sight[to_index(grid.first + i)];
           sight = sight == Sight::dark ? Sight::dark : Sight::mixed;
         }
       }

@@ -63,8 +63,9 @@ LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraM
         Vector3d variance = Vector3d::Zero();
         int n_hits = 0;
         for (int s = 0; s < n * n; ++s) {
+          const int row = s / n;
           const std::optional<SurfacePoint> surface =
-              visible_surface(caster, camera, x + (s % n + 0.5) / n, y + (s / n + 0.5) / n);
+              visible_surface(caster, camera, x + (s % n + 0.5) / n, y + (row + 0.5) / n);
           ++rays_of_row[static_cast<std::size_t>(y)];
           if (!surface) {
             radiance += options.background;

@@ -74,7 +74,8 @@ class SceneReader {
   void read_material(ConfigTable& table) {
     Material material;
     material.name = table.text("name");
-    const std::vector<double> kd = table.has("kd") ? table.numbers("kd", 0) : std::vector<double>{0.5};
+    const std::vector<double> kd =
+        table.has("kd") ? table.numbers("kd", 0) : std::vector<double>{0.5};
     if (kd.size() == 1) {
       material.kd.setConstant(kd[0]);
     } else if (kd.size() == 3) {
@@ -194,7 +195,7 @@ class SceneReader {
       for (int row = 0; row < 3; ++row) {
         for (int col = 0; col < 4; ++col) {
           camera.world_from_cam.matrix()(row, col) =
-              pose[static_cast<std::size_t>(4 * row + col)];
+              pose[4U * static_cast<std::size_t>(row) + static_cast<std::size_t>(col)];
         }
       }
       const Eigen::Matrix3d r = camera.world_from_cam.linear();

@@ -92,7 +92,7 @@ class ObjReader {
     throw Error(what, fmt::format("{}:{}", name_, line_), cure);
   }
 
-  Vector3d read_vector(std::string_view line) const {
+  [[nodiscard]] Vector3d read_vector(std::string_view line) const {
     Vector3d v;
     for (int i = 0; i < 3; ++i) {
       const std::string_view word = next_word(line);
@@ -130,7 +130,7 @@ class ObjReader {
     // Everything else (vt, s, l, ...) says nothing about triangles.
   }
 
-  int to_index(std::string_view word, std::size_t count, const char* kind) const {
+  [[nodiscard]] int to_index(std::string_view word, std::size_t count, const char* kind) const {
     int index = 0;
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), index);
     if (error != std::errc{} || end != word.data() + word.size() || index == 0) {

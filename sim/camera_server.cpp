@@ -33,7 +33,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::int64_t kTransfer_ns = 200'000;  // from the last readout to the host's memory
+constexpr std::int64_t kTransferNs = 200'000;  // from the last readout to the host's memory
 constexpr std::int64_t kFar = std::int64_t{1} << 62;
 
 std::int64_t now_ns() {
@@ -460,7 +460,7 @@ class CameraServer::Impl {
     }
     frame.exposure = {next_start_ns_ + std::llround(jitter_us * 1e3), exposure_us_, gain_db_};
     const std::int64_t end = camera_.end_ns(frame.exposure);
-    frame.ready_ns = std::max(end, camera_.stamp_ns(frame.exposure)) + kTransfer_ns;
+    frame.ready_ns = std::max(end, camera_.stamp_ns(frame.exposure)) + kTransferNs;
     running_.push_back(frame);
     if (light_.strobe) {
       strobes_.push_back(end);

@@ -181,9 +181,10 @@ Transport make_transport(const Rig& rig, int camera, const Scene& scene,
         std::fill(sums.begin(), sums.end(), 0.0);
         const Vector3d colour = response(spec.bayer, static_cast<int>(x), static_cast<int>(y));
         for (int s = 0; s < n * n; ++s) {
+          const int sub_row = s / n;
           const std::optional<SurfacePoint> surface =
               visible_surface(caster, model, static_cast<double>(x) + (s % n + 0.5) / n,
-                              static_cast<double>(y) + (s / n + 0.5) / n);
+                              static_cast<double>(y) + (sub_row + 0.5) / n);
           ++rays_of_row[y];
           if (!surface) {
             continue;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -88,9 +89,12 @@ double mean_level(double initial, const std::vector<Step>& steps, double rise_ns
 
 }  // namespace
 
-VirtualCamera::VirtualCamera(const CameraSpec& spec, const ControllerSpec& controller,
+VirtualCamera::VirtualCamera(const CameraSpec& spec, ControllerSpec controller,
                              const Transport& transport, const VirtualCameraOptions& options)
-    : spec_(spec), controller_(controller), transport_(&transport), options_(options) {
+    : spec_(spec),
+      controller_(std::move(controller)),
+      transport_(&transport),
+      options_(options) {
   if (transport.width() != spec.frame_width || transport.height() != spec.active_rows) {
     throw Error(fmt::format("transport of {} x {} for a camera of {} x {}", transport.width(),
                             transport.height(), spec.frame_width, spec.active_rows),
@@ -280,7 +284,7 @@ void VirtualCamera::take(const LightHistory& history, const Exposure& exposure,
   read_out(exposure.gain_db, hash_key(options_.seed, noise_key), words);
   const int n_tag_rows = spec_.frame_height - spec_.active_rows;
   if (n_tag_rows > 0) {
-    const double white = static_cast<double>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
+    const auto white = static_cast<double>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
     const auto low =
         static_cast<std::uint16_t>(std::clamp(spec_.noise.black_dn, 0.0, 0.25 * white));
     encode_tag_rows({words.row(spec_.active_rows).data(), n_tag_rows, spec_.frame_width, 1,
