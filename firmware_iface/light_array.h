@@ -30,7 +30,7 @@ struct ControllerIdentity {
 struct ControllerStatus {
   std::uint32_t uptime_ms = 0;
   std::uint32_t boot_id = 0;
-  std::uint32_t faults = 0;  ///< ControllerFault bits, see register_map.h
+  std::uint32_t faults = 0;  ///< registers::kFault... bits
   std::uint32_t tag = 0;     ///< of what is lit
   std::uint32_t step_counter = 0;
   double temperature_c = 0.0;
@@ -52,10 +52,14 @@ struct LatchReceipt {
 };
 
 /// Faults: timeout, device_gone, protocol (state UNKNOWN: call all_off or show again),
-/// refused (power, duty or range limit: nothing was lit), device_busy.
+/// refused (power, duty or range limit: nothing was lit), device_busy. Any fault voids the last
+/// receipt: nothing is known about the light until a call succeeds.
 class LightArray {
  public:
+  LightArray() = default;
   virtual ~LightArray() = default;
+  LightArray(const LightArray&) = delete;
+  LightArray& operator=(const LightArray&) = delete;
   [[nodiscard]] virtual Result<ControllerIdentity> connect() = 0;
   virtual void disconnect() noexcept = 0;
   /// Writes the shadow bank (only what differs from what it is known to hold), the tag, and

@@ -128,7 +128,7 @@ void LightController::reboot(std::uint32_t boot_id, std::int64_t now_ns) {
                                        registers::kMaxLeaseMs) *
               kNsPerMs;
   power_limit_mw_ = to_milliwatts(config_.max_power);
-  faults_ = is_interlock_open_ ? std::uint32_t{registers::kFaultInterlock} : 0U;
+  faults_ = is_interlock_open_ ? registers::kFaultInterlock : 0U;
   refusal_ = Refusal::none;
   echo_ = 0;
   latch_counter_ = 0;

@@ -28,7 +28,10 @@ enum class BusRecovery {
 /// have been carried out), protocol (an answer that is none), io.
 class RegisterBus {
  public:
+  RegisterBus() = default;
   virtual ~RegisterBus() = default;
+  RegisterBus(const RegisterBus&) = delete;
+  RegisterBus& operator=(const RegisterBus&) = delete;
   /// Opens the link. Faults device_gone, device_busy.
   [[nodiscard]] virtual Result<void> open() = 0;
   virtual void close() noexcept = 0;

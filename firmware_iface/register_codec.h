@@ -47,7 +47,7 @@ namespace haarlight {
 /// What the status block holds beyond ControllerStatus.
 struct StatusBlock {
   ControllerStatus status;
-  std::uint16_t bits = 0;  ///< registers::StatusBit
+  std::uint16_t bits = 0;  ///< registers::kStatus...
   std::uint32_t shown_sum = 0;
   std::uint32_t shadow_sum = 0;
   std::uint32_t latch_counter = 0;

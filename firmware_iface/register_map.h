@@ -86,23 +86,19 @@ inline constexpr std::uint16_t kStoreNothing = 0xFFFF;
 /// Values of kStepSource.
 enum class StepSource : std::uint16_t { host = 0, strobe = 1 };
 
-/// Bits of kStatusBits.
-enum StatusBit : std::uint16_t {
-  kStatusDark = 1U << 0U,       ///< nothing is lit
-  kStatusArmed = 1U << 1U,      ///< a pattern table is armed
-  kStatusTableDone = 1U << 2U,  ///< armed, and stepped past its last entry
-};
+// Bits of input::kStatusBits.
+inline constexpr std::uint16_t kStatusDark = 1U << 0U;       ///< nothing is lit
+inline constexpr std::uint16_t kStatusArmed = 1U << 1U;      ///< a pattern table is armed
+inline constexpr std::uint16_t kStatusTableDone = 1U << 2U;  ///< stepped past its last entry
 
-/// Bits of kFaults. They stay until cleared; those marked "blocks" refuse every lit pattern as
-/// long as their cause lasts.
-enum ControllerFault : std::uint32_t {
-  kFaultLeaseExpired = 1U << 0U,     ///< the host was silent: all off
-  kFaultOverPower = 1U << 1U,        ///< a pattern beyond a power limit was refused or cut
-  kFaultElementDuty = 1U << 2U,      ///< an element beyond its thermal duty was refused or cut
-  kFaultOverTemperature = 1U << 3U,  ///< the board is too hot; blocks
-  kFaultInterlock = 1U << 4U,        ///< the interlock is open; blocks
-  kFaultBankSum = 1U << 5U,          ///< a latch or store named another sum than the bank's
-};
+// Bits of input::kFaults. They stay until cleared; those marked "blocks" refuse every lit
+// pattern as long as their cause lasts.
+inline constexpr std::uint32_t kFaultLeaseExpired = 1U << 0U;  ///< the host was silent: all off
+inline constexpr std::uint32_t kFaultOverPower = 1U << 1U;     ///< beyond a power limit
+inline constexpr std::uint32_t kFaultElementDuty = 1U << 2U;   ///< an element beyond its duty
+inline constexpr std::uint32_t kFaultOverTemperature = 1U << 3U;  ///< board too hot; blocks
+inline constexpr std::uint32_t kFaultInterlock = 1U << 4U;        ///< interlock open; blocks
+inline constexpr std::uint32_t kFaultBankSum = 1U << 5U;  ///< a latch named another bank sum
 
 /// Values of kRefusal: why the last latch, store or step was refused.
 enum class Refusal : std::uint16_t {

@@ -538,7 +538,7 @@ class ControllerServer::Impl {
     const std::size_t slice =
         options_.baud <= 0 ? frame.size()
                            : std::max<std::size_t>(1, static_cast<std::size_t>(options_.baud) /
-                                                          (kBitsPerByte * 1000));
+                                                          (std::size_t{kBitsPerByte} * 1000));
     const std::int64_t start_ns = now_ns();
     for (std::size_t sent = 0; sent < frame.size();) {
       const std::size_t n = std::min(slice, frame.size() - sent);

@@ -1,8 +1,19 @@
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <system_error>
 #include <thread>
 
+#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include "core/files.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/register_light_array.h"
 #include "sim/controller_server.h"
@@ -60,12 +71,12 @@ int faults_until_done(Call call) {
 
 struct FaultCase {
   const char* name;
-  bool is_rtu;
   WireFaultRule rule;
   Errc expected;
+  bool is_rtu;
 };
 
-void PrintTo(const FaultCase& c, std::ostream* out) { *out << c.name; }
+std::ostream& operator<<(std::ostream& out, const FaultCase& c) { return out << c.name; }
 
 class WireFaults : public testing::TestWithParam<FaultCase> {};
 
@@ -94,42 +105,42 @@ TEST_P(WireFaults, AreReportedOnceAndHealed) {
 }
 
 constexpr FaultCase kFaultCases[] = {
-    {"TcpDropRequest", false, {.kind = WireFault::drop_request, .skip = 2}, Errc::timeout},
-    {"TcpDropReply", false, {.kind = WireFault::drop_reply, .skip = 2}, Errc::timeout},
+    {"TcpDropRequest", {.kind = WireFault::drop_request, .skip = 2}, Errc::timeout, false},
+    {"TcpDropReply", {.kind = WireFault::drop_reply, .skip = 2}, Errc::timeout, false},
     {"TcpLate",
-     false,
      {.kind = WireFault::delay_reply, .skip = 2, .delay = 350ms},
-     Errc::timeout},
-    {"TcpHalf", false, {.kind = WireFault::half_reply, .skip = 2}, Errc::timeout},
+     Errc::timeout,
+     false},
+    {"TcpHalf", {.kind = WireFault::half_reply, .skip = 2}, Errc::timeout, false},
     {"TcpWrongTransaction",
-     false,
      {.kind = WireFault::wrong_transaction, .skip = 2},
-     Errc::protocol},
-    {"TcpGarbage", false, {.kind = WireFault::garbage_reply, .skip = 2}, Errc::protocol},
-    {"TcpClose", false, {.kind = WireFault::close, .skip = 2}, Errc::device_gone},
+     Errc::protocol,
+     false},
+    {"TcpGarbage", {.kind = WireFault::garbage_reply, .skip = 2}, Errc::protocol, false},
+    {"TcpClose", {.kind = WireFault::close, .skip = 2}, Errc::device_gone, false},
     {"TcpBusy",
-     false,
      {.kind = WireFault::exception, .skip = 2, .exception = registers::Exception::busy},
-     Errc::device_busy},
+     Errc::device_busy,
+     false},
     {"TcpIllegalFunction",
-     false,
      {.kind = WireFault::exception,
       .skip = 2,
       .exception = registers::Exception::illegal_function},
-     Errc::protocol},
-    {"RtuDropRequest", true, {.kind = WireFault::drop_request, .skip = 2}, Errc::timeout},
-    {"RtuDropReply", true, {.kind = WireFault::drop_reply, .skip = 2}, Errc::timeout},
+     Errc::protocol,
+     false},
+    {"RtuDropRequest", {.kind = WireFault::drop_request, .skip = 2}, Errc::timeout, true},
+    {"RtuDropReply", {.kind = WireFault::drop_reply, .skip = 2}, Errc::timeout, true},
     {"RtuLate",
-     true,
      {.kind = WireFault::delay_reply, .skip = 2, .delay = 450ms},
-     Errc::timeout},
-    {"RtuHalf", true, {.kind = WireFault::half_reply, .skip = 2}, Errc::timeout},
-    {"RtuWrongUnit", true, {.kind = WireFault::wrong_unit, .skip = 2}, Errc::protocol},
-    {"RtuGarbage", true, {.kind = WireFault::garbage_reply, .skip = 2}, Errc::protocol},
+     Errc::timeout,
+     true},
+    {"RtuHalf", {.kind = WireFault::half_reply, .skip = 2}, Errc::timeout, true},
+    {"RtuWrongUnit", {.kind = WireFault::wrong_unit, .skip = 2}, Errc::protocol, true},
+    {"RtuGarbage", {.kind = WireFault::garbage_reply, .skip = 2}, Errc::protocol, true},
     {"RtuBusy",
-     true,
      {.kind = WireFault::exception, .skip = 2, .exception = registers::Exception::busy},
-     Errc::device_busy},
+     Errc::device_busy,
+     true},
 };
 
 INSTANTIATE_TEST_SUITE_P(Each, WireFaults, testing::ValuesIn(kFaultCases),
@@ -284,6 +295,150 @@ TEST(TcpDriver, FiveHundredShowsWithScatteredFaultsAreEachRightOrReported) {
     }
   }
   EXPECT_GT(n_faults, 0);
+}
+
+// A peer that speaks Modbus TCP and nothing else of ours: right framing, any content.
+class NoisyPeer {
+ public:
+  explicit NoisyPeer(std::uint32_t seed) : random_(seed) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof address;
+    listener_.reset(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
+    auto* const generic = reinterpret_cast<sockaddr*>(&address);
+    if (::bind(listener_.get(), generic, size) != 0 || ::listen(listener_.get(), 4) != 0 ||
+        ::getsockname(listener_.get(), generic, &size) != 0) {
+      throw std::system_error(errno, std::generic_category(), "noisy peer");
+    }
+    port_ = ntohs(address.sin_port);
+    thread_ = std::jthread([this](const std::stop_token& stop) { serve(stop); });
+  }
+  [[nodiscard]] TcpAddress address() const { return {"127.0.0.1", std::to_string(port_)}; }
+
+ private:
+  std::uint32_t next(std::uint32_t n) {
+    random_ = random_ * 1664525U + 1013904223U;
+    return (random_ >> 8U) % n;
+  }
+
+  void serve(const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      if (!is_readable(listener_.get())) {
+        continue;
+      }
+      const Fd fd(::accept(listener_.get(), nullptr, nullptr));
+      while (!stop.stop_requested() && answer(fd.get(), stop)) {
+      }
+    }
+  }
+
+  static bool is_readable(int fd) {
+    pollfd line{fd, POLLIN, 0};
+    return ::poll(&line, 1, 5) > 0;
+  }
+
+  bool answer(int fd, const std::stop_token& stop) {
+    while (!is_readable(fd)) {
+      if (stop.stop_requested()) {
+        return false;
+      }
+    }
+    std::array<std::uint8_t, 300> request{};
+    if (::recv(fd, request.data(), request.size(), 0) < 8) {
+      return false;
+    }
+    // Mostly the right transaction and function, so that the noise reaches the decoders.
+    const std::size_t n_data = next(4) == 0 ? next(250) : std::size_t{request[11]} * 2 + 1;
+    std::vector<std::uint8_t> reply(8 + n_data);
+    std::copy_n(request.begin(), 8, reply.begin());
+    for (std::size_t i = 8; i < reply.size(); ++i) {
+      reply[i] = static_cast<std::uint8_t>(next(256));
+    }
+    if (n_data > 0 && next(8) != 0) {
+      reply[8] = static_cast<std::uint8_t>(n_data - 1);
+    }
+    if (request[7] == 16 && next(4) != 0) {
+      reply.resize(12);
+      std::copy_n(request.begin(), 12, reply.begin());  // acknowledged, though nothing was done
+    }
+    if (next(16) == 0) {
+      reply[7] = static_cast<std::uint8_t>(reply[7] | 0x80U);
+    }
+    reply[4] = static_cast<std::uint8_t>((reply.size() - 6) >> 8U);
+    reply[5] = static_cast<std::uint8_t>((reply.size() - 6) & 0xFFU);
+    if (next(16) == 0) {
+      reply[next(static_cast<std::uint32_t>(reply.size()))] ^= 0x41U;
+    }
+    return next(30) != 0 && ::send(fd, reply.data(), reply.size(), MSG_NOSIGNAL) > 0;
+  }
+
+  std::uint32_t random_;
+  int port_ = 0;
+  Fd listener_;
+  std::jthread thread_;
+};
+
+TEST(TcpDriver, NoiseIsNeverTakenForAController) {
+  for (std::uint32_t seed = 0; seed < 4; ++seed) {
+    NoisyPeer peer(seed);
+    RegisterLightArray array(
+        make_modbus_tcp_bus(peer.address(), 1,
+                            {.turnaround = 5ms, .connect = 500ms, .quiet = 10ms}),
+        {.n_elements = 64});
+    for (int i = 0; i < 50; ++i) {
+      EXPECT_FALSE(array.connect());
+      EXPECT_FALSE(array.all_off());
+      EXPECT_FALSE(array.show(one_light(1), 1));
+    }
+  }
+}
+
+// The promise of the lease: whatever stops the host, the light is off one lease later.
+TEST(Lease, EndsTheLightOfAStoppedAndOfAKilledHost) {
+  for (const int signal_number : {SIGSTOP, SIGKILL}) {
+    SCOPED_TRACE(signal_number);
+    std::array<int, 2> ends{};
+    ASSERT_EQ(::pipe(ends.data()), 0);
+    // Forked before any thread exists. The child is a host that renews its lease for ever.
+    const pid_t host = ::fork();
+    ASSERT_GE(host, 0);
+    if (host == 0) {
+      std::array<char, 64> address{};
+      [[maybe_unused]] const ssize_t n = ::read(ends[0], address.data(), address.size() - 1);
+      auto bus = make_modbus_tcp_bus(*parse_tcp_address(address.data()), 1, kTiming);
+      RegisterLightArray array(std::move(bus), {.n_elements = 64, .lease = 200ms});
+      if (!array.connect() || !array.show(one_light(5), 1)) {
+        ::_exit(1);
+      }
+      while (array.renew_lease()) {
+        std::this_thread::sleep_for(20ms);
+      }
+      ::_exit(1);
+    }
+    double on_after_s = -1.0;
+    {
+      ControllerServer server(tcp_options());
+      const std::string address = server.tcp_address();
+      ASSERT_EQ(::write(ends[1], address.data(), address.size()),
+                static_cast<ssize_t>(address.size()));
+      EXPECT_GE(faults_until_done([&] { return server.lit().tag == 1; }), 0);
+      std::this_thread::sleep_for(500ms);  // longer than the lease: the renewals hold it
+      EXPECT_EQ(server.lit().tag, 1U);
+      const double before_s = server.total_on_seconds(5);
+      ::kill(host, signal_number);
+      std::this_thread::sleep_for(400ms);
+      EXPECT_TRUE(server.lit().pattern->empty());
+      on_after_s = server.total_on_seconds(5) - before_s;
+    }
+    ::kill(host, SIGKILL);
+    ::waitpid(host, nullptr, 0);
+    ::close(ends[0]);
+    ::close(ends[1]);
+    EXPECT_GE(on_after_s, 0.0);
+    // One lease, and what a loaded machine takes between the reading and the signal.
+    EXPECT_LE(on_after_s, 0.200 + 0.100);
+  }
 }
 
 }  // namespace

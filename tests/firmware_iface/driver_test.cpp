@@ -73,6 +73,7 @@ TEST_P(DriverOverAWire, WritesAWholeBankOf1024Levels) {
   ASSERT_TRUE(array);
   ASSERT_TRUE((*array)->connect());
   std::vector<ElementLevel> pattern;
+  pattern.reserve(1024);
   for (int k = 0; k < 1024; ++k) {
     pattern.push_back({k, static_cast<std::uint16_t>(1 + 63 * k)});
   }
@@ -102,6 +103,8 @@ TEST_P(DriverOverAWire, UploadsAndStepsATable) {
   ASSERT_TRUE((*array)->connect());
   std::vector<std::vector<ElementLevel>> patterns;
   std::vector<std::uint32_t> tags;
+  patterns.reserve(16);
+  tags.reserve(16);
   for (int k = 0; k < 16; ++k) {
     patterns.push_back({{k, 65535}});
     tags.push_back(static_cast<std::uint32_t>(100 + k));
@@ -178,6 +181,7 @@ TEST(ControllerServer, TransitionsFromManyThreadsAgree) {
   std::atomic<int> n_bad{0};
   {
     std::vector<std::jthread> readers;
+    readers.reserve(3);
     for (int i = 0; i < 3; ++i) {
       readers.emplace_back([&](const std::stop_token& stop) {
         while (!stop.stop_requested()) {

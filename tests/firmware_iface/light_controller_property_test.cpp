@@ -143,6 +143,7 @@ RC_GTEST_PROP(LightControllerProperty, AnySequenceKeepsItsPromises, ()) {
       case OpKind::latch_with_sum: {
         ++tag;
         std::vector<ElementLevel> pattern;
+        pattern.reserve(kElements);
         for (int e = 0; e < kElements; ++e) {
           pattern.push_back({e, model.bank()[static_cast<std::size_t>(e)]});
         }

@@ -44,7 +44,7 @@ constexpr Case kTable[] = {
 };
 
 TEST(LinkState, FollowsItsTable) {
-  static_assert(std::size(kTable) == 4 * 6);
+  static_assert(std::size(kTable) == std::size_t{4} * 6);
   for (const Case& c : kTable) {
     SCOPED_TRACE(to_string(c.from));
     SCOPED_TRACE(static_cast<int>(c.event));

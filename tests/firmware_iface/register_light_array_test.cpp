@@ -107,10 +107,8 @@ TEST(RegisterLightArray, BadPatternsAreRefusedBeforeAnyRequest) {
 TEST(RegisterLightArray, PowerLimitIsToldWithItsReason) {
   Bench b(small_config());
   ASSERT_TRUE(b.array->connect());
-  std::vector<ElementLevel> pattern;
-  for (int k = 0; k < 5; ++k) {
-    pattern.push_back({k, 65535});
-  }
+  const std::vector<ElementLevel> pattern = {
+      {0, 65535}, {1, 65535}, {2, 65535}, {3, 65535}, {4, 65535}};
   const auto receipt = b.array->show(pattern, 1);
   ASSERT_FALSE(receipt);
   EXPECT_EQ(receipt.error().code, Errc::refused);
