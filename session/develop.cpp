@@ -309,7 +309,8 @@ std::vector<float> interleave(const std::vector<Image<float>>& pictures, int ski
                             static_cast<std::size_t>(rows) * static_cast<std::size_t>(width) *
                             n_lights);
   parallel_for(
-      static_cast<std::size_t>(channels * rows), 1, [&](std::size_t begin, std::size_t end) {
+      static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
+      [&](std::size_t begin, std::size_t end) {
         for (std::size_t line = begin; line < end; ++line) {
           const int c = static_cast<int>(line) / rows;
           const int y = static_cast<int>(line) % rows;

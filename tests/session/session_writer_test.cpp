@@ -79,6 +79,28 @@ TEST(SessionWriter, RefusesPixelsThatWereNotChecked) {
   EXPECT_TRUE(fs::is_empty(folder.path() / "s" / "frames"));
 }
 
+TEST(SessionWriter, ReservesTheWholePlansSpaceAndGivesItBackFrameByFrame) {
+  TemporaryFolder folder;
+  DiskStorage storage;
+  const SessionInfo info = test::small_info(2);
+  const fs::path s = folder.path() / "s";
+  const auto too_much =
+      SessionWriter::create(s, info, "", test::kSmallPlan, std::uint64_t{1} << 60U, storage);
+  ASSERT_FALSE(too_much.has_value());
+  EXPECT_EQ(too_much.error().code, Errc::no_space) << too_much.error().what;
+  EXPECT_FALSE(fs::exists(s / "start.json"));
+  constexpr std::uint64_t kReserve = 1U << 16U;
+  auto writer = SessionWriter::create(s, info, "", test::kSmallPlan, kReserve, storage);
+  ASSERT_TRUE(writer.has_value()) << writer.error().what;
+  EXPECT_EQ(fs::file_size(s / "reserve.bin"), kReserve);
+  const Image<std::uint16_t> pixels = test::small_pixels(0);
+  const PendingFrame frame{0, 0, test::small_evidence(info, 0, 0, pixels.view()),
+                           pixels.view()};
+  ASSERT_TRUE(writer->commit(std::span(&frame, 1)).has_value());
+  EXPECT_EQ(fs::file_size(s / "reserve.bin"),
+            kReserve - fs::file_size(s / "frames/000000_a0.tif"));
+}
+
 TEST(SessionWriter, RefusesToFinishWithPendingShots) {
   TemporaryFolder folder;
   DiskStorage storage;
