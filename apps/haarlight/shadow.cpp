@@ -212,6 +212,43 @@ void print_notes(const ReprojectReport& found, bool has_height) {
   }
 }
 
+/// Shares of the shadow: ||picture - truth||_1 / ||unshadowed - truth||_1.
+struct TruthError {
+  double wrong_share = 0.0;
+  double known_wrong_share = 0.0;
+  double known_relative_l2 = 0.0;
+  double known_pixels = 0.0;
+};
+
+TruthError compare_shadow(const ReprojectResult& result, const Image<float>& truth) {
+  constexpr double kKnownSpread = 0.01;  // of the unshadowed value
+  double wrong = 0.0;
+  double shadow = 0.0;
+  double known_wrong = 0.0;
+  double known_shadow = 0.0;
+  double known_square = 0.0;
+  double known_norm = 0.0;
+  double n_known = 0.0;
+  for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
+    const auto t = static_cast<double>(truth.pixels()[i]);
+    const auto u = static_cast<double>(result.unshadowed.pixels()[i]);
+    const double e = std::abs(static_cast<double>(result.picture.pixels()[i]) - t);
+    wrong += e;
+    shadow += std::abs(u - t);
+    if (static_cast<double>(result.spread.pixels()[i]) <= kKnownSpread * u) {
+      known_wrong += e;
+      known_shadow += std::abs(u - t);
+      known_square += e * e;
+      known_norm += t * t;
+      n_known += 1.0;
+    }
+  }
+  const auto ratio = [](double a, double b) { return b > 0.0 ? a / b : 0.0; };
+  return {ratio(wrong, shadow), ratio(known_wrong, known_shadow),
+          std::sqrt(ratio(known_square, known_norm)),
+          ratio(n_known, static_cast<double>(truth.pixels().size()))};
+}
+
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
   for (const std::string& file :
@@ -311,21 +348,21 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
     const Image<float> truth = trace_shadow(scene.scene, object, view, lights, weights,
                                             arguments.subpixels, common.progress());
     const Achieved found = compare(result.picture.pixels(), truth.pixels());
-    double wrong = 0.0;
-    double shadow = 0.0;
-    for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
-      const auto t = static_cast<double>(truth.pixels()[i]);
-      wrong += std::abs(static_cast<double>(result.picture.pixels()[i]) - t);
-      shadow += std::abs(static_cast<double>(result.unshadowed.pixels()[i]) - t);
-    }
+    const TruthError error = compare_shadow(result, truth);
     report.add_reached("relative_l2", found.relative_l2);
     report.add_reached("worst_pixel", found.worst_pixel);
     report.add_reached("psnr_db", found.psnr_db);
-    report.add_reached("shadow_wrong_share", shadow > 0.0 ? wrong / shadow : 0.0);
+    report.add_reached("shadow_wrong_share", error.wrong_share);
+    report.add_reached("relative_l2_where_known", error.known_relative_l2);
+    report.add_reached("shadow_wrong_share_where_known", error.known_wrong_share);
+    report.add_reached("pixels_known_share", error.known_pixels);
     fmt::print(
         "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
-        "shadow's energy wrong\n",
-        found.relative_l2, found.psnr_db, shadow > 0.0 ? 100.0 * wrong / shadow : 0.0);
+        "shadow "
+        "wrong\n  on the {:.0f} % of the pixels that look at known places only: {:.3g}, {:.1f} "
+        "%\n",
+        found.relative_l2, found.psnr_db, 100.0 * error.wrong_share, 100.0 * error.known_pixels,
+        error.known_relative_l2, 100.0 * error.known_wrong_share);
     write_image(arguments.truth, truth.view(), exposure);
     bytes += fs::file_size(arguments.truth);
     if (!arguments.difference.empty()) {
