@@ -54,9 +54,10 @@ void add_options(CLI::App& app, Arguments& arguments) {
                  "Electrons of a lit pixel of the plane; 0 = half the full well")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  app.add_option("--doubtful-us", arguments.doubtful_us,
-                 "Frames begun this soon after a change of light are lost, so that the committed "
-                 "pixels do not depend on the host's speed; 0 = none")
+  app.add_option(
+         "--doubtful-us", arguments.doubtful_us,
+         "Frames begun this soon after a change of light are lost, so that the committed "
+         "pixels do not depend on the host's speed; 0 = none")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   app.add_option("--subpixels", arguments.n_subpixels, "N x N sub-pixel centres a pixel")

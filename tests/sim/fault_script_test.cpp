@@ -66,6 +66,12 @@ TEST(FaultScript, NamesLineAndCureOfBrokenOnes) {
   }
 }
 
+TEST(FaultScript, ReadsTheShippedOnes) {
+  const std::string folder = HAARLIGHT_SOURCE_DIR "/configs/faults/";
+  EXPECT_DOUBLE_EQ(read_fault_script(folder + "one_percent.toml").frames.stale_share, 0.01);
+  EXPECT_EQ(read_fault_script(folder + "bad_day.toml").restarts.size(), 1U);
+}
+
 TEST(FaultScript, AnEmptyOneBreaksNothing) {
   const FaultScript script = parse_fault_script("", "f.toml");
   EXPECT_EQ(script.frames.drop_share, 0.0);
