@@ -15,7 +15,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr int kZstdLevel = 12;  // 9 is 1 % larger, 19 gains 2 % at 5 times the time
+constexpr int kZstdLevel = 12;  // twin: 9 is 0.6 % larger; 19 is 4.5 % smaller, twice as slow
 constexpr int kMaxShift = 63;
 
 struct CompressorFree {
