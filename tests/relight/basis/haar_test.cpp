@@ -16,10 +16,13 @@
 namespace haarlight {
 namespace {
 
-nlohmann::json golden() {
+/// The golden file's sets; by value, since a range-for over a part of a temporary would dangle.
+nlohmann::json golden_sets() {
   std::ifstream in(HAARLIGHT_SOURCE_DIR "/tests/golden/haar.json");
-  return nlohmann::json::parse(in, nullptr, true, true);
+  return nlohmann::json::parse(in, nullptr, true, true).at("sets");
 }
+
+TEST(HaarGolden, FileHoldsSixSets) { EXPECT_EQ(golden_sets().size(), 6U); }
 
 template <class T>
 std::vector<T> flatten(const nlohmann::json& rows) {
@@ -33,7 +36,7 @@ std::vector<T> flatten(const nlohmann::json& rows) {
 }
 
 TEST(HaarGolden, IsBitExactOnIntegersInDouble) {
-  for (const auto& set : golden()["sets"]) {
+  for (const auto& set : golden_sets()) {
     const int n = set["n"];
     const auto input = flatten<double>(set["input"]);
     const auto coefficients = flatten<double>(set["coef"]);
@@ -46,7 +49,7 @@ TEST(HaarGolden, IsBitExactOnIntegersInDouble) {
 }
 
 TEST(HaarGolden, HoldsInFloatTo5e7OfThePeak) {
-  for (const auto& set : golden()["sets"]) {
+  for (const auto& set : golden_sets()) {
     const int n = set["n"];
     const auto coefficients = flatten<double>(set["coef"]);
     const auto input = flatten<float>(set["input"]);
@@ -68,7 +71,7 @@ TEST(HaarGolden, HoldsInFloatTo5e7OfThePeak) {
 }
 
 TEST(HaarGolden, IntegerFormAgreesAndIsLossless) {
-  for (const auto& set : golden()["sets"]) {
+  for (const auto& set : golden_sets()) {
     const int n = set["n"];
     const auto input = flatten<std::int64_t>(set["input"]);
     auto x = input;
