@@ -214,6 +214,22 @@ class Daemon::Impl {
     return RunReceipt{.session = id, .folder = config_.sessions / id};
   }
 
+  void show_preview(std::vector<LightLevel> lit, double exposure_us) {
+    std::sort(lit.begin(), lit.end(),
+              [](const LightLevel& a, const LightLevel& b) { return a.light < b.light; });
+    PlanSettings settings;
+    settings.name = "preview";
+    settings.where = "preview";
+    settings.patterns = PlanPatterns::list;
+    settings.list = {std::move(lit)};
+    if (exposure_us > 0.0) {
+      settings.exposures_us = {exposure_us};
+    }
+    auto plan = std::make_shared<const Plan>(expand_plan(settings, config_.rig));
+    take_turn();
+    (void)inbox_.push(PreviewOrder{std::move(plan)}, control_stop_.get_token());
+  }
+
   void receive(EventBody body) {
     (void)inbox_.push(std::move(body), control_stop_.get_token());
   }
@@ -229,7 +245,10 @@ class Daemon::Impl {
   }
 
  private:
-  using Message = std::variant<EventBody, Result<OpenSession>>;
+  struct PreviewOrder {
+    std::shared_ptr<const Plan> plan;
+  };
+  using Message = std::variant<EventBody, Result<OpenSession>, PreviewOrder>;
 
   void receive(Result<OpenSession> session) {
     (void)inbox_.push(std::move(session), control_stop_.get_token());
@@ -304,6 +323,8 @@ class Daemon::Impl {
       try {
         if (message && std::holds_alternative<Result<OpenSession>>(*message)) {
           begin(state, std::get<Result<OpenSession>>(*std::move(message)));
+        } else if (message && std::holds_alternative<PreviewOrder>(*message)) {
+          begin_preview(state, *std::get<PreviewOrder>(*message).plan);
         } else if (message) {
           do_step(state, std::get<EventBody>(*std::move(message)));
         } else if (state.deadline_ns <= steady_now_ns()) {
@@ -326,14 +347,7 @@ class Daemon::Impl {
       stream_->publish(0, "error", opened.error().what);
       return;
     }
-    auto shown = std::make_shared<std::vector<std::vector<ElementLevel>>>();
-    for (const Shot& shot : opened->plan->shots) {
-      std::vector<ElementLevel> pattern;
-      for (const LightLevel& light : shot.lit) {
-        pattern.push_back(ElementLevel{.element = light.light, .level = light.level});
-      }
-      shown->push_back(std::move(pattern));
-    }
+    auto shown = patterns_of(*opened->plan);
     form_ = session_info_of(config_.rig, *opened->plan, opened->id).form;
     folder_ = opened->folder;
     begun_ns_ = steady_now_ns();
@@ -353,6 +367,32 @@ class Daemon::Impl {
                               std::move(opened->committed), std::move(opened->next_attempt)});
   }
 
+  void begin_preview(SequencerState& state, const Plan& plan) {
+    folder_.clear();
+    {
+      const std::lock_guard lock(mutex_);
+      patterns_ = patterns_of(plan);
+      published_.is_opening = false;
+      published_.reason_text.clear();
+    }
+    auto shown = std::make_shared<SequencerPlan>(*sequencer_plan(config_.rig, plan));
+    shown->is_preview = true;
+    do_step(state, event::Run{std::move(shown), {false}, {0}});
+  }
+
+  [[nodiscard]] static std::shared_ptr<const std::vector<std::vector<ElementLevel>>>
+  patterns_of(const Plan& plan) {
+    auto patterns = std::make_shared<std::vector<std::vector<ElementLevel>>>();
+    for (const Shot& shot : plan.shots) {
+      std::vector<ElementLevel> pattern;
+      for (const LightLevel& light : shot.lit) {
+        pattern.push_back(ElementLevel{.element = light.light, .level = light.level});
+      }
+      patterns->push_back(std::move(pattern));
+    }
+    return patterns;
+  }
+
   void do_step(SequencerState& state, EventBody body) {
     const bool was_aborting = state.phase == Phase::aborting;
     StepResult result = step(std::move(state), TimedEvent{steady_now_ns(), std::move(body)});
@@ -368,6 +408,9 @@ class Daemon::Impl {
 
   /// So that the next start of the daemon leaves it alone; a person can go on with it.
   void mark_aborted(const std::string& why) const {
+    if (folder_.empty()) {
+      return;  // a preview
+    }
     Fd file(::open((folder_ / kAbortMark).c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644));
     if (file.is_open()) {
       (void)!::write(file.get(), why.data(), why.size());
@@ -413,7 +456,9 @@ class Daemon::Impl {
     if (!state.reason_text.empty()) {
       published_.reason_text = state.reason_text;
     }
-    if (state.plan != nullptr) {  // after an abort the last picture stays
+    published_.is_preview = state.plan != nullptr && state.plan->is_preview;
+    if (state.plan != nullptr &&
+        !published_.is_preview) {  // after an abort the last picture stays
       published_.shots = state.shots;
       published_.n_committed = state.n_committed;
     }
@@ -540,6 +585,9 @@ RunReceipt Daemon::run(const std::string& plan_text, const std::string& name) {
   return impl_->run(plan_text, name);
 }
 RunReceipt Daemon::resume_session(const std::string& id) { return impl_->resume_session(id); }
+void Daemon::show_preview(std::vector<LightLevel> lit, double exposure_us) {
+  impl_->show_preview(std::move(lit), exposure_us);
+}
 void Daemon::request(EventBody request) { impl_->receive(std::move(request)); }
 std::optional<PreviewPicture> Daemon::preview() const { return impl_->preview(); }
 std::string Daemon::hanging_thread() const { return impl_->hanging_thread(); }

@@ -45,8 +45,9 @@ struct DaemonState {
   std::vector<ShotState> shots;
   int n_committed = 0;
   int current = -1;
-  double seconds_left = -1.0;              ///< from measured shots; negative: not known yet
-  bool is_opening = false;                 ///< a session is being made or recovered
+  double seconds_left = -1.0;  ///< from measured shots; negative: not known yet
+  bool is_preview = false;     ///< lights are shown to a person, nothing is captured
+  bool is_opening = false;     ///< a session is being made or recovered
   std::optional<RecoveryReport> recovery;  ///< of the session, when it was reopened
   SequencerCounters counters;
 };
@@ -82,6 +83,12 @@ class Daemon {
   /// Goes on with an unfinished session of the sessions folder.
   /// @throws Error  no such session; interrupted: a run is in progress
   [[nodiscard]] RunReceipt resume_session(const std::string& id);
+  /// Lights these and streams, for aiming and focusing: state() says is_preview, preview() has
+  /// the picture. Ends by an abort, by all-off, or by itself after a minute.
+  /// @param exposure_us  0: the camera's own
+  /// @throws Error  lights that the rig has not, too much power; interrupted: a run is in
+  /// progress
+  void show_preview(std::vector<LightLevel> lit, double exposure_us);
   /// One of the sequencer's requests: Pause, Resume, Abort, SafeOff, Reshoot.
   void request(EventBody request);
   [[nodiscard]] std::optional<PreviewPicture> preview() const;

@@ -26,6 +26,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr int kPreviewWidth = 640;
+constexpr std::size_t kMaxPreviewLights = 100000;
 constexpr std::uintmax_t kMaxFrameFile = std::uintmax_t{1} << 28U;
 
 HttpResponse json_response(const Json& json, int status = 200) {
@@ -80,6 +81,7 @@ Json state_json(const DaemonState& s) {
       {"phase", std::string(to_string(s.phase))},
       {"step", std::string(to_string(s.step))},
       {"is_opening", s.is_opening},
+      {"is_preview", s.is_preview},
       {"reasons", std::move(reasons)},
       {"reason", s.reason_text},
       {"session", s.session.empty() ? Json(nullptr) : Json(s.session)},
@@ -285,6 +287,39 @@ class Handlers {
     return json_response(state_json(daemon_.state()), 202);
   }
 
+  [[nodiscard]] HttpResponse show_preview(const HttpRequest& request) const {
+    const Json body = body_of(request);
+    const auto number = [&](const char* key, double fallback, double most) {
+      const auto it = body.find(key);
+      if (it == body.end()) {
+        return fallback;
+      }
+      if (!it->is_number() || !(it->get<double>() >= 0.0 && it->get<double>() <= most)) {
+        throw Error(fmt::format("\"{}\" is no number from 0 to {}", key, most), request.path,
+                    "see docs/http-api.md");
+      }
+      return it->get<double>();
+    };
+    const auto level = static_cast<std::uint16_t>(number("level", 65535.0, 65535.0));
+    const double exposure_us = number("exposure_us", 0.0, 1e9);
+    const auto lights = body.find("lights");
+    if (lights == body.end() || !lights->is_array() || lights->empty() ||
+        lights->size() > kMaxPreviewLights) {
+      throw Error("the body has no list \"lights\"", request.path, "send {\"lights\": [528]}");
+    }
+    std::vector<LightLevel> lit;
+    for (const Json& light : *lights) {
+      if (!light.is_number_integer() || light.get<std::int64_t>() < 0 ||
+          light.get<std::int64_t>() > static_cast<std::int64_t>(kMaxPreviewLights)) {
+        throw Error(light.dump() + " is no number of a light", request.path,
+                    "write whole numbers from 0");
+      }
+      lit.push_back(LightLevel{.light = light.get<int>(), .level = level});
+    }
+    daemon_.show_preview(std::move(lit), exposure_us);
+    return json_response(state_json(daemon_.state()), 202);
+  }
+
   [[nodiscard]] HttpResponse reshoot(const HttpRequest& request) const {
     const Json body = body_of(request);
     const auto it = body.find("shots");
@@ -371,6 +406,7 @@ HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
   site.post("/v1/pause", [h](const HttpRequest&) { return h->ask(event::Pause{}); });
   site.post("/v1/resume", [h](const HttpRequest&) { return h->ask(event::Resume{}); });
   site.post("/v1/abort", [h](const HttpRequest&) { return h->ask(event::Abort{}); });
+  site.post("/v1/preview", [h](const HttpRequest& r) { return h->show_preview(r); });
   site.post("/v1/reshoot", [h](const HttpRequest& r) { return h->reshoot(r); });
   site.add({.method = "POST",
             .pattern = "/v1/all-off",

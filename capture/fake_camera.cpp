@@ -73,7 +73,8 @@ Result<Frame> FakeCamera::next(std::chrono::steady_clock::time_point deadline) {
     for (int y = 0; y < active; ++y) {
       for (int x = 0; x < spec_.frame_width; ++x) {
         const std::uint64_t noise =
-            hash_key(tag.value_or(0), sequence, static_cast<std::uint64_t>(y * 65536 + x));
+            hash_key(tag.value_or(0), sequence, static_cast<std::uint64_t>(y),
+                     static_cast<std::uint64_t>(x));
         (*words)(y, x) =
             static_cast<std::uint16_t>(256 + 40 * tag.value_or(0) % 8000 + noise % 16);
       }

@@ -1,5 +1,6 @@
 #include "capture/fake_light_array.h"
 
+#include <algorithm>
 #include <thread>
 
 #include "capture/thread_pulse.h"
@@ -36,17 +37,13 @@ std::vector<FakeLight::Change> FakeLight::changes() const {
 std::optional<std::uint32_t> FakeLight::tag_between(std::int64_t t0_ns,
                                                     std::int64_t t1_ns) const {
   const std::lock_guard lock(mutex_);
-  std::uint32_t tag = 0;
-  for (auto it = changes_.rbegin(); it != changes_.rend(); ++it) {
-    if (it->t_ns > t0_ns && it->t_ns <= t1_ns) {
-      return std::nullopt;
-    }
-    if (it->t_ns <= t0_ns) {
-      tag = it->tag;
-      break;
-    }
+  const auto last =
+      std::find_if(changes_.rbegin(), changes_.rend(),
+                   [t1_ns](const Change& change) { return change.t_ns <= t1_ns; });
+  if (last == changes_.rend()) {
+    return 0;
   }
-  return tag;
+  return last->t_ns > t0_ns ? std::nullopt : std::optional(last->tag);
 }
 
 std::uint32_t FakeLight::shown_tag() const {

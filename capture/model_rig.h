@@ -79,7 +79,7 @@ struct ModelOutcome {
   SequencerCounters counters;
 };
 
-class ModelRig {
+class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted for readers
  public:
   /// Where a commit goes. False: the disk is full. The default keeps nothing.
   using Commit = std::function<bool(const action::CommitFrame&, const ModelFrame&)>;

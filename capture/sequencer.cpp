@@ -20,7 +20,8 @@ constexpr std::int64_t kDiskRetryNs = 1000 * kMs;
 constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
 constexpr std::int64_t kAbortLimitNs = 200 * kMs;
 constexpr std::int64_t kShotSlackNs =
-    300 * kMs;                        // beside the frames: late delivery, a busy host
+    300 * kMs;  // beside the frames: late delivery, a busy host
+constexpr std::int64_t kPreviewNs = 60'000 * kMs;
 constexpr double kShotFrames = 8.0;   // frame times without a clean frame: shown again
 constexpr std::size_t kMaxEarly = 4;  // frames kept until the latch's acknowledgement is told
 constexpr int kLightFaultsToLose = 3;
@@ -144,7 +145,8 @@ class Stepper {
   }
 
   void on(const event::Reshoot& reshoot) {
-    if (s_.plan == nullptr || s_.phase == Phase::aborting || s_.phase == Phase::finalise) {
+    if (s_.plan == nullptr || s_.plan->is_preview || s_.phase == Phase::aborting ||
+        s_.phase == Phase::finalise) {
       return;
     }
     bool is_any = false;
@@ -198,6 +200,11 @@ class Stepper {
     s_.t_stable_ns = e.receipt.t_ack_ns + s_.plan->settle_ns;
     s_.step = t_ < s_.t_stable_ns ? ShotStep::settle : ShotStep::collect;
     s_.discarded = 0;
+    if (s_.plan->is_preview) {
+      s_.shot_deadline_ns = t_ + kPreviewNs;
+      drop_early();
+      return;
+    }
     const double frame_us =
         std::max(s_.plan->frame_us, shot_of(s_.current).exposure_us + s_.plan->skew_us);
     s_.shot_deadline_ns = std::max(t_, s_.t_stable_ns) + kShotSlackNs +
@@ -546,6 +553,10 @@ class Stepper {
     if (s_.current < 0) {
       return;
     }
+    if (s_.plan->is_preview) {
+      abort("the preview ends after a minute");
+      return;
+    }
     ++s_.counters.shot_timeouts;
     const int shot = s_.current;
     s_.current = -1;
@@ -772,6 +783,10 @@ class Stepper {
                                (s_.step == ShotStep::settle || s_.step == ShotStep::collect);
     if (is_collecting && t_ >= s_.t_stable_ns) {
       s_.step = ShotStep::collect;
+    }
+    if (s_.plan->is_preview) {
+      drop(e.frame);
+      return;
     }
     if (!is_collecting || !is_exposed_as_asked(e.info) || !accept(e)) {
       ++s_.discarded;

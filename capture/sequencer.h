@@ -67,6 +67,8 @@ struct SequencedShot {
 
 /// Everything that does not change during a run.
 struct SequencerPlan {
+  /// One shot, shown for people: no frame is taken, it ends by itself after a minute.
+  bool is_preview = false;
   std::vector<SequencedShot> shots;
   SyncMode sync = SyncMode::free_run;
   TimestampMeaning timestamp = TimestampMeaning::end_frame;

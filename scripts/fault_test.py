@@ -106,7 +106,7 @@ def main():
         wait_for(lambda: rig.state()["phase"] == "idle", 30)
         begin = time.monotonic()
         session = rig.begin((HERE / args.plan).read_bytes())
-        wait_for(lambda: rig.state()["phase"] == "done", 1200)
+        wait_for(lambda: rig.state()["phase"] == "done", 1200, 0.2)
         seconds = time.monotonic() - begin
         n_shots, wrong, missing = wrong_frames(folder / "sessions" / session)
         counters = {line.split()[0].removeprefix("haarlight_"): float(line.split()[1])

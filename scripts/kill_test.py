@@ -91,12 +91,12 @@ class Rig:
                 process.wait(20)
 
 
-def wait_for(condition, seconds):
+def wait_for(condition, seconds, pause=0.005):
     limit = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > limit:
             sys.exit("FAILED: waited in vain for " + str(seconds) + " s")
-        time.sleep(0.005)
+        time.sleep(pause)
 
 
 def essence(session):

@@ -330,6 +330,28 @@ TEST_F(DaemonHttpTest, BadRequestsAreAnsweredWithWhatWhereAndCure) {
   EXPECT_EQ(daemon_->state().phase, Phase::idle);
 }
 
+TEST_F(DaemonHttpTest, APreviewLightsWhatIsAskedAndStoresNothing) {
+  DaemonClient client = this->client();
+  EXPECT_EQ(client.post("/v1/preview", "{\"lights\": [5, 9], \"level\": 1000}").status, 202);
+  ASSERT_TRUE(wait_until([this](const DaemonState& s) {
+    return s.is_preview && s.phase == Phase::running && !light_->is_dark();
+  }));
+  const std::vector<ElementLevel> lit = light_->changes().back().pattern;
+  ASSERT_EQ(lit.size(), 2U);
+  EXPECT_EQ(lit[1].element, 9);
+  EXPECT_EQ(lit[1].level, 1000);
+  ASSERT_TRUE(
+      wait_until([this](const DaemonState&) { return daemon_->preview().has_value(); }));
+  EXPECT_THAT(client.get("/v1/preview.jpg").body, ::testing::StartsWith("\xff\xd8\xff"));
+  EXPECT_EQ(client.post("/v1/run", kPlan).status, 409);
+  EXPECT_EQ(client.post("/v1/abort").status, 202);
+  ASSERT_TRUE(wait_for(Phase::idle));
+  EXPECT_TRUE(wait_until([this](const DaemonState&) { return light_->is_dark(); }, 1s));
+  EXPECT_TRUE(std::filesystem::is_empty(folder_.path() / "sessions"));
+  EXPECT_EQ(client.post("/v1/preview", "{\"lights\": [64]}").status, 400);
+  EXPECT_EQ(client.post("/v1/preview", "{\"lights\": 3}").status, 400);
+}
+
 TEST_F(DaemonHttpTest, AllOffIsAcceptedInEveryState) {
   DaemonClient client = this->client();
   EXPECT_EQ(client.post("/v1/all-off").status, 202);

@@ -1,0 +1,48 @@
+/// Any bytes as a plan file or a plan.json: a plan that the rig can bear, or an Error.
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include "capture/plan.h"
+#include "core/error.h"
+#include "core/rig.h"
+
+namespace {
+
+/// A rig without a file: 4 x 4 lights, 20 W.
+haarlight::Rig small_rig() {
+  haarlight::Rig rig;
+  haarlight::Face face;
+  face.id = "top";
+  face.rows = face.cols = 4;
+  face.pitch_mm = 10.0;
+  face.max_power = haarlight::Watts(20.0);
+  rig.faces.push_back(face);
+  haarlight::CameraSpec camera;
+  camera.exposure_us = 1000.0;
+  rig.cameras.push_back(camera);
+  return rig;
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  static const haarlight::Rig kRig = small_rig();
+  const std::string text(reinterpret_cast<const char*>(data), size);
+  try {
+    const bool is_json = !text.empty() && text.front() == '{';
+    const haarlight::Plan plan =
+        is_json ? haarlight::plan_from_json(text, "fuzz")
+                : haarlight::expand_plan(haarlight::parse_plan_file(text, "fuzz"), kRig);
+    haarlight::require_power(plan, kRig, "fuzz");
+    const haarlight::Plan again =
+        haarlight::plan_from_json(haarlight::plan_to_json(plan), "fuzz");
+    HAARLIGHT_EXPECTS(again.shots == plan.shots && again.hash == plan.hash,
+                      "a plan that comes back from its JSON");
+    (void)haarlight::dry_run(plan, kRig);
+  } catch (const haarlight::Error&) {
+    return 0;  // refused, as it should be
+  }
+  return 0;
+}
