@@ -32,24 +32,9 @@ using AddVerb = void (*)(CLI::App& root, Invocation& invocation);
 
 constexpr AddVerb kVerbs[] = {
     // clang-format off: one a line, so that two additions do not meet
-    add_check,
-    add_plan,
-    add_capture,
-    add_status,
-    add_pause,
-    add_resume,
-    add_abort,
-    add_all_off,
-    add_reshoot,
-    add_import,
-    add_verify,
-    add_rebuild,
-    add_develop,
-    add_export,
-    add_plate,
-    add_compress,
-    add_relight,
-    add_shadow,
+    add_check,   add_plan,    add_capture, add_status,   add_pause,   add_resume,
+    add_abort,   add_all_off, add_reshoot, add_import,   add_verify,  add_rebuild,
+    add_develop, add_export,  add_plate,   add_compress, add_relight, add_shadow,
     // clang-format on
 };
 

@@ -3,8 +3,6 @@
 /// milliseconds (medians of interleaved runs), error against the uncompressed stack. From a
 /// session, or from a scene rendered as the twin's figures were defined.
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -16,6 +14,8 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <unistd.h>
+
 #include "core/error.h"
 #include "core/random.h"
 #include "core/tolerance.h"

@@ -18,12 +18,12 @@ namespace haarlight {
 
 namespace {
 
-// Measured on the twin's airplane and tree: 0.5 and 0.75 give 1 to 5 % larger files, 1.0 3 to 7 %
-// (docs/numerics/relight.md).
+// Measured on the twin's airplane and tree: 0.5 and 0.75 give 1 to 5 % larger files, 1.0 3 to 7
+// % (docs/numerics/relight.md).
 constexpr double kDeadZone = 0.6;
 constexpr double kDarkFloor = 0.01;  // pixels below 1 % of the rms norm are judged against that
 constexpr double kPlateShare = 0.25;  // plate vectors: rms they miss, as a share of the target
-constexpr double kPlateStep = 0.125;   // plate step, as a share of the allowed rms error a pixel
+constexpr double kPlateStep = 0.125;  // plate step, as a share of the allowed rms error a pixel
 constexpr double kStepMargin = 0.998;  // the histogram predicts the error to about 0.1 %
 constexpr int kMaxAttempts = 6;
 constexpr int kMaxShift = 40;

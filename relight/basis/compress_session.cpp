@@ -62,8 +62,8 @@ OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateC
       }
       const int camera = camera_of_size(*session.rig(), dims.width, dims.height);
       if (camera >= 0) {
-        plate.source = hold_in_memory(
-            std::make_unique<ComputedPlate>(*session.rig(), camera), options.memory_bytes / 4);
+        plate.source = hold_in_memory(std::make_unique<ComputedPlate>(*session.rig(), camera),
+                                      options.memory_bytes / 4);
         plate.kind = "computed";
         plate.hash = session.rig()->hash;
       }

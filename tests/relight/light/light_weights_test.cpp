@@ -137,8 +137,8 @@ TEST(RigWeights, ClosedCubeMissesNothing) {
 }
 
 TEST(RigWeights, MatchesPointSampling) {
-  // 2000 x 2000 points over the face, each with the Jacobian h / r^3. A texel is some 175 points
-  // wide and its border misplaced by up to half a point: 0.3 % a texel of full contrast.
+  // 2000 x 2000 points over the face, each with the Jacobian h / r^3. A texel is some 175
+  // points wide and its border misplaced by up to half a point: 0.3 % a texel of full contrast.
   const Rig rig = top_rig(4);
   const auto environment = random_environment(64, 32, 11, 1);
   const auto result = rig_weights(environment, rig);
