@@ -142,9 +142,7 @@ ExitCode run(const Options& options) {
   return watch(daemon, signals);
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run_command_line(int argc, char** argv) {
   CLI::App app("haarlightd: captures an object under every light of a rig", "haarlightd");
   app.set_version_flag("--version", std::string(haarlight::kVersion));
   Options options;
@@ -170,14 +168,21 @@ int main(int argc, char** argv) {
     app.exit(error, std::cout, std::cerr);
     return static_cast<int>(is_help ? ExitCode::done : ExitCode::usage);
   }
+  return static_cast<int>(run(options));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
   try {
-    return static_cast<int>(run(options));
+    return run_command_line(argc, argv);
   } catch (const Error& error) {
-    fmt::print(stderr, "haarlightd: {}\n", error.what());
+    (void)std::fprintf(stderr, "haarlightd: %s\n", error.what());
     return static_cast<int>(error.code());
   } catch (const std::exception& error) {
-    fmt::print(stderr, "haarlightd: {}\n  cure: this is our own bug, please report it\n",
-               error.what());
+    (void)std::fprintf(stderr,
+                       "haarlightd: %s\n  cure: this is our own bug, please report it\n",
+                       error.what());
     return static_cast<int>(ExitCode::internal);
   }
 }
