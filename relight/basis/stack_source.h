@@ -37,7 +37,12 @@ struct StackDims {
 /// T[pixel][light] by tiles. read_tile is thread-safe.
 class StackSource {
  public:
+  StackSource() = default;
   virtual ~StackSource() = default;
+  StackSource(const StackSource&) = default;
+  StackSource& operator=(const StackSource&) = default;
+  StackSource(StackSource&&) = default;
+  StackSource& operator=(StackSource&&) = default;
   [[nodiscard]] virtual StackDims dims() const = 0;
   /// @param out  (channels, rect.height, rect.width, n_lights)
   /// @throws Error  what the medium throws

@@ -38,7 +38,12 @@ struct Scratch {
 /// A partition of (part of) the sphere into cells.
 class LightCells {
  public:
+  LightCells() = default;
   virtual ~LightCells() = default;
+  LightCells(const LightCells&) = delete;
+  LightCells& operator=(const LightCells&) = delete;
+  LightCells(LightCells&&) = delete;
+  LightCells& operator=(LightCells&&) = delete;
   /// Fills scratch.pieces.
   virtual void cut(const EnvironmentTexel& texel, Scratch& scratch) const = 0;
 };
