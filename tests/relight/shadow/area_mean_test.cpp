@@ -1,6 +1,7 @@
 #include "relight/shadow/area_mean.h"
 
 #include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <vector>
 
@@ -218,7 +219,7 @@ Widths measure_widths(double receiver_height) {
   const SquareLight light = square({light_x, 0.0, kH}, kSide);
   std::vector<std::vector<double>> profiles(4);
   constexpr double kStep = 0.02;
-  for (double x = -18.0; x < 18.0; x += kStep) {
+  for (double x = -30.0; x < 30.0; x += kStep) {
     const LightWindow window = project_window({}, light, {x, 0.0, receiver_height});
     profiles[0].push_back(true_visibility(light_x, x, receiver_height));
     for (const WindowRule rule : {WindowRule::none, WindowRule::plain, WindowRule::corrected}) {
@@ -231,8 +232,12 @@ Widths measure_widths(double receiver_height) {
 }
 
 TEST(EdgeWidth, TruthFollowsThePenumbraFormula) {
-  for (const double h : {-150.0, -50.0, 0.0, 50.0, 100.0}) {
-    EXPECT_NEAR(measure_widths(h).truth, kSide * (kEdge - h) / (kH - kEdge), 0.01) << h;
+  std::printf("| receiver mm | truth mm | none | plain | corrected |\n|---|---|---|---|---|\n");
+  for (const double h : {-400.0, -180.0, -150.0, -50.0, 0.0, 50.0, 100.0}) {
+    const Widths w = measure_widths(h);
+    EXPECT_NEAR(w.truth, kSide * (kEdge - h) / (kH - kEdge), 0.01) << h;
+    std::printf("| %+.0f | %.2f | %.2f | %.2f | %.2f |\n", h, w.truth, w.none / w.truth,
+                w.plain / w.truth, w.corrected / w.truth);
   }
 }
 
