@@ -21,6 +21,10 @@ const Json& node_of(const void* node) { return *static_cast<const Json*>(node); 
 }  // namespace
 
 struct JsonValue::Document {
+  Document() = default;
+  ~Document() = default;
+  Document(const Document&) = delete;
+  Document& operator=(const Document&) = delete;
   Json root;
 };
 

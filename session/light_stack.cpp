@@ -154,7 +154,7 @@ Image<float> LightStack::light_image(int k) const {
   const auto n_lights = static_cast<std::size_t>(shape_.n_lights);
   for (int i = 0; i < shape_.n_bands(); ++i) {
     const std::span<const float> values = band(i);
-    std::size_t at = static_cast<std::size_t>(k);
+    auto at = static_cast<std::size_t>(k);
     for (int c = 0; c < shape_.channels; ++c) {
       for (int y = 0; y < rows_of(shape_, i); ++y) {
         for (int x = 0; x < shape_.width; ++x, at += n_lights) {
