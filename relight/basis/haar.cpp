@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstddef>
 #include <numeric>
 
 #include "core/error.h"
@@ -10,8 +11,10 @@ namespace haarlight {
 
 namespace {
 
+using Index = std::ptrdiff_t;
+
 constexpr int kLargestSize = 1024;
-constexpr std::size_t kStackValues = 64 * 64;  // scratch that fits the stack: rigs have 32 x 32
+constexpr std::size_t kStackValues = 4096;  // scratch that fits the stack: rigs have 32 x 32
 
 void require_shape(std::size_t size, int n) {
   HAARLIGHT_EXPECTS(is_haar_size(n), "the Haar transform needs a power of two up to 1024");
@@ -33,17 +36,17 @@ void with_scratch(int n, const Body& body) {
 }
 
 template <class T>
-void forward_level(T* x, T* scratch, int n, int m) {
-  const int h = m / 2;
-  for (int y = 0; y < m; ++y) {
+void forward_level(T* x, T* scratch, Index n, Index m) {
+  const Index h = m / 2;
+  for (Index y = 0; y < m; ++y) {
     std::copy_n(x + y * n, m, scratch + y * m);
   }
-  for (int i = 0; i < h; ++i) {
+  for (Index i = 0; i < h; ++i) {
     const T* top = scratch + 2 * i * m;
     const T* bottom = top + m;
     T* ll = x + i * n;
     T* yd = x + (i + h) * n;
-    for (int j = 0; j < h; ++j) {
+    for (Index j = 0; j < h; ++j) {
       const T sum_top = top[2 * j] + top[2 * j + 1];
       const T sum_bottom = bottom[2 * j] + bottom[2 * j + 1];
       const T difference_top = top[2 * j] - top[2 * j + 1];
@@ -57,17 +60,17 @@ void forward_level(T* x, T* scratch, int n, int m) {
 }
 
 template <class T>
-void inverse_level(T* x, T* scratch, int n, int m) {
-  const int h = m / 2;
-  for (int y = 0; y < m; ++y) {
+void inverse_level(T* x, T* scratch, Index n, Index m) {
+  const Index h = m / 2;
+  for (Index y = 0; y < m; ++y) {
     std::copy_n(x + y * n, m, scratch + y * m);
   }
-  for (int i = 0; i < h; ++i) {
+  for (Index i = 0; i < h; ++i) {
     const T* ll = scratch + i * m;
     const T* yd = scratch + (i + h) * m;
     T* top = x + 2 * i * n;
     T* bottom = top + n;
-    for (int j = 0; j < h; ++j) {
+    for (Index j = 0; j < h; ++j) {
       const T sum_top = ll[j] + yd[j];
       const T sum_bottom = ll[j] - yd[j];
       const T difference_top = ll[j + h] + yd[j + h];
@@ -84,7 +87,7 @@ template <class T>
 void forward(std::span<T> x, int n) {
   require_shape(x.size(), n);
   with_scratch<T>(n, [&](T* scratch) {
-    for (int m = n; m > 1; m /= 2) {
+    for (Index m = n; m > 1; m /= 2) {
       forward_level(x.data(), scratch, n, m);
     }
   });
@@ -94,7 +97,7 @@ template <class T>
 void inverse(std::span<T> x, int n) {
   require_shape(x.size(), n);
   with_scratch<T>(n, [&](T* scratch) {
-    for (int m = 2; m <= n; m *= 2) {
+    for (Index m = 2; m <= n; m *= 2) {
       inverse_level(x.data(), scratch, n, m);
     }
   });
@@ -102,31 +105,31 @@ void inverse(std::span<T> x, int n) {
 
 /// Splits m values `stride` apart into h sums and h differences.
 template <class T>
-void split_line(T* x, T* scratch, int m, int stride) {
-  const int h = m / 2;
-  for (int j = 0; j < h; ++j) {
+void split_line(T* x, T* scratch, Index m, Index stride) {
+  const Index h = m / 2;
+  for (Index j = 0; j < h; ++j) {
     const T a = x[2 * j * stride];
     const T b = x[(2 * j + 1) * stride];
     const T d = a - b;
     scratch[j] = b + (d >> 1);
     scratch[j + h] = d;
   }
-  for (int j = 0; j < m; ++j) {
+  for (Index j = 0; j < m; ++j) {
     x[j * stride] = scratch[j];
   }
 }
 
 template <class T>
-void join_line(T* x, T* scratch, int m, int stride) {
-  const int h = m / 2;
-  for (int j = 0; j < h; ++j) {
+void join_line(T* x, T* scratch, Index m, Index stride) {
+  const Index h = m / 2;
+  for (Index j = 0; j < h; ++j) {
     const T s = x[j * stride];
     const T d = x[(j + h) * stride];
     const T b = s - (d >> 1);
     scratch[2 * j] = d + b;
     scratch[2 * j + 1] = b;
   }
-  for (int j = 0; j < m; ++j) {
+  for (Index j = 0; j < m; ++j) {
     x[j * stride] = scratch[j];
   }
 }
@@ -135,11 +138,11 @@ template <class T>
 void s_forward(std::span<T> x, int n) {
   require_shape(x.size(), n);
   std::vector<T> scratch(static_cast<std::size_t>(n));
-  for (int m = n; m > 1; m /= 2) {
-    for (int y = 0; y < m; ++y) {
+  for (Index m = n; m > 1; m /= 2) {
+    for (Index y = 0; y < m; ++y) {
       split_line(x.data() + y * n, scratch.data(), m, 1);
     }
-    for (int i = 0; i < m; ++i) {
+    for (Index i = 0; i < m; ++i) {
       split_line(x.data() + i, scratch.data(), m, n);
     }
   }
@@ -149,11 +152,11 @@ template <class T>
 void s_inverse(std::span<T> x, int n) {
   require_shape(x.size(), n);
   std::vector<T> scratch(static_cast<std::size_t>(n));
-  for (int m = 2; m <= n; m *= 2) {
-    for (int i = 0; i < m; ++i) {
+  for (Index m = 2; m <= n; m *= 2) {
+    for (Index i = 0; i < m; ++i) {
       join_line(x.data() + i, scratch.data(), m, n);
     }
-    for (int y = 0; y < m; ++y) {
+    for (Index y = 0; y < m; ++y) {
       join_line(x.data() + y * n, scratch.data(), m, 1);
     }
   }
