@@ -78,7 +78,8 @@ bool is_flip_invariant(const Case& c) {
 }
 
 TEST(Projection, IsBitIdenticalUnderAFlipOfThePlaneOnTheGoldenFile) {
-  for (const json& c : read_golden().at("cases")) {
+  const json golden = read_golden();
+  for (const json& c : golden.at("cases")) {
     EXPECT_TRUE(is_flip_invariant(golden_case(c))) << c.at("name");
   }
 }
