@@ -5,8 +5,8 @@
 #
 # haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...] [NO_TSAN])
 #   A GoogleTest program NAME whose tests ctest finds. Labels: unit (default), golden, property,
-#   slow (release build only), soak (./check --full only). NO_TSAN: links oneTBB, which drowns
-#   ThreadSanitizer in false races; left out of the tsan build.
+#   slow (release build only), soak (./check --full only). NO_TSAN: no thread of its own
+#   beyond core/parallel.h's loops; left out of the tsan build.
 #
 # haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
 #   With clang and HAARLIGHT_FUZZ a libFuzzer program; in every other build a program that replays
@@ -42,12 +42,14 @@ function(haarlight_add_test)
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings GTest::gmock
                                             GTest::gtest_main rapidcheck rapidcheck_gtest)
-  target_compile_definitions(${ARG_NAME} PRIVATE
-    HAARLIGHT_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  # Tests run in the source folder: no path of a machine enters a compile command, so that the
+  # compiler cache serves every clone.
+  target_compile_definitions(${ARG_NAME} PRIVATE HAARLIGHT_SOURCE_DIR=".")
   if(NOT ARG_LABELS)
     set(ARG_LABELS unit)
   endif()
-  gtest_discover_tests(${ARG_NAME} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
+  gtest_discover_tests(${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
+                       DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
                        PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
   if(NOT TARGET all_tests)
     add_custom_target(all_tests)
