@@ -47,6 +47,7 @@ CPP_ONLY = {
     r"tiffio\.h": None,
     r"tbb/": ["core/parallel.cpp"],
     r"curl/": None,
+    r"CLI/": ["apps/command_line.cpp"],
     r"systemd/": None,
     r"zstd\.h": None,
     r"xxhash\.h": None,

@@ -4,12 +4,11 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
-#include <iostream>
 #include <optional>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
+#include "apps/command_line.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
@@ -40,44 +39,39 @@ struct Arguments {
   bool quiet = false;
 };
 
-void add_options(CLI::App& app, Arguments& arguments) {
-  app.add_option("RIG", arguments.rig, "Rig file: lights, cameras, controller, their addresses")
-      ->required()
-      ->type_name("RIG.toml");
-  app.add_option("--scene", arguments.scene, "What stands in the rig")
-      ->required()
-      ->type_name("SCENE.toml");
-  app.add_option("--faults", arguments.faults, "What goes wrong, and when")
-      ->type_name("F.toml");
-  app.add_option("--seed", arguments.seed, "Of noise and faults")->capture_default_str();
-  app.add_option("--lit-electrons", arguments.lit_electrons,
-                 "Electrons of a lit pixel of the plane; 0 = half the full well")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  app.add_option(
-         "--doubtful-us", arguments.doubtful_us,
-         "Frames begun this soon after a change of light are lost, so that the committed "
-         "pixels do not depend on the host's speed; 0 = none")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  app.add_option("--subpixels", arguments.n_subpixels, "N x N sub-pixel centres a pixel")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  app.add_option("--cache", arguments.cache, "Folder of rendered transport matrices")
-      ->type_name("DIR");
-  app.add_option("--ready-file", arguments.ready_file,
-                 "Written when the rig can be used: its addresses as JSON")
-      ->type_name("PATH");
-  app.add_option("--threads", arguments.threads, "Threads of the rendering; 0 = all")
-      ->check(CLI::Range(0, 1024));
-  app.add_option(
-         "--stack", arguments.stack,
-         "Also write the first camera's matrix, in units of its scale, as a light stack")
-      ->type_name("FILE");
-  app.add_flag("--only-transport", arguments.only_transport,
+void add_options(haarlight::Command program, Arguments& arguments) {
+  using haarlight::Bounds;
+  program.option("RIG", &arguments.rig,
+                 "Rig file: lights, cameras, controller, their addresses",
+                 {.type = "RIG.toml", .is_required = true});
+  program.option("--scene", &arguments.scene, "What stands in the rig",
+                 {.type = "SCENE.toml", .is_required = true});
+  program.option("--faults", &arguments.faults, "What goes wrong, and when",
+                 {.type = "F.toml"});
+  program.option("--seed", &arguments.seed, "Of noise and faults", {.shows_default = true});
+  program.option("--lit-electrons", &arguments.lit_electrons,
+                 "Electrons of a lit pixel of the plane; 0 = half the full well",
+                 {.bounds = Bounds{}, .shows_default = true});
+  program.option("--doubtful-us", &arguments.doubtful_us,
+                 "Frames begun this soon after a change of light are lost, so that the "
+                 "committed pixels do not depend on the host's speed; 0 = none",
+                 {.bounds = Bounds{}, .shows_default = true});
+  program.option("--subpixels", &arguments.n_subpixels, "N x N sub-pixel centres a pixel",
+                 {.bounds = Bounds{1, 16}, .shows_default = true});
+  program.option("--cache", &arguments.cache, "Folder of rendered transport matrices",
+                 {.type = "DIR"});
+  program.option("--ready-file", &arguments.ready_file,
+                 "Written when the rig can be used: its addresses as JSON", {.type = "PATH"});
+  program.option("--threads", &arguments.threads, "Threads of the rendering; 0 = all",
+                 {.bounds = Bounds{0, 1024}});
+  program.option(
+      "--stack", &arguments.stack,
+      "Also write the first camera's matrix, in units of its scale, as a light stack",
+      {.type = "FILE"});
+  program.flag("--only-transport", &arguments.only_transport,
                "Render the transport matrix into the cache and end");
-  app.add_flag("--quiet", arguments.quiet, "No progress, no messages");
-  app.footer(
+  program.flag("--quiet", &arguments.quiet, "No progress, no messages");
+  program.footer(
       "Example:\n"
       "  haarlight-sim configs/rigs/small8.toml --scene configs/scenes/blocks.toml\n"
       "Ends cleanly on SIGTERM or SIGINT. How a lab tests its own scripts against it:\n"
@@ -186,16 +180,12 @@ int run(const Arguments& arguments) {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  CLI::App app("haarlight-sim: a virtual rig on real sockets", "haarlight-sim");
-  app.set_version_flag("--version", std::string(haarlight::kVersion));
+  haarlight::CommandLine line("haarlight-sim", "haarlight-sim: a virtual rig on real sockets",
+                              std::string(haarlight::kVersion));
   Arguments arguments;
-  add_options(app, arguments);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    const bool is_help = error.get_exit_code() == 0;
-    app.exit(error, std::cout, std::cerr);
-    return static_cast<int>(is_help ? ExitCode::done : ExitCode::usage);
+  add_options(line.root(), arguments);
+  if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
+    return static_cast<int>(*end);
   }
   return run(arguments);
 } catch (const haarlight::Error& error) {

@@ -7,7 +7,6 @@
 #include <optional>
 #include <thread>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -36,13 +35,11 @@ struct ClientArguments {
   std::vector<int> shots;
 };
 
-void add_daemon_options(CLI::App& verb, ClientArguments& arguments) {
-  verb.add_option("--daemon", arguments.url, "Address of haarlightd")
-      ->type_name("URL")
-      ->envname("HAARLIGHT_DAEMON")
-      ->capture_default_str();
-  verb.add_option("--token-file", arguments.token_file, "File with the daemon's token")
-      ->type_name("FILE");
+void add_daemon_options(Command verb, ClientArguments& arguments) {
+  verb.option("--daemon", &arguments.url, "Address of haarlightd",
+              {.type = "URL", .environment = "HAARLIGHT_DAEMON", .shows_default = true});
+  verb.option("--token-file", &arguments.token_file, "File with the daemon's token",
+              {.type = "FILE"});
 }
 
 DaemonClientConfig client_config(const ClientArguments& arguments) {
@@ -215,96 +212,76 @@ ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& comm
 }
 
 /// A verb that posts to one path and prints the state.
-void add_request(CLI::App& root, Invocation& invocation, const std::string& name,
+void add_request(Command root, Invocation& invocation, const std::string& name,
                  const std::string& help) {
   auto arguments = std::make_shared<ClientArguments>();
-  CLI::App* verb = root.add_subcommand(name, help);
-  add_daemon_options(*verb, *arguments);
-  verb->footer("Example:\n  haarlight " + name);
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, name, &invocation] {
-    invocation.command = name;
-    invocation.run = [arguments, name](Report&) {
-      DaemonClient client(client_config(*arguments));
-      print_state(parse(client.post("/v1/" + name)));
-      return ExitCode::done;
-    };
+  Command verb = root.add_verb(name, help);
+  add_daemon_options(verb, *arguments);
+  verb.footer("Example:\n  haarlight " + name);
+  finish_verb(verb, invocation, [arguments, name](const CommonOptions&, Report&) {
+    DaemonClient client(client_config(*arguments));
+    print_state(parse(client.post("/v1/" + name)));
+    return ExitCode::done;
   });
 }
 
 }  // namespace
 
-void add_capture(CLI::App& root, Invocation& invocation) {
+void add_capture(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ClientArguments>();
-  CLI::App* verb =
-      root.add_subcommand("capture", "Have the daemon capture a plan; wait for it");
-  verb->add_option("PLAN", arguments->plan, "Plan file, or a plan.json")
-      ->type_name("PLAN.toml");
-  verb->add_option("--session", arguments->session, "Go on with this session of the daemon's")
-      ->type_name("ID");
-  verb->add_option("-o", arguments->output, "Move the finished session here")
-      ->type_name("SESSION");
-  add_daemon_options(*verb, *arguments);
-  verb->footer(
+  Command verb = root.add_verb("capture", "Have the daemon capture a plan; wait for it");
+  verb.option("PLAN", &arguments->plan, "Plan file, or a plan.json", {.type = "PLAN.toml"});
+  verb.option("--session", &arguments->session, "Go on with this session of the daemon's",
+              {.type = "ID"});
+  verb.option("-o", &arguments->output, "Move the finished session here", {.type = "SESSION"});
+  add_daemon_options(verb, *arguments);
+  verb.footer(
       "Prints the session's folder. Ending this command does not end the capture.\n"
       "Example:\n  haarlight capture configs/plans/one_at_a_time.toml -o vase");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "capture";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_capture(*arguments, invocation.common, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_capture(*arguments, common, report);
   });
 }
 
-void add_status(CLI::App& root, Invocation& invocation) {
+void add_status(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ClientArguments>();
-  CLI::App* verb = root.add_subcommand("status", "Say what the daemon is doing");
-  add_daemon_options(*verb, *arguments);
-  verb->footer("Example:\n  haarlight status");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "status";
-    invocation.run = [arguments](Report& report) {
-      DaemonClient client(client_config(*arguments));
-      const Json state = parse(client.get("/v1/state"));
-      print_state(state);
-      report.add_detail("phase", text_of(state, "phase"));
-      report.add_reached("committed", std::int64_t{number_of(state, "committed")});
-      return ExitCode::done;
-    };
+  Command verb = root.add_verb("status", "Say what the daemon is doing");
+  add_daemon_options(verb, *arguments);
+  verb.footer("Example:\n  haarlight status");
+  finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
+    DaemonClient client(client_config(*arguments));
+    const Json state = parse(client.get("/v1/state"));
+    print_state(state);
+    report.add_detail("phase", text_of(state, "phase"));
+    report.add_reached("committed", std::int64_t{number_of(state, "committed")});
+    return ExitCode::done;
   });
 }
 
-void add_pause(CLI::App& root, Invocation& invocation) {
+void add_pause(Command root, Invocation& invocation) {
   add_request(root, invocation, "pause", "Pause the capture, lights off");
 }
-void add_resume(CLI::App& root, Invocation& invocation) {
+void add_resume(Command root, Invocation& invocation) {
   add_request(root, invocation, "resume", "Go on after pause or all-off");
 }
-void add_abort(CLI::App& root, Invocation& invocation) {
+void add_abort(Command root, Invocation& invocation) {
   add_request(root, invocation, "abort", "End the capture; what is committed stays");
 }
-void add_all_off(CLI::App& root, Invocation& invocation) {
+void add_all_off(Command root, Invocation& invocation) {
   add_request(root, invocation, "all-off", "All lights off at once, in every state");
 }
 
-void add_reshoot(CLI::App& root, Invocation& invocation) {
+void add_reshoot(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ClientArguments>();
-  CLI::App* verb = root.add_subcommand("reshoot", "Take shots of the present session again");
-  verb->add_option("SHOTS", arguments->shots, "Numbers of shots")
-      ->required()
-      ->type_name("N...");
-  add_daemon_options(*verb, *arguments);
-  verb->footer("Example:\n  haarlight reshoot 17 18 402");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "reshoot";
-    invocation.run = [arguments](Report&) {
-      DaemonClient client(client_config(*arguments));
-      print_state(parse(client.post("/v1/reshoot", Json{{"shots", arguments->shots}}.dump())));
-      return ExitCode::done;
-    };
+  Command verb = root.add_verb("reshoot", "Take shots of the present session again");
+  verb.option("SHOTS", &arguments->shots, "Numbers of shots",
+              {.type = "N...", .is_required = true});
+  add_daemon_options(verb, *arguments);
+  verb.footer("Example:\n  haarlight reshoot 17 18 402");
+  finish_verb(verb, invocation, [arguments](const CommonOptions&, Report&) {
+    DaemonClient client(client_config(*arguments));
+    print_state(parse(client.post("/v1/reshoot", Json{{"shots", arguments->shots}}.dump())));
+    return ExitCode::done;
   });
 }
 

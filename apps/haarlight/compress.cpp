@@ -3,7 +3,6 @@
 
 #include <optional>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -70,40 +69,32 @@ ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& c
 
 }  // namespace
 
-void add_compress(CLI::App& root, Invocation& invocation) {
+void add_compress(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<CompressArguments>();
-  CLI::App* verb =
-      root.add_subcommand("compress", "Compress a session over its lights to a basis file");
-  verb->add_option("SESSION", arguments->session, "Session folder")->required();
-  verb->add_option("-o,--output", arguments->output, "Basis file to write")
-      ->required()
-      ->type_name("BASIS.hlb");
-  verb->add_option("--max-error", arguments->max_error,
-                   "Relative L2 error of the whole stack; 0 is exact, bit for bit")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  verb->add_option("--worst-pixel", arguments->worst_pixel,
-                   "Bound on every pixel's own relative error (default: none)")
-      ->check(CLI::NonNegativeNumber);
-  verb->add_option(
-          "--plate", arguments->plate,
-          "Clean plate: a .hlb, a session of the empty rig, or none (default: computed "
-          "from the session's rig)")
-      ->type_name("FILE|SESSION|none");
-  verb->add_option("--basis", arguments->basis,
-                   "haar: lights in square grids of 2, 4, 8, ... a side; direct: any lights")
-      ->check(CLI::IsMember({"haar", "direct"}))
-      ->capture_default_str();
-  verb->footer(
+  Command verb =
+      root.add_verb("compress", "Compress a session over its lights to a basis file");
+  verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
+  verb.option("-o,--output", &arguments->output, "Basis file to write",
+              {.type = "BASIS.hlb", .is_required = true});
+  verb.option("--max-error", &arguments->max_error,
+              "Relative L2 error of the whole stack; 0 is exact, bit for bit",
+              {.bounds = Bounds{0.0, 1.0}, .shows_default = true});
+  verb.option("--worst-pixel", &arguments->worst_pixel,
+              "Bound on every pixel's own relative error (default: none)",
+              {.bounds = Bounds{}});
+  verb.option("--plate", &arguments->plate,
+              "Clean plate: a .hlb, a session of the empty rig, or none (default: computed "
+              "from the session's rig)",
+              {.type = "FILE|SESSION|none"});
+  verb.option("--basis", &arguments->basis,
+              "haar: lights in square grids of 2, 4, 8, ... a side; direct: any lights",
+              {.choices = {"haar", "direct"}, .shows_default = true});
+  verb.footer(
       "Examples:\n"
       "  haarlight compress sessions/airplane -o airplane.hlb --max-error 0.01\n"
       "  haarlight compress sessions/coin -o coin.hlb --basis direct --plate none");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "compress";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_compress(*arguments, invocation.common, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_compress(*arguments, common, report);
   });
 }
 

@@ -3,7 +3,6 @@
 
 #include "session/develop.h"
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -71,29 +70,23 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
 
 }  // namespace
 
-void add_develop(CLI::App& root, Invocation& invocation) {
+void add_develop(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<DevelopArguments>();
-  CLI::App* verb =
-      root.add_subcommand("develop", "Turn a session's raw frames into linear pictures");
-  verb->add_option("SESSION", arguments->session, "Session folder")->required();
-  verb->add_option("--demosaic", arguments->demosaic, "How a Bayer mosaic becomes colour")
-      ->check(CLI::IsMember({"bilinear", "edge-aware", "none"}))
-      ->capture_default_str();
-  verb->add_option("--exr", arguments->exr, "Also write one OpenEXR picture a light here")
-      ->type_name("DIR");
-  verb->add_option("--cache", arguments->cache,
-                   "Keep the result here instead of SESSION/cache (a read-only session)")
-      ->type_name("DIR");
-  verb->footer(
+  Command verb = root.add_verb("develop", "Turn a session's raw frames into linear pictures");
+  verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
+  verb.option("--demosaic", &arguments->demosaic, "How a Bayer mosaic becomes colour",
+              {.choices = {"bilinear", "edge-aware", "none"}, .shows_default = true});
+  verb.option("--exr", &arguments->exr, "Also write one OpenEXR picture a light here",
+              {.type = "DIR"});
+  verb.option("--cache", &arguments->cache,
+              "Keep the result here instead of SESSION/cache (a read-only session)",
+              {.type = "DIR"});
+  verb.footer(
       "Values are linear shares of the camera's range a second at full drive and unit power.\n"
       "The result is a cache that compress and relight use; --force makes it again.\n"
       "Example:\n  haarlight develop door.session --exr door.exr/");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "develop";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_develop(*arguments, invocation.common, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_develop(*arguments, common, report);
   });
 }
 

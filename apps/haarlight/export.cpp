@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -100,27 +99,24 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
 
 }  // namespace
 
-void add_export(CLI::App& root, Invocation& invocation) {
+void add_export(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ExportArguments>();
-  CLI::App* verb = root.add_subcommand("export", "Write a session's lights for other programs");
-  verb->add_option("SESSION", arguments->session, "Session folder")->required();
-  verb->add_flag("--lp", arguments->lp, "RTI's list: picture and unit direction a line");
-  verb->add_flag("--dome", arguments->dome, "Relight's .dome: positions and LED factors");
-  verb->add_option("-o,--out", arguments->out, "File to write")->required()->type_name("FILE");
-  verb->add_option("--png", arguments->png,
-                   "Also develop one sRGB PNG a light here, and name these in the .lp")
-      ->type_name("DIR");
-  verb->footer(
+  Command verb = root.add_verb("export", "Write a session's lights for other programs");
+  verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
+  verb.flag("--lp", &arguments->lp, "RTI's list: picture and unit direction a line");
+  verb.flag("--dome", &arguments->dome, "Relight's .dome: positions and LED factors");
+  verb.option("-o,--out", &arguments->out, "File to write",
+              {.type = "FILE", .is_required = true});
+  verb.option("--png", &arguments->png,
+              "Also develop one sRGB PNG a light here, and name these in the .lp",
+              {.type = "DIR"});
+  verb.footer(
       "Directions are seen from the rig's object_centre.\n"
       "Examples:\n"
       "  haarlight export cube.session --lp -o cube.lp --png cube.png/\n"
       "  haarlight export cube.session --dome -o cube.dome");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "export";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_export(*arguments, invocation.common, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_export(*arguments, common, report);
   });
 }
 

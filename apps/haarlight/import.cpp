@@ -3,7 +3,6 @@
 
 #include "session/import.h"
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -62,41 +61,32 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
 
 }  // namespace
 
-void add_import(CLI::App& root, Invocation& invocation) {
+void add_import(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ImportArguments>();
-  CLI::App* verb = root.add_subcommand("import", "Make a session of other programs' pictures");
-  verb->add_option("DIR", arguments->folder, "Folder with one picture a light")->required();
-  verb->add_option("--lights", arguments->lights, "List of lights: .lp, .dome or .json")
-      ->required()
-      ->type_name("FILE");
-  verb->add_option("-o,--out", arguments->target, "Session folder to make")
-      ->required()
-      ->type_name("SESSION");
-  verb->add_option("--places", arguments->places,
-                   "What the numbers of a .lp are: unit directions, or positions in mm")
-      ->check(CLI::IsMember({"automatic", "directions", "positions"}))
-      ->capture_default_str();
-  verb->add_option(
-          "--transfer", arguments->transfer,
-          "What integer pictures hold; file: as the file says (display pictures: srgb)")
-      ->check(CLI::IsMember({"file", "srgb", "linear"}))
-      ->capture_default_str();
-  verb->add_option("--dark", arguments->dark, "A picture with all lights off; may be repeated")
-      ->type_name("PICTURE");
-  verb->add_option("--exclude", arguments->exclude,
-                   "Leave out pictures whose names contain this; may be repeated")
-      ->type_name("TEXT");
-  verb->footer(
+  Command verb = root.add_verb("import", "Make a session of other programs' pictures");
+  verb.option("DIR", &arguments->folder, "Folder with one picture a light",
+              {.is_required = true});
+  verb.option("--lights", &arguments->lights, "List of lights: .lp, .dome or .json",
+              {.type = "FILE", .is_required = true});
+  verb.option("-o,--out", &arguments->target, "Session folder to make",
+              {.type = "SESSION", .is_required = true});
+  verb.option("--places", &arguments->places,
+              "What the numbers of a .lp are: unit directions, or positions in mm",
+              {.choices = {"automatic", "directions", "positions"}, .shows_default = true});
+  verb.option("--transfer", &arguments->transfer,
+              "What integer pictures hold; file: as the file says (display pictures: srgb)",
+              {.choices = {"file", "srgb", "linear"}, .shows_default = true});
+  verb.option("--dark", &arguments->dark, "A picture with all lights off; may be repeated",
+              {.type = "PICTURE"});
+  verb.option("--exclude", &arguments->exclude,
+              "Leave out pictures whose names contain this; may be repeated", {.type = "TEXT"});
+  verb.footer(
       "Examples:\n"
       "  haarlight import door/ --lights door/dirs.lp -o door.session\n"
       "  haarlight import rig/ --lights rig.lp --places positions -o rig.session\n"
       "  haarlight import ball/ --lights lights.txt --exclude mask -o ball.session");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "import";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_import(*arguments, invocation.common, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_import(*arguments, common, report);
   });
 }
 

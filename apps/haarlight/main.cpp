@@ -4,11 +4,9 @@
 
 #include <cstdio>
 #include <exception>
-#include <iostream>
 #include <new>
 #include <optional>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -62,18 +60,14 @@ int run_guarded(haarlight::Invocation& invocation) {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  CLI::App app("haarlight: capture an object under every light, and relight it afterwards",
-               "haarlight");
-  app.set_version_flag("--version", std::string(haarlight::kVersion));
-  app.require_subcommand(1);
+  haarlight::CommandLine line(
+      "haarlight", "haarlight: capture an object under every light, and relight it afterwards",
+      std::string(haarlight::kVersion));
+  line.require_verb();
   haarlight::Invocation invocation;
-  haarlight::add_all_verbs(app, invocation);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    const bool is_help = error.get_exit_code() == 0;
-    app.exit(error, std::cout, std::cerr);
-    return static_cast<int>(is_help ? haarlight::ExitCode::done : haarlight::ExitCode::usage);
+  haarlight::add_all_verbs(line.root(), invocation);
+  if (const std::optional<haarlight::ExitCode> end = line.parse(argc, argv)) {
+    return static_cast<int>(*end);
   }
   return run_guarded(invocation);
 } catch (const std::exception& error) {

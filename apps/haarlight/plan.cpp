@@ -3,7 +3,6 @@
 
 #include "capture/plan.h"
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -61,26 +60,20 @@ ExitCode run_plan(const PlanArguments& arguments, bool is_forced, Report& report
 
 }  // namespace
 
-void add_plan(CLI::App& root, Invocation& invocation) {
+void add_plan(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<PlanArguments>();
-  CLI::App* verb =
-      root.add_subcommand("plan", "Expand a plan for a rig; say its time, disk and power");
-  verb->add_option("RIG", arguments->rig, "Rig file")->required()->type_name("RIG.toml");
-  verb->add_option("PLAN", arguments->plan, "Plan file, or a plan.json")
-      ->required()
-      ->type_name("PLAN.toml");
-  verb->add_option("-o", arguments->output, "Write the shot list")->type_name("plan.json");
-  verb->add_flag("--dry-run", arguments->is_dry_run, "Only say what it would cost");
-  verb->footer(
+  Command verb = root.add_verb("plan", "Expand a plan for a rig; say its time, disk and power");
+  verb.option("RIG", &arguments->rig, "Rig file", {.type = "RIG.toml", .is_required = true});
+  verb.option("PLAN", &arguments->plan, "Plan file, or a plan.json",
+              {.type = "PLAN.toml", .is_required = true});
+  verb.option("-o", &arguments->output, "Write the shot list", {.type = "plan.json"});
+  verb.flag("--dry-run", &arguments->is_dry_run, "Only say what it would cost");
+  verb.footer(
       "A plan that exceeds a face's max_watts is refused here, before a light is lit.\n"
       "Example:\n"
       "  haarlight plan configs/rigs/cube32.toml configs/plans/one_at_a_time.toml --dry-run");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "plan";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_plan(*arguments, invocation.common.force, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_plan(*arguments, common.force, report);
   });
 }
 

@@ -9,7 +9,6 @@
 #include <numbers>
 #include <optional>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -170,49 +169,43 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
 
 }  // namespace
 
-void add_relight(CLI::App& root, Invocation& invocation) {
+void add_relight(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RelightArguments>();
-  CLI::App* verb =
-      root.add_subcommand("relight", "Make the picture under an environment or chosen lights");
-  verb->add_option("BASIS", arguments->basis, "Basis file")->required()->type_name("BASIS.hlb");
-  verb->add_option("-o,--output", arguments->output, "Picture: .exr linear, .png for display")
-      ->required()
-      ->type_name("OUT");
-  verb->add_option("--cubemap", arguments->cubemap,
-                   "Environment: lat-long, cross or strip picture, or a folder of six faces")
-      ->type_name("ENV");
-  verb->add_option("--light,--lights", arguments->lights,
-                   "A light by number, or NUMBER=DRIVE; repeat it or separate with commas")
-      ->type_name("K[=W]");
-  verb->add_option("--weights", arguments->weights, "JSON list of every light's drive")
-      ->type_name("FILE.json");
-  auto* max_error = verb->add_option("--max-error", arguments->max_error,
-                                     "Fewest terms whose relative L2 error is bounded by this")
-                        ->check(CLI::Range(0.0, 1.0));
-  verb->add_option("--terms", arguments->terms, "Use this many terms (default: all)")
-      ->check(CLI::NonNegativeNumber)
-      ->excludes(max_error);
-  verb->add_option("--rotate", arguments->rotate_deg,
-                   "Turn the environment about z, degrees, counter-clockwise from above");
-  verb->add_option("--order", arguments->order,
-                   "Order of terms: transport, or light alone (poor; for comparison)")
-      ->check(CLI::IsMember({"transport", "light"}))
-      ->capture_default_str();
-  verb->add_option("--exposure", arguments->exposure,
-                   "Factor before display (default for .png: 99.5th percentile to white)");
-  verb->add_option("--against", arguments->against,
-                   "Session of the same capture: measures the error instead of bounding it")
-      ->type_name("SESSION");
-  verb->footer(
+  Command verb =
+      root.add_verb("relight", "Make the picture under an environment or chosen lights");
+  verb.option("BASIS", &arguments->basis, "Basis file",
+              {.type = "BASIS.hlb", .is_required = true});
+  verb.option("-o,--output", &arguments->output, "Picture: .exr linear, .png for display",
+              {.type = "OUT", .is_required = true});
+  verb.option("--cubemap", &arguments->cubemap,
+              "Environment: lat-long, cross or strip picture, or a folder of six faces",
+              {.type = "ENV"});
+  verb.option("--light,--lights", &arguments->lights,
+              "A light by number, or NUMBER=DRIVE; repeat it or separate with commas",
+              {.type = "K[=W]"});
+  verb.option("--weights", &arguments->weights, "JSON list of every light's drive",
+              {.type = "FILE.json"});
+  verb.option("--max-error", &arguments->max_error,
+              "Fewest terms whose relative L2 error is bounded by this",
+              {.bounds = Bounds{0.0, 1.0}});
+  verb.option("--terms", &arguments->terms, "Use this many terms (default: all)",
+              {.bounds = Bounds{}, .excludes = "--max-error"});
+  verb.option("--rotate", &arguments->rotate_deg,
+              "Turn the environment about z, degrees, counter-clockwise from above");
+  verb.option("--order", &arguments->order,
+              "Order of terms: transport, or light alone (poor; for comparison)",
+              {.choices = {"transport", "light"}, .shows_default = true});
+  verb.option("--exposure", &arguments->exposure,
+              "Factor before display (default for .png: 99.5th percentile to white)");
+  verb.option("--against", &arguments->against,
+              "Session of the same capture: measures the error instead of bounding it",
+              {.type = "SESSION"});
+  verb.footer(
       "Examples:\n"
       "  haarlight relight airplane.hlb --cubemap apartment.hdr --rotate 90 -o room.exr\n"
       "  haarlight relight airplane.hlb --light 528 --light 33=0.5 -o two.png");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "relight";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_relight(*arguments, invocation.common, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_relight(*arguments, common, report);
   });
 }
 

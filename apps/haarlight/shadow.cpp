@@ -7,7 +7,6 @@
 #include <numbers>
 #include <optional>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -382,81 +381,63 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
 
 }  // namespace
 
-void add_shadow(CLI::App& root, Invocation& invocation) {
+void add_shadow(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ShadowArguments>();
-  CLI::App* verb =
-      root.add_subcommand("shadow", "Cast the captured object's shadow on a scene");
-  verb->add_option("BASIS", arguments->basis, "Basis file")->required()->type_name("BASIS.hlb");
-  verb->add_option("--scene", arguments->scene,
-                   "Scene that receives the shadow, and its camera")
-      ->required()
-      ->type_name("SCENE.toml");
-  verb->add_option("-o,--output", arguments->output, "Picture: .exr linear, .png for display")
-      ->required()
-      ->type_name("OUT");
-  verb->add_option("--cubemap", arguments->cubemap,
-                   "Environment: lat-long, cross or strip picture, or a folder of six faces")
-      ->type_name("ENV");
-  verb->add_option("--light,--lights", arguments->lights,
-                   "A light by number, or NUMBER=DRIVE; repeat it or separate with commas")
-      ->type_name("K[=W]");
-  verb->add_option("--rotate", arguments->rotate_deg,
-                   "Turn the environment about z, degrees, counter-clockwise from above");
-  verb->add_option("--window", arguments->window,
-                   "What the shadow is averaged over: none, plain (the paper's), or corrected")
-      ->check(CLI::IsMember({"none", "plain", "corrected"}))
-      ->capture_default_str();
-  verb->add_option("--object-height", arguments->object_height,
-                   "Lowest and highest point of the object over the plane, mm")
-      ->delimiter(',')
-      ->expected(2)
-      ->type_name("LOW,HIGH");
-  verb->add_option("--plane", arguments->plane, "The rig's plane to use (default: the first)")
-      ->type_name("ID");
-  verb->add_option("--plate", arguments->plate,
-                   "Clean plate: a captured one, computed from the rig, or falloff (cos^4/r^2)")
-      ->type_name("FILE.hlb|computed|falloff")
-      ->capture_default_str();
-  verb->add_option("--mask", arguments->mask,
-                   "Camera picture that is white where the plane is seen, black on the object")
-      ->type_name("FILE");
-  verb->add_option("--size", arguments->size, "Picture size (default: the scene's camera)")
-      ->delimiter('x')
-      ->expected(2)
-      ->check(CLI::Range(1, 16384))
-      ->type_name("WxH");
-  verb->add_option("--subpixels", arguments->subpixels, "N x N samples a pixel")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  verb->add_flag("--no-own-shadows", arguments->has_no_own_shadows,
-                 "Leave out the shadows that the scene casts on itself");
-  verb->add_option(
-      "--exposure", arguments->exposure,
-      "Factor before display (default for .png: unshadowed 99.5th percentile white)");
-  verb->add_option("--spread", arguments->spread,
-                   "Also write how far the hidden region lets the picture vary")
-      ->type_name("OUT");
-  verb->add_option("--truth-object", arguments->truth_object,
-                   "Scene of the object itself, where it is known")
-      ->type_name("SCENE.toml");
-  verb->add_option("--truth", arguments->truth,
-                   "Also ray-trace that object's shadow, and measure the error against it")
-      ->type_name("OUT");
-  verb->add_option("--difference", arguments->difference,
-                   "Also write the absolute difference to that truth, four times brighter")
-      ->type_name("OUT");
-  verb->footer(
+  Command verb = root.add_verb("shadow", "Cast the captured object's shadow on a scene");
+  verb.option("BASIS", &arguments->basis, "Basis file",
+              {.type = "BASIS.hlb", .is_required = true});
+  verb.option("--scene", &arguments->scene, "Scene that receives the shadow, and its camera",
+              {.type = "SCENE.toml", .is_required = true});
+  verb.option("-o,--output", &arguments->output, "Picture: .exr linear, .png for display",
+              {.type = "OUT", .is_required = true});
+  verb.option("--cubemap", &arguments->cubemap,
+              "Environment: lat-long, cross or strip picture, or a folder of six faces",
+              {.type = "ENV"});
+  verb.option("--light,--lights", &arguments->lights,
+              "A light by number, or NUMBER=DRIVE; repeat it or separate with commas",
+              {.type = "K[=W]"});
+  verb.option("--rotate", &arguments->rotate_deg,
+              "Turn the environment about z, degrees, counter-clockwise from above");
+  verb.option("--window", &arguments->window,
+              "What the shadow is averaged over: none, plain (the paper's), or corrected",
+              {.choices = {"none", "plain", "corrected"}, .shows_default = true});
+  verb.option("--object-height", &arguments->object_height,
+              "Lowest and highest point of the object over the plane, mm",
+              {.type = "LOW,HIGH", .delimiter = ',', .count = 2});
+  verb.option("--plane", &arguments->plane, "The rig's plane to use (default: the first)",
+              {.type = "ID"});
+  verb.option("--plate", &arguments->plate,
+              "Clean plate: a captured one, computed from the rig, or falloff (cos^4/r^2)",
+              {.type = "FILE.hlb|computed|falloff", .shows_default = true});
+  verb.option("--mask", &arguments->mask,
+              "Camera picture that is white where the plane is seen, black on the object",
+              {.type = "FILE"});
+  verb.option("--size", &arguments->size, "Picture size (default: the scene's camera)",
+              {.type = "WxH", .bounds = Bounds{1, 16384}, .delimiter = 'x', .count = 2});
+  verb.option("--subpixels", &arguments->subpixels, "N x N samples a pixel",
+              {.bounds = Bounds{1, 16}, .shows_default = true});
+  verb.flag("--no-own-shadows", &arguments->has_no_own_shadows,
+            "Leave out the shadows that the scene casts on itself");
+  verb.option("--exposure", &arguments->exposure,
+              "Factor before display (default for .png: unshadowed 99.5th percentile white)");
+  verb.option("--spread", &arguments->spread,
+              "Also write how far the hidden region lets the picture vary", {.type = "OUT"});
+  verb.option("--truth-object", &arguments->truth_object,
+              "Scene of the object itself, where it is known", {.type = "SCENE.toml"});
+  verb.option("--truth", &arguments->truth,
+              "Also ray-trace that object's shadow, and measure the error against it",
+              {.type = "OUT"});
+  verb.option("--difference", &arguments->difference,
+              "Also write the absolute difference to that truth, four times brighter",
+              {.type = "OUT"});
+  verb.footer(
       "Examples:\n"
       "  haarlight shadow airplane.hlb --scene configs/scenes/stairs.toml \\\n"
       "      --cubemap apartment.hdr --object-height 76,128 -o shadow.exr\n"
       "  haarlight shadow airplane.hlb --scene configs/scenes/stairs.toml --light 528 \\\n"
       "      --truth-object configs/scenes/airplane.toml --truth truth.png -o shadow.png");
-  add_common_options(*verb, invocation);
-  verb->callback([arguments, &invocation] {
-    invocation.command = "shadow";
-    invocation.run = [arguments, &invocation](Report& report) {
-      return run_shadow(*arguments, invocation.common, report);
-    };
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_shadow(*arguments, common, report);
   });
 }
 

@@ -3,15 +3,13 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <string>
 
+#include "apps/command_line.h"
 #include "core/error.h"
 #include "core/progress.h"
 #include "core/report.h"
-
-namespace CLI {
-class App;
-}
 
 /// @file
 /// A verb of the `haarlight` command. Each has its own file with one function add_VERB;
@@ -21,7 +19,7 @@ namespace haarlight {
 
 /// Options that every verb has.
 struct CommonOptions {
-  std::filesystem::path report;  ///< empty: none
+  std::string report;  ///< file; empty: none
   bool quiet = false;
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   int threads = 0;  ///< 0: one a core
@@ -30,17 +28,21 @@ struct CommonOptions {
   [[nodiscard]] ProgressStyle progress() const { return choose_progress_style(quiet); }
 };
 
-/// What the command line asked for. A verb's CLI11 callback fills `command` and `run`.
+/// What the command line asked for: filled by the verb that it names.
 struct Invocation {
   CommonOptions common;
   std::string command;
   std::function<ExitCode(Report& report)> run;
 };
 
-/// Adds --report, --quiet, --memory, --threads, --force to a verb.
-void add_common_options(CLI::App& verb, Invocation& invocation);
+/// The work of a verb. It adds what it was asked and what it reached to the report.
+using RunVerb = std::function<ExitCode(const CommonOptions& common, Report& report)>;
+
+/// The last step of every add_VERB: adds --report, --quiet, --memory, --threads and --force
+/// after the verb's own options, and has `run` called when the command line names the verb.
+void finish_verb(Command verb, Invocation& invocation, RunVerb run);
 
 /// Adds every verb of the table in verbs.cpp.
-void add_all_verbs(CLI::App& root, Invocation& invocation);
+void add_all_verbs(Command root, Invocation& invocation);
 
 }  // namespace haarlight

@@ -5,47 +5,50 @@
 
 #include <cmath>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
 
 namespace haarlight {
 
-void add_verify(CLI::App& root, Invocation& invocation) {
+namespace {
+
+ExitCode run_verify(const std::string& folder, const CommonOptions& common, Report& report) {
+  report.add_input(folder);
+  const VerifyReport found = verify_session(folder, common.progress());
+  report.add_reached("shots", std::int64_t{found.n_shots});
+  report.add_reached("good_frames", std::int64_t{found.n_frames});
+  report.add_reached("problems", static_cast<std::int64_t>(found.problems.size()));
+  report.add_reached("least_margin_us", found.least_margin_us);
+  for (const std::string& problem : found.problems) {
+    fmt::print("{}\n", problem);
+  }
+  if (!common.quiet) {
+    for (const std::string& note : found.notes) {
+      fmt::print(stderr, "note: {}\n", note);
+    }
+  }
+  const std::string margin =
+      std::isfinite(found.least_margin_us)
+          ? fmt::format(", least margin {:.1f} us", found.least_margin_us)
+          : std::string(", evidence asserted");
+  fmt::print("{}: {} of {} frames hold, {} problems{}\n", folder, found.n_frames, found.n_shots,
+             found.problems.size(), margin);
+  return found.is_good() ? ExitCode::done : ExitCode::target_missed;
+}
+
+}  // namespace
+
+void add_verify(Command root, Invocation& invocation) {
   auto folder = std::make_shared<std::string>();
-  CLI::App* verb = root.add_subcommand("verify", "Re-check every promise of a session");
-  verb->add_option("SESSION", *folder, "Session folder")->required();
-  verb->footer(
+  Command verb = root.add_verb("verify", "Re-check every promise of a session");
+  verb.option("SESSION", folder.get(), "Session folder", {.is_required = true});
+  verb.footer(
       "Every byte is read and every hash, stamp and clean margin is computed again.\n"
       "Exit code 1 when a promise is broken; each is one line of output.\n"
       "Example:\n  haarlight verify door.session");
-  add_common_options(*verb, invocation);
-  verb->callback([folder, &invocation] {
-    invocation.command = "verify";
-    invocation.run = [folder, &invocation](Report& report) {
-      report.add_input(*folder);
-      const VerifyReport found = verify_session(*folder, invocation.common.progress());
-      report.add_reached("shots", std::int64_t{found.n_shots});
-      report.add_reached("good_frames", std::int64_t{found.n_frames});
-      report.add_reached("problems", static_cast<std::int64_t>(found.problems.size()));
-      report.add_reached("least_margin_us", found.least_margin_us);
-      for (const std::string& problem : found.problems) {
-        fmt::print("{}\n", problem);
-      }
-      if (!invocation.common.quiet) {
-        for (const std::string& note : found.notes) {
-          fmt::print(stderr, "note: {}\n", note);
-        }
-      }
-      const std::string margin =
-          std::isfinite(found.least_margin_us)
-              ? fmt::format(", least margin {:.1f} us", found.least_margin_us)
-              : std::string(", evidence asserted");
-      fmt::print("{}: {} of {} frames hold, {} problems{}\n", *folder, found.n_frames,
-                 found.n_shots, found.problems.size(), margin);
-      return found.is_good() ? ExitCode::done : ExitCode::target_missed;
-    };
+  finish_verb(verb, invocation, [folder](const CommonOptions& common, Report& report) {
+    return run_verify(*folder, common, report);
   });
 }
 

@@ -7,17 +7,17 @@
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
-#include <iostream>
+#include <optional>
 #include <string>
 #include <thread>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <poll.h>
 #include <sys/signalfd.h>
 #include <systemd/sd-daemon.h>
 #include <unistd.h>
 
+#include "apps/command_line.h"
 #include "capture/daemon.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -143,30 +143,29 @@ ExitCode run(const Options& options) {
 }
 
 int run_command_line(int argc, char** argv) {
-  CLI::App app("haarlightd: captures an object under every light of a rig", "haarlightd");
-  app.set_version_flag("--version", std::string(haarlight::kVersion));
+  haarlight::CommandLine line("haarlightd",
+                              "haarlightd: captures an object under every light of a rig",
+                              std::string(haarlight::kVersion));
+  haarlight::Command program = line.root();
   Options options;
-  app.add_option("RIG", options.rig, "Rig file")->required()->type_name("RIG.toml");
-  app.add_option("--sessions", options.sessions, "Folder of sessions (default: the rig file's)")
-      ->type_name("DIR");
-  app.add_option("--web", options.web, "Folder of the daemon's page")->type_name("DIR");
-  app.add_option("--port", options.port, "HTTP port (default: the rig file's; 0: any free one)")
-      ->check(CLI::Range(0, 65535));
-  app.add_flag("--check-config", options.is_check_only,
+  program.option("RIG", &options.rig, "Rig file", {.type = "RIG.toml", .is_required = true});
+  program.option("--sessions", &options.sessions,
+                 "Folder of sessions (default: the rig file's)", {.type = "DIR"});
+  program.option("--web", &options.web, "Folder of the daemon's page", {.type = "DIR"});
+  program.option("--port", &options.port,
+                 "HTTP port (default: the rig file's; 0: any free one)",
+                 {.bounds = haarlight::Bounds{0, 65535}});
+  program.flag("--check-config", &options.is_check_only,
                "Read and check everything, touch no hardware, exit");
-  app.add_flag("--all-off", options.is_all_off,
+  program.flag("--all-off", &options.is_all_off,
                "Put all lights out and exit: what the service manager does after a stop");
-  app.add_flag("--stay-idle", options.stays_idle, "Do not go on with an unfinished session");
-  app.footer(
+  program.flag("--stay-idle", &options.stays_idle, "Do not go on with an unfinished session");
+  program.footer(
       "Exit codes: 0 ended by request, 2 usage, 65 bad configuration, 69 device or address "
       "not there,\n70 our own bug or a hanging device, 74 input/output.\n\n"
       "Example:\n  haarlightd configs/rigs/cube32.toml --sessions /data/sessions");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    const bool is_help = error.get_exit_code() == 0;
-    app.exit(error, std::cout, std::cerr);
-    return static_cast<int>(is_help ? ExitCode::done : ExitCode::usage);
+  if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
+    return static_cast<int>(*end);
   }
   return static_cast<int>(run(options));
 }

@@ -11,13 +11,14 @@
 #include <memory>
 #include <optional>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
+#include "apps/command_line.h"
 #include "core/error.h"
 #include "core/random.h"
+#include "core/report.h"
 #include "core/tolerance.h"
 #include "relight/basis/compress_session.h"
 #include "relight/basis/plate.h"
@@ -35,7 +36,7 @@ struct Arguments {
   std::string rig = "configs/rigs/cube32.toml";
   std::string scene;
   std::string lightings;
-  bool has_plate = true;
+  bool has_no_plate = false;
   int repeats = 9;
   double electrons = 0.0;
   std::vector<double> errors = {0.01, 0.001, 0.0};
@@ -153,7 +154,7 @@ Capture open_capture(const Arguments& arguments) {
     capture.file_source = std::make_unique<LightStackSource>(*capture.file);
     capture.source.stack = capture.file_source.get();
     capture.source.grid = haar_grid(session.info());
-    if (arguments.has_plate && session.rig()) {
+    if (!arguments.has_no_plate && session.rig()) {
       const StackDims dims = capture.source.stack->dims();
       const int camera = camera_of_size(*session.rig(), dims.width, dims.height);
       if (camera >= 0) {
@@ -171,7 +172,7 @@ Capture open_capture(const Arguments& arguments) {
     }
     capture.source.stack = &*capture.memory;
     capture.source.grid = rig.faces.front().rows;
-    if (arguments.has_plate) {
+    if (!arguments.has_no_plate) {
       capture.plate = std::make_unique<MemoryStack>(read_all(ComputedPlate(rig)));
     }
     capture.source.name = arguments.scene;
@@ -261,17 +262,23 @@ void print_rows(const std::vector<Row>& rows) {
 
 int run(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app("Speed for accuracy: compress a capture and relight it");
-  app.add_option("SESSION", arguments.session, "Session folder");
-  app.add_option("--rig", arguments.rig, "Rig of the twin")->capture_default_str();
-  app.add_option("--scene", arguments.scene, "Scene file: rendered as the twin was, 128 x 128");
-  app.add_option("--lightings", arguments.lightings, "lightings.json of the twin");
-  app.add_option("--repeats", arguments.repeats, "Runs of each mode")->capture_default_str();
-  app.add_option("--electrons", arguments.electrons,
+  CommandLine line("relight_accuracy", "Speed for accuracy: compress a capture and relight it",
+                   std::string(kVersion));
+  Command program = line.root();
+  program.option("SESSION", &arguments.session, "Session folder");
+  program.option("--rig", &arguments.rig, "Rig of the twin", {.shows_default = true});
+  program.option("--scene", &arguments.scene,
+                 "Scene file: rendered as the twin was, 128 x 128");
+  program.option("--lightings", &arguments.lightings, "lightings.json of the twin");
+  program.option("--repeats", &arguments.repeats, "Runs of each mode", {.shows_default = true});
+  program.option("--electrons", &arguments.electrons,
                  "Noise: electrons of a lit pixel, 0 = none");
-  app.add_option("--errors", arguments.errors, "Errors to compress to");
-  app.add_flag("!--no-plate", arguments.has_plate, "Without the clean plate");
-  CLI11_PARSE(app, argc, argv);
+  program.option("--errors", &arguments.errors, "Errors to compress to, separated by commas",
+                 {.delimiter = ','});
+  program.flag("--no-plate", &arguments.has_no_plate, "Without the clean plate");
+  if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
+    return static_cast<int>(*end);
+  }
   const auto folder =
       std::filesystem::temp_directory_path() / fmt::format("accuracy-{}", ::getpid());
   std::filesystem::create_directories(folder);

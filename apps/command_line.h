@@ -1,0 +1,103 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "core/error.h"
+
+/// @file
+/// The command line of every program: arguments, options, flags, verbs, --help and --version.
+/// Only the .cpp sees CLI11, which costs seconds in every file that includes it.
+///
+///     CommandLine line("haarlight-sim", "a virtual rig", "0.1.0");
+///     line.root().option("RIG", &rig, "Rig file", {.type = "RIG.toml", .is_required = true});
+///     if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
+///       return static_cast<int>(*end);
+///     }
+
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's name
+class App;
+}
+
+namespace haarlight {
+
+/// The variable that an option fills; it must live until the line is parsed. Real numbers are
+/// finite. A list takes one value each time its option is given, a positional list all that
+/// follow, unless OptionRules says otherwise.
+using OptionTarget =
+    std::variant<std::string*, int*, std::uint64_t*, double*, std::optional<int>*,
+                 std::optional<double>*, std::vector<std::string>*, std::vector<int>*,
+                 std::vector<double>*>;
+
+/// Allowed values of a number, inclusive.
+struct Bounds {
+  double min = 0.0;
+  double max = std::numeric_limits<double>::infinity();
+};
+
+/// What else is known of an option. A value that breaks a rule ends the program with usage.
+struct OptionRules {
+  std::string type = {};          ///< the value's name in --help; empty: by its C++ type
+  std::string default_text = {};  ///< in --help; `shows_default` asks the variable instead
+  std::vector<std::string> choices = {};
+  std::optional<Bounds> bounds = {};
+  std::string excludes = {};     ///< an option defined before that may not stand beside it
+  std::string environment = {};  ///< variable that gives the value when the option does not
+  char delimiter = '\0';         ///< between the values of a list, in one word
+  int count = 0;                 ///< values of a list; 0: any number
+  bool is_required = false;
+  bool shows_default = false;
+  bool is_bytes = false;  ///< takes 512M and 4G, powers of 1024; for std::uint64_t
+};
+
+/// One command: a program, or a verb of it. A handle; copies mean the same command.
+class Command {
+ public:
+  /// A name without dashes is positional; "-o,--output" gives a short and a long name.
+  void option(const std::string& names, OptionTarget target, const std::string& help,
+              const OptionRules& rules = {});
+  void flag(const std::string& names, bool* target, const std::string& help);
+  /// What --help says last: notes and examples.
+  void footer(const std::string& text);
+  /// A verb of this command.
+  Command add_verb(const std::string& name, const std::string& help);
+  /// Called during parse() when the line names this command, every value in its place.
+  void on_chosen(std::function<void()> callback);
+  [[nodiscard]] std::string name() const;
+
+ private:
+  friend class CommandLine;
+  explicit Command(CLI::App* app) : app_(app) {}
+  CLI::App* app_;
+};
+
+/// The command line of a program. Not movable: verbs refer to it.
+class CommandLine {
+ public:
+  CommandLine(const std::string& program, const std::string& description,
+              const std::string& version);
+  ~CommandLine();
+  CommandLine(const CommandLine&) = delete;
+  CommandLine& operator=(const CommandLine&) = delete;
+
+  [[nodiscard]] Command root();
+  /// Exactly one verb must be named.
+  void require_verb();
+  /// Fills the variables, then calls what on_chosen() set. Help and version go to the standard
+  /// output, problems to the standard error.
+  /// @return  how the program must end at once: done after help, usage after a problem;
+  ///          nothing when it has work to do
+  [[nodiscard]] std::optional<ExitCode> parse(int argc, const char* const* argv);
+
+ private:
+  std::unique_ptr<CLI::App> app_;
+};
+
+}  // namespace haarlight
