@@ -42,6 +42,7 @@ function(haarlight_add_test)
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings GTest::gmock
                                             GTest::gtest_main rapidcheck rapidcheck_gtest)
+  target_compile_options(${ARG_NAME} PRIVATE ${HAARLIGHT_TEST_FLAGS})
   # Tests run in the source folder: no path of a machine enters a compile command, so that the
   # compiler cache serves every clone.
   target_compile_definitions(${ARG_NAME} PRIVATE HAARLIGHT_SOURCE_DIR=".")
