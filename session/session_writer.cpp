@@ -70,6 +70,7 @@ struct SessionWriter::Impl {
 
   /// Moves a file to aside/ with a note of the reason beside it; nothing is overwritten there.
   [[nodiscard]] Result<void> set_aside(const fs::path& file, const std::string& reason);
+  [[nodiscard]] Result<void> set_session_json_aside();
   [[nodiscard]] Result<void> note_events_of_aside();
 
   [[nodiscard]] Result<void> open_journal();
@@ -132,6 +133,23 @@ Result<void> SessionWriter::Impl::set_aside(const fs::path& file, const std::str
   recovery.set_aside.push_back(
       fmt::format("{}: {}", fs::relative(target, folder, ignored).string(), reason));
   return {};
+}
+
+/// Before a shot of a finished session is withdrawn: a daemon that dies before the new frame is
+/// there finds an unfinished session and goes on with it.
+Result<void> SessionWriter::Impl::set_session_json_aside() {
+  const fs::path file = folder / "session.json";
+  std::error_code ignored;
+  if (!fs::exists(file, ignored)) {
+    return {};
+  }
+  if (auto done = set_aside(file, "a shot is taken again"); !done) {
+    return done;
+  }
+  if (auto done = storage->sync_folder(aside()); !done) {
+    return done;
+  }
+  return storage->sync_folder(folder);
 }
 
 Result<void> SessionWriter::Impl::note_events_of_aside() {
@@ -621,6 +639,9 @@ Result<void> SessionWriter::withdraw(int shot, const std::string& reason) {
     if (row.state != RowState::committed) {
       continue;
     }
+    if (auto done = impl.set_session_json_aside(); !done) {
+      return done;
+    }
     // The note outlives the journal: a rebuild must not bring the frame back.
     const fs::path note =
         impl.aside() / fmt::format("{:06}_a{}.withdrawn.txt", row.shot, row.attempt);
@@ -655,6 +676,8 @@ Result<std::vector<JournalEvent>> SessionWriter::events_after(std::int64_t id,
   }
   return impl_->journal->events_after(id, limit);
 }
+
+bool SessionWriter::is_finished() const { return !impl_->journal.has_value(); }
 
 Result<void> SessionWriter::finish() {
   Impl& impl = *impl_;

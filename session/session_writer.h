@@ -68,7 +68,8 @@ class SessionWriter {
   /// call may be repeated (after a failed fsync a new file is written).
   [[nodiscard]] Result<void> commit(std::span<const PendingFrame> frames);
 
-  /// Marks a shot pending again (reshoot); old attempts stay on disk and in the journal.
+  /// Marks a shot pending again (reshoot); old attempts stay on disk and in the journal. A
+  /// session.json goes aside first: the session is unfinished until finish() writes a new one.
   [[nodiscard]] Result<void> withdraw(int shot, const std::string& reason);
 
   /// Appends to the journal's event log (state changes, faults, discarded frames). The row's
@@ -79,6 +80,9 @@ class SessionWriter {
   /// Events after row `id`, oldest first, at most `limit` (Last-Event-ID of the event stream).
   [[nodiscard]] Result<std::vector<JournalEvent>> events_after(std::int64_t id,
                                                                int limit) const;
+
+  /// finish() has closed the journal; only reopen() leads on.
+  [[nodiscard]] bool is_finished() const;
 
   /// Writes session.json, checkpoints the journal and takes it out of WAL mode. Every shot must
   /// be committed.

@@ -24,7 +24,7 @@ using test::FaultyDisk;
 using test::Survives;
 using test::TemporaryFolder;
 
-// 64 in session_crash_test (label slow), 8 in session_test.
+// 64 in session_crash_test (label soak), 8 in session_test.
 constexpr int kShots = HAARLIGHT_CRASH_SHOTS;
 constexpr int kVerifyEvery =
     kShots > 8 ? 16 : 1;  // verify reads all frames again: a sample will do
@@ -218,6 +218,43 @@ TEST(Crash, StoppedDuringRecoveryLosesNothing) {
     disk.crash(s, Survives::everything, 0);
     expect_recovers(s, acknowledged, fmt::format("stopped at operation {} of recovery", i));
     if (is_end || HasFatalFailure()) {
+      return;
+    }
+  }
+}
+
+/// A shot of a finished session is taken again: either nothing has happened yet, or the session
+/// is unfinished and goes on; never one that says it is finished and has lost the request.
+TEST(Crash, StoppedWhileAShotIsTakenAgainKeepsTheRequest) {
+  constexpr int kShot = 2;
+  TemporaryFolder seed;
+  test::make_small_session(seed.path() / "s", kShots);
+  for (int i = 0;; ++i) {
+    TemporaryFolder folder;
+    const fs::path s = folder.path() / "s";
+    fs::copy(seed.path() / "s", s, fs::copy_options::recursive);
+    FaultyDisk disk({.stop_at = i});
+    bool is_withdrawn = false;
+    bool is_finished = false;
+    Acknowledged acknowledged;
+    try {
+      auto writer = SessionWriter::reopen(s, disk);
+      is_withdrawn = writer && writer->withdraw(kShot, "a hand was in it").has_value();
+      is_finished = is_withdrawn && capture(*writer, acknowledged).has_value();
+    } catch (const test::Stopped&) {
+    }
+    disk.stop();
+    disk.crash(s, Survives::everything, 0);
+    const std::string moment = fmt::format("stopped at operation {}", i);
+    const bool says_finished = fs::exists(s / "session.json");
+    expect_recovers(s, acknowledged, moment);
+    ASSERT_FALSE(HasFatalFailure());
+    const FrameRecord frame = Session::open(s).info().frames.at(kShot);
+    if (is_withdrawn) {
+      EXPECT_EQ(frame.attempt, 1) << moment;
+      EXPECT_EQ(says_finished && acknowledged.empty(), false) << moment;
+    }
+    if (is_finished) {
       return;
     }
   }

@@ -144,6 +144,30 @@ TEST(Import, RefusesByName) {
   expect_nothing_written(folder.path(), out);
 }
 
+TEST(Import, RefusesOneBadNumberIn1024PicturesByName) {
+  constexpr int kPictures = 1024;
+  constexpr int kBad = 517;
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  fs::create_directories(in);
+  std::string lp = fmt::format("{}\n", kPictures);
+  for (int k = 0; k < kPictures; ++k) {
+    Image<float> picture = gradient(3, 4, 1, 0.01F * static_cast<float>(k));
+    if (k == kBad) {
+      picture(2, 1, 0) = std::numeric_limits<float>::quiet_NaN();
+    }
+    const std::string name = fmt::format("light_{:04}.tif", k);
+    write_image(in / name, picture.view());
+    const double angle = 0.001 * (k - kPictures / 2);
+    lp += fmt::format("{} {} 0 {}\n", name, std::sin(angle), std::cos(angle));
+  }
+  test::write_text(in / "dirs.lp", lp);
+  const fs::path out = folder.path() / "out";
+  EXPECT_THAT(refusal(in, in / "dirs.lp", out),
+              AllOf(HasSubstr("light_0517.tif"), HasSubstr("pixel (x 1, y 2)")));
+  expect_nothing_written(folder.path(), out);
+}
+
 TEST(Import, TakesPicturesInNaturalOrderWhenTheListNamesNone) {
   TemporaryFolder folder;
   const fs::path in = folder.path() / "in";
