@@ -16,6 +16,12 @@ namespace haarlight {
 
 namespace {
 
+#if defined(HAARLIGHT_TSAN)
+// OpenImageIO's and OpenEXR's pools are built without ThreadSanitizer, which takes their
+// hand-overs for races: every picture is read and written by the thread that asks.
+const bool kHasNoPools = OIIO::attribute("threads", 1) && OIIO::attribute("exr_threads", -1);
+#endif
+
 constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28U;
 
 /// The formats we read, by their first bytes; empty when it is none of them.

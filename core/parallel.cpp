@@ -37,6 +37,29 @@ class TaskOrder {
 #endif
 };
 
+/// The two ends of one task and of the whole call, whether by return or by exception.
+class TaskMark {
+ public:
+  explicit TaskMark(TaskOrder& order) : order_(order) { order_.task_starts(); }
+  ~TaskMark() { order_.task_ends(); }
+  TaskMark(const TaskMark&) = delete;
+  TaskMark& operator=(const TaskMark&) = delete;
+
+ private:
+  TaskOrder& order_;
+};
+
+class CallMark {
+ public:
+  explicit CallMark(TaskOrder& order) : order_(order) { order_.caller_starts(); }
+  ~CallMark() { order_.caller_goes_on(); }
+  CallMark(const CallMark&) = delete;
+  CallMark& operator=(const CallMark&) = delete;
+
+ private:
+  TaskOrder& order_;
+};
+
 }  // namespace
 
 void parallel_for(std::size_t count, std::size_t grain,
@@ -44,18 +67,16 @@ void parallel_for(std::size_t count, std::size_t grain,
   HAARLIGHT_EXPECTS(grain > 0, "a positive grain");
   const std::size_t n_pieces = (count + grain - 1) / grain;
   TaskOrder order;
-  order.caller_starts();
+  const CallMark call(order);
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, n_pieces, 1),
       [&](const tbb::blocked_range<std::size_t>& pieces) {
-        order.task_starts();
+        const TaskMark task(order);
         for (std::size_t i = pieces.begin(); i != pieces.end(); ++i) {
           body(i * grain, std::min(count, (i + 1) * grain));
         }
-        order.task_ends();
       },
       tbb::simple_partitioner());
-  order.caller_goes_on();
 }
 
 struct ThreadLimit::Impl {
