@@ -10,9 +10,7 @@
 #include <utility>
 #include <variant>
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include "capture/daemon_http.h"
 #include "capture/frame_checks.h"
@@ -23,6 +21,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
+#include "http/json_text.h"
 #include "http/server.h"
 
 namespace haarlight {
@@ -36,8 +35,9 @@ using std::chrono::milliseconds;
 constexpr std::size_t kMaxLines = 8192;  // of the event stream, kept for replay
 constexpr std::int64_t kRowBits = 24;    // of an event id; above them the session's second
 constexpr milliseconds kControlTick{100};
-constexpr std::size_t kNameLength = 6;  // of the plan's hash, in a session's name
-constexpr const char* kAbortMark = "aborted.txt";
+constexpr std::size_t kNameLength = 6;    // of the plan's hash, in a session's name
+constexpr std::size_t kMaxDeferred = 16;  // requests of people while a session is opened
+constexpr std::int64_t kReopenNs = 2'000'000'000;  // a full disk at the start: tried again
 
 /// How long one call of a thread may last before the daemon gives itself up.
 milliseconds limit_of(std::string_view thread) {
@@ -53,26 +53,27 @@ std::string second_name() {
   return text.data();
 }
 
-bool is_plain_name(const std::string& name) {
-  return !name.empty() && name.size() <= 100 && name.front() != '.' &&
-         std::all_of(name.begin(), name.end(), [](char c) {
-           return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-                  c == '-' || c == '_' || c == '.';
-         });
-}
-
 template <class T>
 T require_device(Result<T> made, const Rig& rig) {
   if (!made) {
     throw Error(made.error().what, rig.file.string(), "correct the rig file",
-                ExitCode::unavailable);
+                ExitCode::bad_input);
   }
   return *std::move(made);
 }
 
 }  // namespace
 
-void require_sync_mode(const Rig& rig) {
+bool is_session_name(const std::string& name) {
+  return !name.empty() && name.size() <= 100 && name.front() != '.' &&
+         std::none_of(name.begin(), name.end(),
+                      [](char c) { return c == '/' || c == '\\' || (c >= 0 && c < ' '); });
+}
+
+void require_drivers(const DaemonConfig& config) {
+  const Rig& rig = config.rig;
+  (void)require_device(config.make_light(), rig);
+  (void)require_device(config.make_camera(), rig);
   if (rig.sync != SyncMode::free_run) {
     throw Error(
         fmt::format("sync mode \"{}\" needs a trigger or strobe line, which remote cameras "
@@ -107,7 +108,7 @@ class Daemon::Impl {
             EventStreamOptions{.replay = [this](std::int64_t after, std::size_t max) {
               return replay(after, max);
             }})) {
-    require_sync_mode(config_.rig);
+    require_drivers(config_);
     std::error_code error;
     fs::create_directories(config_.sessions, error);
     if (error) {
@@ -121,7 +122,7 @@ class Daemon::Impl {
         WriterThreadConfig{.rig = config_.rig,
                            .storage = config_.storage,
                            .send = send,
-                           .opened = [this](Result<OpenSession> s) { receive(std::move(s)); },
+                           .opened = [this](Result<OpenSession> s) { post(std::move(s)); },
                            .logged = [this](const JournalLine& line) { publish(line); }},
         store_);
     camera_ = std::make_unique<CameraThread>(std::move(camera), config_.rig.cameras.front(),
@@ -198,19 +199,19 @@ class Daemon::Impl {
     order.rig_toml = config_.rig.text;
     RunReceipt receipt{order.id, order.folder, order.plan.hash,
                        static_cast<int>(order.plan.shots.size())};
-    writer_->open(std::move(order));
+    post(std::move(order));
     return receipt;
   }
 
   RunReceipt resume_session(const std::string& id) {
-    if (!is_plain_name(id) || !fs::exists(config_.sessions / id / "start.json")) {
+    if (!is_session_name(id) || !fs::exists(config_.sessions / id / "start.json")) {
       throw Error("there is no session \"" + id + "\" to go on with", config_.sessions.string(),
                   "GET /v1/sessions lists them");
     }
     take_turn();
     std::error_code ignored;
     fs::remove(config_.sessions / id / kAbortMark, ignored);
-    writer_->open(SessionOrder{.folder = config_.sessions / id, .is_new = false, .id = id});
+    post(SessionOrder{.folder = config_.sessions / id, .is_new = false, .id = id});
     return RunReceipt{.session = id, .folder = config_.sessions / id};
   }
 
@@ -227,12 +228,10 @@ class Daemon::Impl {
     }
     auto plan = std::make_shared<const Plan>(expand_plan(settings, config_.rig));
     take_turn();
-    (void)inbox_.push(PreviewOrder{std::move(plan)}, control_stop_.get_token());
+    post(PreviewOrder{std::move(plan)});
   }
 
-  void receive(EventBody body) {
-    (void)inbox_.push(std::move(body), control_stop_.get_token());
-  }
+  void receive(EventBody body) { post(std::move(body)); }
 
   [[nodiscard]] std::string hanging_thread() const {
     for (const ThreadPulse* pulse : {&lights_->pulse(), &camera_->pulse(), &writer_->pulse(),
@@ -248,23 +247,23 @@ class Daemon::Impl {
   struct PreviewOrder {
     std::shared_ptr<const Plan> plan;
   };
-  using Message = std::variant<EventBody, Result<OpenSession>, PreviewOrder>;
+  using Message = std::variant<EventBody, SessionOrder, Result<OpenSession>, PreviewOrder>;
 
-  void receive(Result<OpenSession> session) {
-    (void)inbox_.push(std::move(session), control_stop_.get_token());
+  void post(Message message) {
+    (void)inbox_.push(std::move(message), control_stop_.get_token());
   }
 
   /// One session at a time. @throws Error(interrupted)
   void take_turn() {
     const std::lock_guard lock(mutex_);
     const Phase phase = published_.phase;
-    const bool is_free = phase == Phase::idle || phase == Phase::done ||
-                         (phase == Phase::safe_off && published_.current < 0 &&
-                          published_.n_committed == static_cast<int>(published_.shots.size()));
-    if (!is_free || published_.is_opening) {
+    if (!is_free(phase) || published_.is_opening) {
       throw Error(fmt::format("the daemon is busy: {}{}", to_string(phase),
                               published_.session.empty() ? "" : " with " + published_.session),
-                  "run", "wait for it, or abort it first", ExitCode::interrupted);
+                  "run",
+                  phase == Phase::safe_off ? "resume first: all is off by request"
+                                           : "wait for it, or abort it first",
+                  ExitCode::interrupted);
     }
     published_.is_opening = true;
   }
@@ -300,10 +299,18 @@ class Daemon::Impl {
         published_.is_opening = true;
       }
       log_info("going on with the unfinished session " + newest);
-      writer_->open(
-          SessionOrder{.folder = config_.sessions / newest, .is_new = false, .id = newest});
     }
     receive(event::Recovered{});
+    if (config_.resumes && !newest.empty()) {
+      post(SessionOrder{.folder = config_.sessions / newest,
+                        .is_new = false,
+                        .is_recovery = true,
+                        .id = newest});
+    }
+  }
+
+  [[nodiscard]] static bool is_free(Phase phase) {
+    return phase == Phase::idle || phase == Phase::done;
   }
 
   // ---- the control thread
@@ -321,14 +328,20 @@ class Daemon::Impl {
       const ThreadPulse::Busy busy(control_pulse_);
       lights_->feed_deadman();
       try {
-        if (message && std::holds_alternative<Result<OpenSession>>(*message)) {
+        if (message && std::holds_alternative<SessionOrder>(*message)) {
+          open(state, std::get<SessionOrder>(*std::move(message)));
+        } else if (message && std::holds_alternative<Result<OpenSession>>(*message)) {
           begin(state, std::get<Result<OpenSession>>(*std::move(message)));
         } else if (message && std::holds_alternative<PreviewOrder>(*message)) {
           begin_preview(state, *std::get<PreviewOrder>(*message).plan);
         } else if (message) {
-          do_step(state, std::get<EventBody>(*std::move(message)));
+          take_event(state, std::get<EventBody>(*std::move(message)));
         } else if (state.deadline_ns <= steady_now_ns()) {
           do_step(state, event::Tick{});
+        }
+        if (recovery_ && steady_now_ns() >= reopen_ns_) {
+          reopen_ns_ = kNever;
+          writer_->open(*recovery_);
         }
       } catch (const std::exception& error) {
         log_error(std::string("our own bug in the control thread: ") + error.what());
@@ -338,24 +351,86 @@ class Daemon::Impl {
     control_stop_.request_stop();
   }
 
-  void begin(SequencerState& state, Result<OpenSession> opened) {
-    if (!opened) {
-      log_error("the session cannot be opened: " + opened.error().what);
+  /// The writer opens one session at a time, and none while the sequencer works on another.
+  void open(const SequencerState& state, SessionOrder order) {
+    if (!is_free(state.phase)) {
+      refuse_order(fmt::format("the daemon is busy: {}", to_string(state.phase)));
+      return;
+    }
+    is_opening_ = true;
+    if (order.is_recovery) {
+      recovery_ = order;
+    }
+    writer_->open(std::move(order));
+  }
+
+  void refuse_order(const std::string& why) {
+    log_error("the session cannot be opened: " + why);
+    {
       const std::lock_guard lock(mutex_);
       published_.is_opening = false;
-      published_.reason_text = opened.error().what;
-      stream_->publish(0, "error", opened.error().what);
+      published_.reason_text = why;
+    }
+    stream_->publish(0, "error", fmt::format(R"({{"text": {}}})", json_quote(why)));
+  }
+
+  /// While a session is opened, which takes seconds where space is reserved, people's requests
+  /// are meant for it: they wait for its Run. All-off does not wait.
+  void take_event(SequencerState& state, EventBody body) {
+    const bool is_for_later = std::holds_alternative<event::Pause>(body) ||
+                              std::holds_alternative<event::Resume>(body) ||
+                              std::holds_alternative<event::Abort>(body);
+    if (is_opening_ && is_for_later) {
+      if (deferred_.size() < kMaxDeferred) {
+        deferred_.push_back(std::move(body));
+      }
+      if (reopen_ns_ != kNever) {
+        reopen_ns_ = 0;  // an answer at once: opened now, or not at all
+      }
+    } else if (is_opening_ && std::holds_alternative<event::Reshoot>(body)) {
+      log_warning("nothing is taken again while another session is opened");
+    } else {
+      do_step(state, std::move(body));
+    }
+  }
+
+  void take_deferred(SequencerState& state) {
+    is_opening_ = false;
+    for (EventBody& body : std::exchange(deferred_, {})) {
+      do_step(state, std::move(body));
+    }
+  }
+
+  void begin(SequencerState& state, Result<OpenSession> opened) {
+    const bool is_disk =
+        !opened && (opened.error().code == Errc::no_space || opened.error().code == Errc::io);
+    if (is_disk && recovery_ && deferred_.empty()) {
+      const std::string why = "the disk, goes on by itself: " + opened.error().what;
+      log_warning(why);
+      reopen_ns_ = steady_now_ns() + kReopenNs;
+      const std::lock_guard lock(mutex_);
+      published_.reason_text = why;
+      return;
+    }
+    recovery_.reset();
+    if (!opened) {
+      refuse_order(opened.error().what);
+      take_deferred(state);
       return;
     }
     auto shown = patterns_of(*opened->plan);
     form_ = session_info_of(config_.rig, *opened->plan, opened->id).form;
-    folder_ = opened->folder;
-    begun_ns_ = steady_now_ns();
-    n_committed_before_ =
-        static_cast<int>(std::count(opened->committed.begin(), opened->committed.end(), true));
+    run_ns_ = 0;
+    n_commits_before_ = state.counters.commits;
     {
       const std::lock_guard lock(mutex_);
       patterns_ = std::move(shown);
+    }
+    do_step(state, event::Run{sequencer_plan(config_.rig, *opened->plan),
+                              std::move(opened->committed), std::move(opened->next_attempt)});
+    {
+      // After the step: the new session's name never stands beside the old one's "done".
+      const std::lock_guard lock(mutex_);
       published_.session = opened->id;
       published_.folder = opened->folder;
       published_.plan = opened->plan;
@@ -363,12 +438,14 @@ class Daemon::Impl {
       published_.is_opening = false;
       published_.reason_text.clear();
     }
-    do_step(state, event::Run{sequencer_plan(config_.rig, *opened->plan),
-                              std::move(opened->committed), std::move(opened->next_attempt)});
+    take_deferred(state);
   }
 
   void begin_preview(SequencerState& state, const Plan& plan) {
-    folder_.clear();
+    if (!is_free(state.phase) || is_opening_) {
+      refuse_order(fmt::format("the daemon is busy: {}", to_string(state.phase)));
+      return;
+    }
     {
       const std::lock_guard lock(mutex_);
       patterns_ = patterns_of(plan);
@@ -394,27 +471,15 @@ class Daemon::Impl {
   }
 
   void do_step(SequencerState& state, EventBody body) {
-    const bool was_aborting = state.phase == Phase::aborting;
-    StepResult result = step(std::move(state), TimedEvent{steady_now_ns(), std::move(body)});
+    const std::int64_t now_ns = steady_now_ns();
+    run_ns_ += state.phase == Phase::running ? now_ns - stepped_ns_ : 0;
+    stepped_ns_ = now_ns;
+    StepResult result = step(std::move(state), TimedEvent{now_ns, std::move(body)});
     state = std::move(result.state);
-    if (!was_aborting && state.phase == Phase::aborting) {
-      mark_aborted(state.reason_text);
-    }
     for (Action& action : result.actions) {
       perform(std::move(action));
     }
     show(state);
-  }
-
-  /// So that the next start of the daemon leaves it alone; a person can go on with it.
-  void mark_aborted(const std::string& why) const {
-    if (folder_.empty()) {
-      return;  // a preview
-    }
-    Fd file(::open((folder_ / kAbortMark).c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644));
-    if (file.is_open()) {
-      (void)!::write(file.get(), why.data(), why.size());
-    }
   }
 
   void perform(Action action) {
@@ -453,7 +518,7 @@ class Daemon::Impl {
     published_.phase = state.phase;
     published_.step = state.step;
     published_.reasons = state.reasons;
-    if (!state.reason_text.empty()) {
+    if (!state.reason_text.empty() || state.phase == Phase::running) {
       published_.reason_text = state.reason_text;
     }
     published_.is_preview = state.plan != nullptr && state.plan->is_preview;
@@ -464,11 +529,11 @@ class Daemon::Impl {
     }
     published_.current = state.current;
     published_.counters = state.counters;
-    const int n_new = state.n_committed - n_committed_before_;
+    const std::uint64_t n_new = state.counters.commits - n_commits_before_;
     const int n_left = static_cast<int>(state.shots.size()) - state.n_committed;
     published_.seconds_left =
         n_new < 1 ? -1.0
-                  : static_cast<double>(steady_now_ns() - begun_ns_) * 1e-9 * n_left / n_new;
+                  : static_cast<double>(run_ns_) * 1e-9 * n_left / static_cast<double>(n_new);
   }
 
   // ---- the checking worker
@@ -562,9 +627,13 @@ class Daemon::Impl {
 
   // Of the control thread.
   FrameForm form_;
-  fs::path folder_;
-  std::int64_t begun_ns_ = 0;
-  int n_committed_before_ = 0;
+  bool is_opening_ = false;  ///< the writer has an order and has not answered
+  std::vector<EventBody> deferred_;
+  std::optional<SessionOrder> recovery_;  ///< to be opened again while the disk refuses
+  std::int64_t reopen_ns_ = kNever;
+  std::int64_t stepped_ns_ = 0;
+  std::int64_t run_ns_ = 0;  ///< spent running since the session was begun
+  std::uint64_t n_commits_before_ = 0;
 
   std::unique_ptr<WriterThread> writer_;
   std::unique_ptr<CameraThread> camera_;

@@ -111,7 +111,11 @@ class Daemon {
 [[nodiscard]] std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig,
                                                                   const Plan& plan);
 
-/// @throws Error  a sync mode that this version cannot drive
-void require_sync_mode(const Rig& rig);
+/// The name of a folder right in the sessions folder, and of nothing outside it.
+[[nodiscard]] bool is_session_name(const std::string& name);
+
+/// All that the constructor would refuse before it reaches for a device or the disk.
+/// @throws Error  a sync mode, controller or camera that this version cannot drive
+void require_drivers(const DaemonConfig& config);
 
 }  // namespace haarlight

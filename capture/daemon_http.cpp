@@ -38,11 +38,6 @@ HttpResponse missing(const std::string& what, const std::string& cure) {
   return error_response(404, what, "the request's path", cure);
 }
 
-bool is_plain_name(const std::string& name) {
-  return !name.empty() && name.size() <= 100 && name.front() != '.' &&
-         name.find('/') == std::string::npos && name.find('\\') == std::string::npos;
-}
-
 std::optional<int> whole_number(const std::string& text) {
   int value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -327,6 +322,13 @@ class Handlers {
       throw Error("the body has no list \"shots\"", request.path, "send {\"shots\": [3, 17]}");
     }
     const DaemonState state = daemon_.state();
+    const bool has_run = state.phase == Phase::done || state.phase == Phase::running ||
+                         state.phase == Phase::preflight || state.phase == Phase::paused ||
+                         state.phase == Phase::suspended || state.phase == Phase::safe_off;
+    if (!has_run || state.is_preview || state.is_opening) {
+      throw Error("no session is open to take a shot again", request.path,
+                  "POST /v1/run?session=ID opens one again", ExitCode::interrupted);
+    }
     event::Reshoot reshoot;
     for (const Json& shot : *it) {
       if (!shot.is_number_integer() || shot.get<std::int64_t>() < 0 ||
@@ -344,7 +346,7 @@ class Handlers {
   [[nodiscard]] std::optional<fs::path> folder_of(const HttpRequest& request) const {
     const std::string& id = request.captures.at("id");
     std::error_code ignored;
-    if (!is_plain_name(id) || !fs::is_directory(sessions_ / id, ignored)) {
+    if (!is_session_name(id) || !fs::is_directory(sessions_ / id, ignored)) {
       return std::nullopt;
     }
     return sessions_ / id;

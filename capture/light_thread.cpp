@@ -134,7 +134,6 @@ void LightThread::show(const action::ShowShot& job) {
     config_.send(event::LightFault{job.job, receipt.error().code, receipt.error().what});
     return;
   }
-  renewed_ns_ = std::min(renewed_ns_, steady_now_ns());
   config_.send(event::LightShown{job.job, *receipt});
 }
 

@@ -172,11 +172,19 @@ void ModelRig::perform(const Action& action) {
     commits_.push_back(*commit);
     commit_next();
   } else if (std::get_if<action::RetryCommits>(&action) != nullptr) {
+    if (commits_.empty() && !is_committing_) {
+      answer_of_disk();
+    }
     commit_next();
   } else if (std::get_if<action::ForgetCommits>(&action) != nullptr) {
     commits_.clear();
-  } else if (const auto* withdraw = std::get_if<action::WithdrawShot>(&action)) {
-    is_committed_[static_cast<std::size_t>(withdraw->shot)] = false;
+  } else if (const auto* withdraw = std::get_if<action::WithdrawShots>(&action)) {
+    for (const int shot : withdraw->shots) {
+      is_committed_[static_cast<std::size_t>(shot)] = false;
+    }
+    if (now_ns_ < disk_back_ns_) {
+      answer_of_disk();
+    }
   } else if (std::get_if<action::FinishSession>(&action) != nullptr) {
     at(now_ns_ + some_ns(5000.0), [this] {
       if (now_ns_ < disk_back_ns_ || (finish_ && !finish_())) {
@@ -441,6 +449,17 @@ void ModelRig::deliver(const ModelFrame& frame) {
 
 // ---- disk
 // ------------------------------------------------------------------------------------
+
+/// To a withdrawal, which needs the disk as a commit does.
+void ModelRig::answer_of_disk() {
+  at(now_ns_ + some_ns(1000.0), [this] {
+    if (now_ns_ < disk_back_ns_) {
+      send(event::CommitFault{Errc::no_space, "withdrawal: no space left on device"});
+    } else {
+      send(event::DiskGood{});
+    }
+  });
+}
 
 void ModelRig::commit_next() {
   if (is_committing_ || commits_.empty()) {

@@ -143,6 +143,7 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   void deliver(const ModelFrame& frame);
 
   // Disk.
+  void answer_of_disk();
   void commit_next();
   void schedule_rates();
   void every(double rate, const std::function<void()>& work);

@@ -104,7 +104,11 @@ class Stepper {
     }
     s_.is_finished = false;
     s_.failures = 0;
-    preflight();
+    if (s_.phase == Phase::safe_off) {
+      log("state", "safe-off: the run waits for a person");
+    } else {
+      preflight();
+    }
   }
 
   void on(const event::Pause&) {
@@ -149,7 +153,7 @@ class Stepper {
         s_.phase == Phase::finalise) {
       return;
     }
-    bool is_any = false;
+    std::vector<int> withdrawn;
     for (const int shot : reshoot.shots) {
       if (shot < 0 || shot >= static_cast<int>(s_.shots.size()) ||
           shot_state(shot) != ShotState::committed) {
@@ -158,13 +162,16 @@ class Stepper {
       shot_state(shot) = ShotState::pending;
       s_.pending.push_back(shot);
       --s_.n_committed;
-      out_.emplace_back(action::WithdrawShot{shot});
-      is_any = true;
+      withdrawn.push_back(shot);
     }
-    if (is_any && s_.phase == Phase::done) {
+    if (withdrawn.empty()) {
+      return;
+    }
+    out_.emplace_back(action::WithdrawShots{std::move(withdrawn)});
+    if (s_.phase == Phase::done) {
       s_.is_finished = false;
       preflight();
-    } else if (is_any) {
+    } else {
       advance(std::nullopt);
     }
   }
@@ -390,6 +397,11 @@ class Stepper {
     add_reason(kDiskFull, "disk: " + e.what);
   }
 
+  void on(const event::DiskGood&) {
+    s_.retry_disk_ns = kNever;
+    clear_reason(kDiskFull);
+  }
+
   void on(const event::SessionFinished&) {
     if (s_.phase != Phase::finalise) {
       return;
@@ -470,6 +482,7 @@ class Stepper {
     if (s_.reasons != 0) {
       enter(Phase::suspended, reasons_text(s_.reasons));
     } else if (s_.is_light_connected && s_.is_camera_started) {
+      s_.reason_text.clear();
       enter(Phase::running,
             fmt::format("{} of {} shots to do", s_.pending.size(), s_.shots.size()));
       advance(std::nullopt);
@@ -601,6 +614,9 @@ class Stepper {
     }
     s_.reason_text = why;
     enter(Phase::aborting, why);
+    if (s_.plan != nullptr && !s_.plan->is_preview) {
+      out_.emplace_back(action::MarkAborted{why});
+    }
     leave_shot();
     s_.abort_deadline_ns = t_ + kAbortLimitNs;
     darken();

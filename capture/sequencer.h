@@ -138,12 +138,18 @@ struct CommitFrame {
   int attempt = 0;
   FrameEvidence evidence;
 };
-/// Try the waiting commits again.
+/// Try the waiting commits and withdrawals again; answers CommitFault or DiskGood, after a
+/// FrameCommitted for each frame.
 struct RetryCommits {};
 /// Forget the waiting commits (the run was aborted); their frames are dropped besides.
 struct ForgetCommits {};
-struct WithdrawShot {
-  int shot = 0;
+/// Their frames are wanted no more: new ones follow. Answers CommitFault when the disk cannot.
+struct WithdrawShots {
+  std::vector<int> shots;
+};
+/// The run was given up: it does not go on by itself at the daemon's next start.
+struct MarkAborted {
+  std::string why;
 };
 /// Write session.json; answers SessionFinished or CommitFault.
 struct FinishSession {};
@@ -155,11 +161,11 @@ struct LogEvent {
 };
 }  // namespace action
 
-using Action =
-    std::variant<action::ConnectLight, action::ShowShot, action::LightsOff, action::StartCamera,
-                 action::StopCamera, action::SetExposure, action::DropFrame, action::CheckFrame,
-                 action::CommitFrame, action::RetryCommits, action::ForgetCommits,
-                 action::WithdrawShot, action::FinishSession, action::LogEvent>;
+using Action = std::variant<action::ConnectLight, action::ShowShot, action::LightsOff,
+                            action::StartCamera, action::StopCamera, action::SetExposure,
+                            action::DropFrame, action::CheckFrame, action::CommitFrame,
+                            action::RetryCommits, action::ForgetCommits, action::WithdrawShots,
+                            action::MarkAborted, action::FinishSession, action::LogEvent>;
 
 // ---- events: what the world reports
 // ----------------------------------------------------------
@@ -170,7 +176,8 @@ struct Tick {};
 struct Booted {};
 /// Nothing (more) to recover.
 struct Recovered {};
-/// A session was made or reopened: shoot what is not committed.
+/// A session was made or reopened: shoot what is not committed. While all is off by request,
+/// not before a Resume.
 struct Run {
   std::shared_ptr<const SequencerPlan> plan;
   std::vector<bool> committed;
@@ -242,6 +249,8 @@ struct CommitFault {
   Errc code = Errc::io;
   std::string what;
 };
+/// Nothing waits for the disk any more.
+struct DiskGood {};
 struct SessionFinished {};
 }  // namespace event
 
@@ -250,7 +259,7 @@ using EventBody = std::variant<
     event::Abort, event::SafeOff, event::Reshoot, event::LightConnected, event::LightShown,
     event::LightDark, event::LightConfirmed, event::LightFault, event::CameraStarted,
     event::ExposureSet, event::CameraFault, event::FrameArrived, event::FrameChecked,
-    event::FrameCommitted, event::CommitFault, event::SessionFinished>;
+    event::FrameCommitted, event::CommitFault, event::DiskGood, event::SessionFinished>;
 
 struct TimedEvent {
   std::int64_t t_ns = 0;  ///< never before that of the last event

@@ -20,11 +20,11 @@ class WorkQueue {
  public:
   explicit WorkQueue(std::size_t capacity) : capacity_(capacity) {}
 
-  /// False when full: nothing is queued.
-  [[nodiscard]] bool try_push(T item) {
+  /// False when full, but for `spare` places: nothing is queued.
+  [[nodiscard]] bool try_push(T item, std::size_t spare = 0) {
     {
       const std::lock_guard lock(mutex_);
-      if (items_.size() >= capacity_) {
+      if (items_.size() + spare >= capacity_) {
         return false;
       }
       items_.push_back(std::move(item));

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdlib>
 #include <ctime>
+#include <span>
 #include <utility>
 
 #include <fmt/format.h>
@@ -18,6 +20,9 @@ namespace haarlight {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kQueue = 1024;
+constexpr std::size_t kGossip = kQueue / 2;  // lines of the log take no more of it
 
 std::string iso_now() {
   const std::time_t now = std::time(nullptr);
@@ -83,7 +88,9 @@ WriterThread::~WriterThread() {
 
 void WriterThread::enqueue(Work work) {
   if (!work_.try_push(std::move(work))) {
-    config_.send(event::CommitFault{Errc::device_busy, "the writer is far behind"});
+    // Far more than the camera has buffers: a frame's commit would be lost.
+    log_error("our own bug: the writer's queue is full");
+    std::abort();
   }
 }
 
@@ -91,10 +98,11 @@ void WriterThread::open(SessionOrder order) { enqueue(std::move(order)); }
 void WriterThread::post(const action::CommitFrame& commit) { enqueue(commit); }
 void WriterThread::post(const action::RetryCommits& retry) { enqueue(retry); }
 void WriterThread::post(const action::ForgetCommits& forget) { enqueue(forget); }
-void WriterThread::post(const action::WithdrawShot& withdraw) { enqueue(withdraw); }
+void WriterThread::post(const action::WithdrawShots& withdraw) { enqueue(withdraw); }
+void WriterThread::post(const action::MarkAborted& mark) { enqueue(mark); }
 void WriterThread::post(const action::FinishSession& finish) { enqueue(finish); }
 void WriterThread::post(const action::LogEvent& line) {
-  if (!work_.try_push(line)) {
+  if (!work_.try_push(line, kQueue - kGossip)) {
     ++n_lines_dropped_;
   }
 }
@@ -122,13 +130,15 @@ void WriterThread::do_work(Work work) {
   } else if (auto* commit = std::get_if<action::CommitFrame>(&work)) {
     waiting_.push_back(std::move(*commit));
   } else if (std::get_if<action::RetryCommits>(&work) != nullptr) {
-    is_stuck_ = false;
-    commit_waiting();
+    retry();
   } else if (std::get_if<action::ForgetCommits>(&work) != nullptr) {
     waiting_.clear();
     is_stuck_ = false;
-  } else if (const auto* shot = std::get_if<action::WithdrawShot>(&work)) {
-    withdraw(shot->shot);
+  } else if (const auto* withdraw = std::get_if<action::WithdrawShots>(&work)) {
+    withdrawals_.insert(withdrawals_.end(), withdraw->shots.begin(), withdraw->shots.end());
+    withdraw_waiting();
+  } else if (const auto* mark = std::get_if<action::MarkAborted>(&work)) {
+    mark_aborted(mark->why);
   } else if (std::get_if<action::FinishSession>(&work) != nullptr) {
     finish();
   } else if (const auto* line = std::get_if<action::LogEvent>(&work)) {
@@ -138,20 +148,20 @@ void WriterThread::do_work(Work work) {
 
 void WriterThread::open_session(SessionOrder order) {
   waiting_.clear();
+  withdrawals_.clear();
   is_stuck_ = false;
   writer_.reset();
-  id_ = order.id;
-  folder_ = order.folder;
   try {
     auto opened = make_or_reopen(std::move(order));
-    if (!opened) {
-      writer_.reset();
-      id_.clear();
+    if (opened) {
+      id_ = opened->id;
+      folder_ = opened->folder;
+    } else {
+      writer_.reset();  // the one before stays the one that can be reshot
     }
     config_.opened(std::move(opened));
-  } catch (const Error& error) {
+  } catch (const std::exception& error) {
     writer_.reset();
-    id_.clear();
     config_.opened(fail(Errc::protocol, error.what()));
   }
 }
@@ -195,6 +205,22 @@ Result<OpenSession> WriterThread::make_or_reopen(SessionOrder order) {
   session.recovery = writer_->recovery();
   session.plan = std::make_shared<const Plan>(std::move(order.plan));
   return session;
+}
+
+void WriterThread::get_stuck(const Fault& fault) {
+  is_stuck_ = true;
+  config_.send(event::CommitFault{fault.code, fault.what});
+}
+
+void WriterThread::retry() {
+  is_stuck_ = false;
+  withdraw_waiting();
+  if (!is_stuck_) {
+    commit_waiting();
+  }
+  if (!is_stuck_) {
+    config_.send(event::DiskGood{});
+  }
 }
 
 void WriterThread::commit_waiting() {
@@ -241,8 +267,7 @@ void WriterThread::commit_waiting() {
     commit_one_by_one();
     return;
   }
-  is_stuck_ = true;
-  config_.send(event::CommitFault{done.error().code, done.error().what});
+  get_stuck(done.error());
 }
 
 /// A frame of the group does not hold: find out which, and have its shot taken again.
@@ -263,8 +288,7 @@ void WriterThread::commit_one_by_one() {
         config_.send(
             event::FrameChecked{commit.frame, commit.shot, commit.evidence, done.error().what});
       } else {
-        is_stuck_ = true;
-        config_.send(event::CommitFault{done.error().code, done.error().what});
+        get_stuck(done.error());
         return;
       }
     }
@@ -282,30 +306,48 @@ void WriterThread::finish() {
     return;
   }
   std::error_code ignored;
-  std::filesystem::remove(folder_ / "aborted.txt", ignored);
+  std::filesystem::remove(folder_ / kAbortMark, ignored);
   config_.logged(
       JournalLine{id_, 0, "finished", fmt::format(R"({{"session": {}}})", json_quote(id_))});
   config_.send(event::SessionFinished{});
 }
 
-/// A finished session is reopened first.
-void WriterThread::withdraw(int shot) {
-  if (!writer_) {
+/// A finished session is reopened first. What a full disk refuses is tried again.
+void WriterThread::withdraw_waiting() {
+  while (!withdrawals_.empty()) {
+    if (!writer_ || writer_->is_finished()) {
+      writer_.reset();
+      auto reopened = SessionWriter::reopen(folder_, *config_.storage);
+      if (!reopened) {
+        get_stuck(reopened.error());
+        return;
+      }
+      writer_.emplace(*std::move(reopened));
+    }
+    const auto done = writer_->withdraw(withdrawals_.front(), "taken again by request");
+    if (!done) {
+      get_stuck(done.error());
+      return;
+    }
+    withdrawals_.erase(withdrawals_.begin());
+  }
+}
+
+/// The mark's being there counts, not its text.
+void WriterThread::mark_aborted(const std::string& why) {
+  if (folder_.empty()) {
     return;
   }
-  auto done = writer_->withdraw(shot, "taken again by request");
-  if (!done && done.error().code == Errc::refused) {
-    writer_.reset();
-    auto reopened = SessionWriter::reopen(folder_, *config_.storage);
-    if (reopened) {
-      writer_.emplace(*std::move(reopened));
-      done = writer_->withdraw(shot, "taken again by request");
-    } else {
-      done = tl::unexpected<Fault>(reopened.error());
-    }
+  const std::filesystem::path file = folder_ / kAbortMark;
+  auto done = config_.storage->write(file, std::as_bytes(std::span(why)));
+  if (done) {
+    done = config_.storage->sync_file(file);
+  }
+  if (done) {
+    done = config_.storage->sync_folder(folder_);
   }
   if (!done) {
-    log_error(fmt::format("shot {} could not be withdrawn: {}", shot, done.error().what));
+    log_warning("the session's mark of being aborted is not safe: " + done.error().what);
   }
 }
 

@@ -26,6 +26,7 @@ namespace haarlight {
 struct SessionOrder {
   std::filesystem::path folder;
   bool is_new = true;
+  bool is_recovery = false;  ///< by the daemon itself, at its start
   std::string id;
   std::string rig_toml;
   Plan plan;  ///< of a reopened session: filled by the writer
@@ -70,7 +71,8 @@ class WriterThread {
   void post(const action::CommitFrame& commit);
   void post(const action::RetryCommits& retry);
   void post(const action::ForgetCommits& forget);
-  void post(const action::WithdrawShot& withdraw);
+  void post(const action::WithdrawShots& withdraw);
+  void post(const action::MarkAborted& mark);
   void post(const action::FinishSession& finish);
   /// Dropped (and counted) when the disk is too slow for gossip.
   void post(const action::LogEvent& line);
@@ -80,18 +82,21 @@ class WriterThread {
 
  private:
   using Work = std::variant<SessionOrder, action::CommitFrame, action::RetryCommits,
-                            action::ForgetCommits, action::WithdrawShot, action::FinishSession,
-                            action::LogEvent>;
+                            action::ForgetCommits, action::WithdrawShots, action::MarkAborted,
+                            action::FinishSession, action::LogEvent>;
 
   void run(const std::stop_token& stop);
   void enqueue(Work work);
   void do_work(Work work);
   void open_session(SessionOrder order);
   [[nodiscard]] Result<OpenSession> make_or_reopen(SessionOrder order);
+  void retry();
+  void withdraw_waiting();
   void commit_waiting();
   void commit_one_by_one();
   void finish();
-  void withdraw(int shot);
+  void mark_aborted(const std::string& why);
+  void get_stuck(const Fault& fault);
   void log(const std::string& kind, const std::string& json);
   [[nodiscard]] SessionInfo new_session_info(const SessionOrder& order) const;
 
@@ -104,10 +109,14 @@ class WriterThread {
   std::optional<SessionWriter> writer_;
   std::filesystem::path folder_;
   std::string id_;
+  std::vector<int> withdrawals_;  ///< shots; before the commits that replace them
   std::vector<action::CommitFrame> waiting_;
-  bool is_stuck_ = false;  ///< a commit failed: wait for RetryCommits
+  bool is_stuck_ = false;  ///< the disk failed: wait for RetryCommits
   std::jthread thread_;    // last: stops first
 };
+
+/// In a session's folder: it was given up by a person, or for a reason that does not pass.
+inline constexpr const char* kAbortMark = "aborted.txt";
 
 /// The session's lights, grid and form as a rig gives them.
 [[nodiscard]] SessionInfo session_info_of(const Rig& rig, const Plan& plan,

@@ -133,7 +133,7 @@ Json follow(DaemonClient& client, const std::string& session, ProgressStyle styl
         fmt::print(stderr, "suspended, goes on by itself: {}\n", reason);
         told = reason;
       }
-      if (is_ours && phase == "done") {
+      if (is_ours && !is_opening && phase == "done") {
         return *state;
       }
       if (!is_opening &&

@@ -123,10 +123,10 @@ ExitCode run(const Options& options) {
   if (options.is_all_off) {
     return put_all_off(rig);
   }
-  haarlight::require_sync_mode(rig);
   haarlight::DiskStorage storage;
   DaemonConfig config = configure(options, rig, storage);
   if (options.is_check_only) {
+    haarlight::require_drivers(config);
     fmt::print("{}: good. Sessions go to {}, HTTP on {}:{}\n", options.rig,
                config.sessions.string(), config.rig.http.address, config.rig.http.port);
     return ExitCode::done;

@@ -9,18 +9,18 @@
 #include "capture/daemon_client.h"
 #include "capture/fake_camera.h"
 #include "capture/fake_light_array.h"
-#include "capture/tag_rows.h"
 #include "capture/thread_pulse.h"
 #include "core/error.h"
 #include "core/files.h"
-#include "session/frame_tiff.h"
 #include "session/session.h"
 #include "session/storage.h"
+#include "tests/capture/session_truth.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {
 namespace {
 
+using testing::expect_true_session;
 using ::testing::HasSubstr;
 using namespace std::chrono_literals;
 
@@ -31,7 +31,12 @@ const std::string kPlanWithDarks = kPlan + "darks_every = 16\n";
 class FillableStorage final : public Storage {
  public:
   std::atomic<bool> is_full{false};
+  std::atomic<int> reserve_ms{0};  ///< how long reserving space takes
 
+  Result<void> reserve(const std::filesystem::path& path, std::uint64_t bytes) override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(reserve_ms));
+    return disk_.reserve(path, bytes);
+  }
   Result<void> write(const std::filesystem::path& path,
                      std::span<const std::byte> bytes) override {
     if (is_full) {
@@ -76,7 +81,9 @@ class DaemonTest : public ::testing::Test {
                      },
                      .storage = &storage_,
                      .has_http = has_http});
-    EXPECT_TRUE(wait_until([](const DaemonState& s) { return s.phase != Phase::boot; }));
+    EXPECT_TRUE(wait_until([](const DaemonState& s) {
+      return s.phase != Phase::boot && s.phase != Phase::recover;
+    }));
   }
 
   template <class Predicate>
@@ -95,24 +102,6 @@ class DaemonTest : public ::testing::Test {
   }
   bool wait_for_commits(int n) {
     return wait_until([n](const DaemonState& s) { return s.n_committed >= n; });
-  }
-
-  /// Every frame of a finished session is decoded to its own shot's tag.
-  void expect_true_session(const std::filesystem::path& folder) const {
-    const Session session = Session::open(folder);
-    ASSERT_EQ(session.info().frames.size(), session.info().shots.size());
-    for (const FrameRecord& frame : session.info().frames) {
-      const MappedFile file(folder / frame.file);
-      const FrameTiffHeader header = read_frame_tiff_header(file.bytes(), frame.file);
-      const int active = session.info().form.height;
-      const std::vector<std::byte> rows =
-          read_frame_tiff_rows(file.bytes(), header, active, header.height, frame.file);
-      const auto tag = decode_tag_rows({reinterpret_cast<const std::uint16_t*>(rows.data()),
-                                        header.height - active, header.width, 1});
-      ASSERT_TRUE(tag.has_value()) << frame.file;
-      EXPECT_FALSE(tag->is_mixed) << frame.file;
-      EXPECT_EQ(tag->tag, kFirstTag + static_cast<std::uint32_t>(frame.shot)) << frame.file;
-    }
   }
 
   testing::TemporaryFolder folder_;
@@ -233,6 +222,80 @@ TEST_F(DaemonTest, AnAbortedSessionCanBeGoneOnWith) {
   expect_true_session(receipt.folder);
 }
 
+TEST_F(DaemonTest, AFullDiskAtTheStartIsWaitedFor) {
+  start();
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_for_commits(20));
+  daemon_.reset();
+  // A stray file goes aside with a note of why, which needs space.
+  std::filesystem::copy_file(receipt.folder / frame_file_name(0, 0),
+                             receipt.folder / "frames/stray.tif");
+  storage_.is_full = true;
+  start();
+  ASSERT_TRUE(wait_until([](const DaemonState& s) {
+    return s.is_opening && s.reason_text.find("no space") != std::string::npos;
+  }));
+  storage_.is_full = false;
+  ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
+  expect_true_session(receipt.folder);
+}
+
+TEST_F(DaemonTest, AnAbortedSessionDoesNotGoOnByItself) {
+  start();
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_for_commits(5));
+  daemon_->request(event::Pause{});
+  // Dark, and nothing on its way: such an abort ends in the same step in which it begins.
+  ASSERT_TRUE(wait_until([this](const DaemonState& s) {
+    return s.phase == Phase::paused && light_->is_dark() && hands_->n_held == 0;
+  }));
+  daemon_->request(event::Abort{});
+  ASSERT_TRUE(wait_for(Phase::idle));
+  daemon_.reset();
+  const std::size_t n_changes = light_->changes().size();
+  start();
+  ASSERT_TRUE(wait_for(Phase::idle));
+  std::this_thread::sleep_for(100ms);
+  EXPECT_EQ(daemon_->state().phase, Phase::idle);
+  EXPECT_EQ(light_->changes().size(), n_changes) << "nothing was lit again";
+}
+
+TEST_F(DaemonTest, AllOffWhileASessionIsOpenedHoldsTheRun) {
+  start();
+  storage_.reserve_ms = 200;
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  daemon_->request(event::SafeOff{});
+  ASSERT_TRUE(wait_until([](const DaemonState& s) { return !s.is_opening; }));
+  EXPECT_EQ(daemon_->state().session, receipt.session);
+  storage_.reserve_ms = 0;
+  std::this_thread::sleep_for(200ms);
+  EXPECT_EQ(daemon_->state().phase, Phase::safe_off);
+  for (const FakeLight::Change& change : light_->changes()) {
+    EXPECT_EQ(change.tag, 0U) << "something was lit after all-off";
+  }
+  daemon_->request(event::Resume{});
+  ASSERT_TRUE(wait_for(Phase::done));
+  expect_true_session(receipt.folder);
+}
+
+TEST_F(DaemonTest, APauseAndAnAbortWhileASessionIsOpenedAreMeantForIt) {
+  start();
+  storage_.reserve_ms = 200;
+  (void)daemon_->run(kPlan, "p.toml");
+  daemon_->request(event::Pause{});
+  ASSERT_TRUE(wait_for(Phase::paused));
+  daemon_->request(event::Abort{});
+  ASSERT_TRUE(wait_for(Phase::idle));
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  daemon_->request(event::Abort{});
+  ASSERT_TRUE(
+      wait_until([](const DaemonState& s) { return !s.is_opening && s.phase == Phase::idle; }));
+  EXPECT_TRUE(wait_until([&](const DaemonState&) {
+    return std::filesystem::exists(receipt.folder / "aborted.txt");
+  }));
+  EXPECT_EQ(daemon_->state().n_committed, 0);
+}
+
 TEST_F(DaemonTest, AStoppedDaemonGoesOnAtItsNextStart) {
   start();
   const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
@@ -255,6 +318,41 @@ TEST_F(DaemonTest, AShotIsTakenAgainAfterTheSessionIsDone) {
       [](const DaemonState& s) { return s.phase == Phase::done && s.counters.commits == 65; }));
   expect_true_session(receipt.folder);
   EXPECT_TRUE(std::filesystem::exists(receipt.folder / frame_file_name(7, 1)));
+}
+
+TEST_F(DaemonTest, AShotTakenAgainOnAFullDiskWaitsForSpace) {
+  start();
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_for(Phase::done));
+  storage_.is_full = true;
+  daemon_->request(event::Reshoot{{7}});
+  ASSERT_TRUE(wait_for(Phase::suspended));
+  EXPECT_EQ(daemon_->state().reasons, kDiskFull);
+  storage_.is_full = false;
+  ASSERT_TRUE(wait_until(
+      [](const DaemonState& s) { return s.phase == Phase::done && s.counters.commits == 65; }));
+  expect_true_session(receipt.folder);
+  EXPECT_EQ(Session::open(receipt.folder).info().frames[7].attempt, 1);
+}
+
+TEST_F(DaemonTest, ShotsTakenAgainGoOnInTheNextDaemon) {
+  start();
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_for(Phase::done));
+  event::Reshoot all;
+  for (int shot = 0; shot < 64; ++shot) {
+    all.shots.push_back(shot);
+  }
+  daemon_->request(all);
+  ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.counters.commits >= 70; }));
+  daemon_.reset();
+  start();
+  ASSERT_TRUE(wait_for(Phase::done));
+  expect_true_session(receipt.folder);
+  const Session session = Session::open(receipt.folder);
+  for (const FrameRecord& frame : session.info().frames) {
+    EXPECT_EQ(frame.attempt, 1) << frame.file;
+  }
 }
 
 TEST_F(DaemonTest, AllOffDarkensAndOnlyAPersonGoesOn) {
@@ -328,6 +426,75 @@ TEST_F(DaemonHttpTest, BadRequestsAreAnsweredWithWhatWhereAndCure) {
     EXPECT_THAT(reply.body, HasSubstr("\"cure\""));
   }
   EXPECT_EQ(daemon_->state().phase, Phase::idle);
+}
+
+/// Bodies of every wrong type and shape at every place that reads one.
+TEST_F(DaemonHttpTest, NoBodyCrashesIt) {
+  DaemonClient client = this->client();
+  const std::string deep(100000, '[');
+  const std::vector<std::string> bodies = {"",
+                                           "null",
+                                           "0",
+                                           "\"shots\"",
+                                           "[]",
+                                           "{}",
+                                           "[1]",
+                                           "{\"shots\": null}",
+                                           "{\"shots\": {}}",
+                                           "{\"shots\": [null]}",
+                                           "{\"shots\": [[3]]}",
+                                           "{\"shots\": [-1]}",
+                                           "{\"shots\": [1.5]}",
+                                           "{\"shots\": [1e300]}",
+                                           "{\"shots\": [99999999999999999999]}",
+                                           "{\"shots\": [18446744073709551615]}",
+                                           "{\"lights\": [1.5]}",
+                                           "{\"lights\": [18446744073709551615]}",
+                                           "{\"lights\": [\"1\"]}",
+                                           "{\"lights\": [0], \"level\": -1}",
+                                           "{\"lights\": [0], \"level\": 1e99}",
+                                           "{\"lights\": [0], \"level\": \"a\"}",
+                                           "{\"lights\": [0], \"exposure_us\": -1}",
+                                           "{\"lights\": [0, 0]}",
+                                           "{\"lights\": [0], \"exposure_us\": 1e-300}",
+                                           "{\"schema\": \"1\"}",
+                                           "{\"schema\": 1, \"shots\": 3}",
+                                           "{\"schema\": 1, \"shots\": [[]]}",
+                                           "{\"schema\": 1e400}",
+                                           "schema = 1\npatterns = 7\n",
+                                           "patterns = [[[",
+                                           "\xff\xfe\x00",
+                                           std::string("{\"shots\"\0:[1]}", 13),
+                                           deep,
+                                           "{\"shots\":" + deep,
+                                           "a" + deep};
+  for (const char* path : {"/v1/run", "/v1/run?session=%00", "/v1/run?session=..",
+                           "/v1/run?name=%ff%fe", "/v1/reshoot", "/v1/preview"}) {
+    for (const std::string& body : bodies) {
+      const DaemonReply reply = client.post(path, body);
+      EXPECT_GE(reply.status, 400) << path << " " << body.substr(0, 80);
+      EXPECT_LT(reply.status, 500) << path << " " << body.substr(0, 80) << reply.body;
+      EXPECT_THAT(reply.body, HasSubstr("\"cure\"")) << path << " " << body.substr(0, 80);
+    }
+  }
+  for (const char* path : {"/v1/sessions/%2e%2e/shots", "/v1/sessions/a%00b",
+                           "/v1/sessions/x/shots/99999999999999999999",
+                           "/v1/sessions/x/shots/-1/preview.jpg", "/v1/sessions/%ff"}) {
+    EXPECT_EQ(client.get(path).status / 100, 4) << path;
+  }
+  EXPECT_EQ(client.get("/healthz").status, 200);
+  EXPECT_EQ(daemon_->state().phase, Phase::idle);
+  EXPECT_TRUE(light_->changes().empty());
+}
+
+TEST_F(DaemonHttpTest, AShotIsTakenAgainOnlyWhereASessionIsOpen) {
+  DaemonClient client = this->client();
+  EXPECT_EQ(client.post("/v1/reshoot", "{\"shots\": [3]}").status, 409);
+  EXPECT_EQ(client.post("/v1/run", kPlan).status, 202);
+  ASSERT_TRUE(wait_for(Phase::done));
+  EXPECT_EQ(client.post("/v1/reshoot", "{\"shots\": [3, 4]}").status, 202);
+  EXPECT_TRUE(wait_until(
+      [](const DaemonState& s) { return s.phase == Phase::done && s.counters.commits == 66; }));
 }
 
 TEST_F(DaemonHttpTest, APreviewLightsWhatIsAskedAndStoresNothing) {

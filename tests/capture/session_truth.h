@@ -1,0 +1,36 @@
+#pragma once
+
+#include <filesystem>
+
+#include <gtest/gtest.h>
+
+#include "capture/sequencer.h"
+#include "capture/tag_rows.h"
+#include "core/files.h"
+#include "session/frame_tiff.h"
+#include "session/session.h"
+
+/// @file
+/// What the virtual camera wrote into a finished session's frames, against what they stand for.
+
+namespace haarlight::testing {
+
+/// Every shot has a frame, and its tag rows say that it saw that shot's pattern and no other.
+inline void expect_true_session(const std::filesystem::path& folder) {
+  const Session session = Session::open(folder);
+  ASSERT_EQ(session.info().frames.size(), session.info().shots.size());
+  for (const FrameRecord& frame : session.info().frames) {
+    const MappedFile file(folder / frame.file);
+    const FrameTiffHeader header = read_frame_tiff_header(file.bytes(), frame.file);
+    const int active = session.info().form.height;
+    const std::vector<std::byte> rows =
+        read_frame_tiff_rows(file.bytes(), header, active, header.height, frame.file);
+    const auto tag = decode_tag_rows({reinterpret_cast<const std::uint16_t*>(rows.data()),
+                                      header.height - active, header.width, 1});
+    ASSERT_TRUE(tag.has_value()) << frame.file;
+    EXPECT_FALSE(tag->is_mixed) << frame.file;
+    EXPECT_EQ(tag->tag, kFirstTag + static_cast<std::uint32_t>(frame.shot)) << frame.file;
+  }
+}
+
+}  // namespace haarlight::testing
