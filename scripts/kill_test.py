@@ -44,6 +44,8 @@ class Rig:
         text = re.sub(r'(?m)^address = "127.0.0.1:\d+"', f'address = "127.0.0.1:{free_port()}"', text)
         text = re.sub(r"(?m)^port = .*", f"port = {self.port}", text)
         text = re.sub(r"(?m)^folder = .*", f'folder = "{folder}/sessions"', text)
+        if hasattr(args, "reserve_mb"):
+            text = re.sub(r"(?m)^reserve_mb = .*", f"reserve_mb = {args.reserve_mb}", text)
         self.rig = folder / "rig.toml"
         self.rig.write_text(text)
         self.log = open(folder / "haarlightd.log", "ab")
@@ -79,6 +81,11 @@ class Rig:
             return self.ask("/v1/state")
         except (urllib.error.URLError, OSError):
             return {"phase": "away", "committed": 0, "session": None}
+
+    def has_finished(self, session):
+        """Done; or idle, after a kill between session.json and the word of it."""
+        return (self.folder / "sessions" / session / "session.json").exists() and \
+            self.state()["phase"] in ("idle", "done")
 
     def begin(self, plan):
         wait_for(lambda: self.state()["phase"] in ("idle", "done"), 30)
@@ -148,21 +155,26 @@ def main():
             while True:
                 # Between nothing and a whole session's time after the start or the last kill.
                 time.sleep(dice.uniform(0.0, min(seconds, 1.0)))
-                state = rig.state()
-                if state["phase"] == "done" and state["session"] == session:
+                if rig.has_finished(session):
                     break
                 if kills >= args.kills:
-                    wait_for(lambda: rig.state()["phase"] == "done", 600)
+                    wait_for(lambda: rig.has_finished(session), 600)
                     break
+                state = rig.state()
                 rig.kill()
                 kills += 1
-                at.append(state["committed"])
+                known = state["committed"] if state["session"] == session else 0
+                at.append(known)
                 if not (folder / "sessions" / session / "start.json").exists():
                     # Killed before the session was promised: a person starts it again.
                     rig.start()
                     session = rig.begin(plan)
-                else:
-                    rig.start()
+                    continue
+                rig.start()
+                wait_for(lambda: rig.has_finished(session) or rig.state().get("recovery"), 60)
+                kept = rig.state().get("recovery")
+                if kept and kept["committed"] + kept["adopted"] < known:
+                    problems.append(f"session {session}: {known} frames were committed, {kept} came back")
             found = differences(truth, essence(folder / "sessions" / session))
             problems += [f"session {session}: {line}" for line in found]
         print(f"{kills} kills in {sessions} sessions of {len(truth['frames'])} shots, at "
