@@ -1,25 +1,141 @@
 /// @file
-/// `haarlight check RIG`: reads a hand-written file and reports every problem in it.
+/// `haarlight check FILE...`: reads hand-written and other input files and reports every
+/// problem.
+
+#include <optional>
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/file_kind.h"
 #include "apps/haarlight/verb.h"
+#include "capture/plan.h"
+#include "core/files.h"
 #include "core/rig.h"
+#include "relight/basis/basis_file.h"
+#include "relight/light/cubemap.h"
+#include "render/scene.h"
+#include "sim/fault_script.h"
 
 namespace haarlight {
 
+namespace {
+
+struct CheckArguments {
+  std::vector<std::string> files;
+  std::string kind = "by content";
+};
+
+std::string describe(const Rig& rig) {
+  return fmt::format("{} lights on {} faces, {} planes, {} cameras", rig.n_lights(),
+                     rig.faces.size(), rig.planes.size(), rig.cameras.size());
+}
+
+/// Alone a plan is held to the ranges of its keys; after a rig also to its lights and power.
+std::string check_plan(const std::string& file, FileKind kind, const std::optional<Rig>& rig) {
+  if (rig) {
+    const Plan plan = load_plan(file, *rig);
+    return fmt::format("{} shots, fits the rig \"{}\"", plan.shots.size(), rig->name);
+  }
+  if (kind == FileKind::shot_list) {
+    const Plan plan = plan_from_json(read_file(file, std::uintmax_t{1} << 30U), file);
+    return fmt::format("{} shots for {} lights", plan.shots.size(), plan.n_lights);
+  }
+  const PlanSettings settings = read_plan_file(file);
+  return fmt::format("patterns {}, order {}; name the rig first to hold it to its lights",
+                     to_string(settings.patterns), to_string(settings.order));
+}
+
+std::string describe(const SceneFile& file) {
+  std::size_t n_triangles = 0;
+  for (const Mesh& mesh : file.scene.meshes) {
+    n_triangles += mesh.triangles.size();
+  }
+  return fmt::format("{} meshes, {} triangles, {} materials, {}", file.scene.meshes.size(),
+                     n_triangles, file.scene.materials.size(),
+                     file.has_camera ? "a camera" : "no camera");
+}
+
+/// Reads one file as the programs read it. @param rig  the last good rig; set by a rig file
+/// @return  what is in it
+std::string check_file(const std::string& file, FileKind kind, std::optional<Rig>& rig) {
+  switch (kind) {
+    case FileKind::rig:
+      rig = read_rig(file);
+      return describe(*rig);
+    case FileKind::plan:
+    case FileKind::shot_list:
+      return check_plan(file, kind, rig);
+    case FileKind::scene:
+      return describe(read_scene(file));
+    case FileKind::faults: {
+      const FaultScript script = read_fault_script(file);
+      return fmt::format("{} faults of the bus, {} restarts", script.bus.size(),
+                         script.restarts.size());
+    }
+    case FileKind::environment: {
+      const Environment environment = Environment::read(file);
+      return fmt::format("{}, {} rows of {} texels, {}", to_string(environment.layout()),
+                         environment.n_rows(), environment.row_texels(),
+                         environment.is_colour() ? "colour" : "grey");
+    }
+    case FileKind::basis: {
+      const BasisFile basis = BasisFile::open(file);
+      const StackDims& dims = basis.header().dims;
+      return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
+                         dims.height, dims.n_lights, basis.header().reached.relative_l2);
+    }
+  }
+  throw_contract_violation("FileKind", "a known kind", __FILE__, __LINE__);
+}
+
+ExitCode run_check(const CheckArguments& arguments, Report& report) {
+  std::optional<FileKind> asked;
+  if (arguments.kind != "by content") {
+    asked = file_kind_from_word(arguments.kind);
+  }
+  report.add_asked("as", arguments.kind);
+  std::optional<Rig> rig;
+  std::int64_t n_bad = 0;
+  for (const std::string& file : arguments.files) {
+    report.add_input(file);
+    try {
+      const FileKind kind = asked ? *asked : recognise_file(file);
+      const std::string what = check_file(file, kind, rig);
+      fmt::print("{}: a good {}: {}\n", file, to_string(kind), what);
+      report.add_detail(file, std::string(to_string(kind)));
+    } catch (const Error& error) {
+      ++n_bad;
+      fmt::print(stderr, "haarlight check: {}\n", error.what());
+      report.add_detail(file, std::string(error.what()));
+    }
+  }
+  if (rig) {
+    report.add_reached("lights", std::int64_t{rig->n_lights()});
+  }
+  report.add_reached("good_files", static_cast<std::int64_t>(arguments.files.size()) - n_bad);
+  report.add_reached("bad_files", n_bad);
+  return n_bad == 0 ? ExitCode::done : ExitCode::bad_input;
+}
+
+}  // namespace
+
 void add_check(Command root, Invocation& invocation) {
-  auto file = std::make_shared<std::string>();
-  Command verb = root.add_verb("check", "Check a rig file and list every problem in it");
-  verb.option("RIG", file.get(), "Rig file", {.type = "RIG.toml", .is_required = true});
-  verb.footer("Example:\n  haarlight check configs/rigs/cube32.toml");
-  finish_verb(verb, invocation, [file](const CommonOptions&, Report& report) {
-    report.add_input(*file);
-    const Rig rig = read_rig(*file);
-    report.add_reached("lights", std::int64_t{rig.n_lights()});
-    fmt::print("{}: good. {} lights on {} faces, {} planes, {} cameras\n", *file,
-               rig.n_lights(), rig.faces.size(), rig.planes.size(), rig.cameras.size());
-    return ExitCode::done;
+  auto arguments = std::make_shared<CheckArguments>();
+  Command verb = root.add_verb("check", "Check input files and list every problem in them");
+  verb.option("FILE", &arguments->files,
+              "Rig, plan, plan.json, scene, fault script, environment, basis file",
+              {.type = "FILE...", .is_required = true});
+  verb.option(
+      "--as", &arguments->kind, "Take them for this kind of file",
+      {.type = "rig|plan|shot-list|scene|faults|environment|basis", .shows_default = true});
+  verb.footer(
+      "A plan that stands after a rig is held to that rig's lights and power, too.\n"
+      "Exit code 65 when a file is bad; the others are checked all the same.\n"
+      "Examples:\n"
+      "  haarlight check configs/rigs/cube32.toml configs/plans/one_at_a_time.toml\n"
+      "  haarlight check configs/scenes/stairs.toml configs/environments/room.hdr");
+  finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
+    return run_check(*arguments, report);
   });
 }
 

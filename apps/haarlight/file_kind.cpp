@@ -1,0 +1,112 @@
+#include "apps/haarlight/file_kind.h"
+
+#include <algorithm>
+#include <array>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "core/config_table.h"
+#include "core/error.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::array<std::string_view, 7> kWords{"rig",    "plan",        "shot-list", "scene",
+                                                 "faults", "environment", "basis"};
+
+struct KindKeys {
+  FileKind kind;
+  std::vector<std::string_view> keys;  ///< at the top level, and of this kind alone
+};
+
+const std::vector<KindKeys>& kinds_of_toml() {
+  static const std::vector<KindKeys> kKinds{
+      {FileKind::rig,
+       {"face", "plane", "controller", "sync", "storage", "http", "object_centre"}},
+      {FileKind::plan,
+       {"patterns", "pattern", "order", "level", "lights", "bin", "exposures_us", "repeats",
+        "darks_every", "sentinel_every", "sentinel_light", "reserve_mb"}},
+      {FileKind::scene, {"material", "mesh", "sphere", "box", "quad"}},
+      {FileKind::faults, {"frames", "bus", "restart"}},
+  };
+  return kKinds;
+}
+
+/// The first bytes of a file.
+std::string read_head(const fs::path& path) {
+  constexpr std::size_t kHead = 4096;
+  std::ifstream in(path, std::ios::binary);
+  if (!in) {
+    throw Error("cannot read the file", path.string(), "check the name and its rights");
+  }
+  std::string head(kHead, '\0');
+  in.read(head.data(), static_cast<std::streamsize>(head.size()));
+  head.resize(static_cast<std::size_t>(in.gcount()));
+  return head;
+}
+
+FileKind recognise_toml(const fs::path& path) {
+  const ConfigTable root = ConfigTable::parse_file(path);
+  FileKind best = FileKind::rig;
+  std::ptrdiff_t most = 0;
+  for (const KindKeys& candidate : kinds_of_toml()) {
+    const auto n = std::count_if(candidate.keys.begin(), candidate.keys.end(),
+                                 [&](std::string_view key) { return root.has(key); });
+    if (n > most) {
+      most = n;
+      best = candidate.kind;
+    }
+  }
+  if (most == 0) {
+    throw Error(
+        "its keys are those of no kind of file", path.string(),
+        "a rig has [[face]], a plan patterns = ..., a scene [[mesh]] or [[box]], a fault "
+        "script [frames] or [[bus]]; say which with --as");
+  }
+  return best;
+}
+
+}  // namespace
+
+std::string_view to_string(FileKind kind) noexcept {
+  return kWords[static_cast<std::size_t>(kind)];
+}
+
+FileKind file_kind_from_word(std::string_view word) {
+  const auto it = std::find(kWords.begin(), kWords.end(), word);
+  if (it == kWords.end()) {
+    throw Error(fmt::format("\"{}\" is no kind of file", word), "--as",
+                fmt::format("write one of {}", fmt::join(kWords, ", ")), ExitCode::usage);
+  }
+  return static_cast<FileKind>(it - kWords.begin());
+}
+
+FileKind recognise_file(const fs::path& path) {
+  if (fs::is_directory(path)) {
+    if (fs::exists(path / "session.json") || fs::exists(path / "journal.sqlite")) {
+      throw Error("this is a session", path.string(),
+                  fmt::format("haarlight verify {}", path.string()));
+    }
+    return FileKind::environment;  // six faces
+  }
+  const std::string head = read_head(path);
+  if (head.starts_with("\x89HLB")) {
+    return FileKind::basis;
+  }
+  if (head.find('\0') != std::string::npos || head.starts_with("#?")) {  // "#?": Radiance
+    return FileKind::environment;
+  }
+  const std::size_t first = head.find_first_not_of(" \t\r\n");
+  if (first != std::string::npos && head[first] == '{') {
+    return FileKind::shot_list;
+  }
+  return recognise_toml(path);
+}
+
+}  // namespace haarlight

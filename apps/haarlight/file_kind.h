@@ -1,0 +1,22 @@
+#pragma once
+
+#include <filesystem>
+#include <string_view>
+
+/// @file
+/// Tells what a file is from what stands in it, so that `haarlight check` takes any of them.
+
+namespace haarlight {
+
+enum class FileKind { rig, plan, shot_list, scene, faults, environment, basis };
+
+[[nodiscard]] std::string_view to_string(FileKind kind) noexcept;
+/// @throws Error(usage)  not one of to_string()'s words
+[[nodiscard]] FileKind file_kind_from_word(std::string_view word);
+
+/// Pictures and folders are environments. A TOML file is what most of its top-level keys belong
+/// to, so that one misspelt key does not hide the others.
+/// @throws Error  missing, not TOML (with file:line:column), or keys of none of the kinds
+[[nodiscard]] FileKind recognise_file(const std::filesystem::path& path);
+
+}  // namespace haarlight
