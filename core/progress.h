@@ -6,7 +6,7 @@
 #include <string>
 
 /// @file
-/// How far a long job is: a bar on a terminal, a line every ten per cent elsewhere, nothing
+/// How far a long job is: a bar on a terminal, a line every five seconds elsewhere, nothing
 /// when quiet. Written to stderr.
 
 namespace haarlight {

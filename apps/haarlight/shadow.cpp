@@ -269,6 +269,12 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
   const PlaneFrame frame = make_plane_frame(rig.planes[i_plane]);
   const std::vector<Eigen::Vector3d> weights = read_weights(arguments, rig, report);
   const SceneFile scene = read_scene(arguments.scene);
+  Scene object;  // read before anything is written, as every input
+  if (!arguments.truth_object.empty()) {
+    report.add_input(arguments.truth_object);
+    object = read_scene(arguments.truth_object).scene;
+    remove_ground(object, frame);
+  }
   const CameraModel view = view_of(arguments, scene, rig);
   const std::vector<SquareLight> lights = square_lights(rig);
 
@@ -341,9 +347,6 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
     bytes += fs::file_size(arguments.spread);
   }
   if (!arguments.truth.empty()) {
-    report.add_input(arguments.truth_object);
-    Scene object = read_scene(arguments.truth_object).scene;
-    remove_ground(object, frame);
     const Image<float> truth = trace_shadow(scene.scene, object, view, lights, weights,
                                             arguments.subpixels, common.progress());
     const Achieved found = compare(result.picture.pixels(), truth.pixels());

@@ -163,7 +163,7 @@ int run_command_line(int argc, char** argv) {
   program.footer(
       "Exit codes: 0 ended by request, 2 usage, 65 bad configuration, 69 device or address "
       "not there,\n70 our own bug or a hanging device, 74 input/output.\n\n"
-      "Example:\n  haarlightd configs/rigs/cube32.toml --sessions /data/sessions");
+      "Example:\n  haarlightd configs/rigs/cube32.toml --sessions sessions");
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
     return static_cast<int>(*end);
   }

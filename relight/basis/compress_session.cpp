@@ -105,8 +105,7 @@ PlateChoice PlateChoice::parse(const std::string& text) {
   if (std::filesystem::is_regular_file(text)) {
     return {Kind::file, text};
   }
-  throw Error("no such plate", text, "give a .hlb file, a session's folder, or none",
-              ExitCode::usage);
+  throw Error("no such plate", text, "give a .hlb file, a session's folder, or none");
 }
 
 int haar_grid(const SessionInfo& info) {

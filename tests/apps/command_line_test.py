@@ -1,0 +1,291 @@
+#!/usr/bin/env python3
+"""What every verb of `haarlight` promises on the command line: help, exit codes, named causes, no
+overwriting, reports, quiet. command_line_test.py BIN, the build's folder apps/. No rig is needed."""
+
+import os
+import pathlib
+import pty
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from programs import (SOURCE, Programs, footer_examples, free_port, report_problems,
+                      schema_problems, write_capture)
+
+DONE, USAGE, BAD_INPUT, UNAVAILABLE = 0, 2, 65, 69
+RIG = SOURCE / "configs/rigs/small8.toml"
+PLAN = SOURCE / "configs/plans/quick.toml"
+SCENE = SOURCE / "configs/scenes/stairs.toml"
+ROOM = SOURCE / "configs/environments/room.hdr"
+CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot"}
+
+# For each verb: command lines whose only fault is that the input named "absent..." is not there.
+ABSENT = {
+    "check": ["absent.toml"],
+    "plan": ["absent.toml {plan}", "{rig} absent.toml"],
+    "capture": ["absent.toml", "{plan} --token-file absent"],
+    "status": ["--token-file absent"],
+    "pause": ["--token-file absent"],
+    "resume": ["--token-file absent"],
+    "abort": ["--token-file absent"],
+    "all-off": ["--token-file absent"],
+    "reshoot": ["1 --token-file absent"],
+    "import": ["absent --lights photos/dirs.lp -o new", "photos --lights absent.lp -o new",
+               "photos --lights photos/dirs.lp --dark absent.png -o new"],
+    "verify": ["absent"],
+    "rebuild": ["absent"],
+    "develop": ["absent"],
+    "export": ["absent --lp -o new"],
+    "plate": ["absent.toml -o new"],
+    "compress": ["absent -o new", "session -o new --plate absent.hlb --basis direct"],
+    "relight": ["absent.hlb --light 0 -o new.png", "object.hlb --cubemap absent.hdr -o new.png",
+                "object.hlb --weights absent.json -o new.png",
+                "object.hlb --light 0 --against absent -o new.png"],
+    "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
+               "plate.hlb --scene absent.toml --light 0 -o new.png",
+               "plate.hlb --scene {scene} --cubemap absent.hdr -o new.png",
+               "plate.hlb --scene {scene} --light 0 --plate absent.hlb -o new.png",
+               "plate.hlb --scene {scene} --light 0 --mask absent.png -o new.png",
+               "plate.hlb --scene {scene} --light 0 --truth-object absent.toml --truth t.png -o new.png"],
+}
+
+# Command lines that succeed and write to "taken...": the test puts a file (a folder for "taken/")
+# there first, and leaves it out for the reports. None: a verb that writes no output.
+WRITES = {
+    "check": None, "status": None, "pause": None, "resume": None, "abort": None, "all-off": None,
+    "reshoot": None, "verify": None, "rebuild": None,
+    "plan": ["{rig} {plan} -o taken.json"],
+    "capture": ["{plan} -o taken/"],
+    "import": ["photos --lights photos/dirs.lp -o taken/"],
+    "develop": ["session --exr taken/"],
+    "export": ["session --lp -o taken.lp", "session --dome -o taken.dome",
+               "session --lp -o new.lp --png taken/"],
+    "plate": ["{rig} -o taken.hlb"],
+    "compress": ["session -o taken.hlb --basis direct --plate none"],
+    "relight": ["object.hlb --light 0 -o taken.png"],
+    "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
+               "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png --spread taken.png",
+               "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png "
+               "--truth-object {scene} --truth taken.png",
+               "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png "
+               "--truth-object {scene} --truth new2.png --difference taken.png"],
+}
+READS = {"check": "{rig} {plan} {scene} {room} object.hlb", "verify": "session", "rebuild": "session"}
+
+
+class CommandLine(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.programs = Programs(BIN)
+        cls.verbs = cls.programs.verbs()
+        cls.place = tempfile.TemporaryDirectory(prefix="haarlight-cli.")
+        cls.folder = pathlib.Path(cls.place.name)
+        write_capture(cls.folder / "photos")
+        for line in ("import photos --lights photos/dirs.lp -o session",
+                     "compress session -o object.hlb --basis direct --plate none",
+                     "plate {rig} -o plate.hlb"):
+            done = cls.run_line(line)
+            assert done.returncode == DONE, done.stderr
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.place.cleanup()
+
+    @classmethod
+    def run_line(cls, line, *more):
+        words = line.format(rig=RIG, plan=PLAN, scene=SCENE, room=ROOM).split()
+        if words[0] in CLIENTS | {"capture"}:
+            more = ("--daemon", f"http://127.0.0.1:{cls.closed_port}", *more)
+        return cls.programs.run(*words, *more, cwd=cls.folder)
+
+    closed_port = free_port()
+
+    def lines(self, table):
+        self.assertEqual(sorted(table), sorted(self.verbs), "the table must name every verb")
+        return [(verb, f"{verb} {ending}") for verb, endings in table.items()
+                for ending in endings or []]
+
+    def test_help_shows_usage_and_an_example_of_the_verb(self):
+        for verb in self.verbs:
+            with self.subTest(verb=verb):
+                shown = self.programs.run(verb, "--help")
+                self.assertEqual(shown.returncode, DONE)
+                self.assertEqual(shown.stderr, "")
+                self.assertIn(f"Usage: haarlight {verb} ", shown.stdout)
+                examples = footer_examples(shown.stdout)
+                self.assertTrue(examples, "no example")
+                for example in examples:
+                    self.assertTrue(example.startswith(f"haarlight {verb}"), example)
+                for option in ("--report FILE", "--quiet", "--memory", "--threads", "--force"):
+                    self.assertIn(option, shown.stdout)
+
+    def test_an_unknown_option_or_verb_is_a_usage_error_that_names_it(self):
+        for verb in self.verbs:
+            with self.subTest(verb=verb):
+                shown = self.programs.run(verb, "--no-such-option", cwd=self.folder)
+                self.assertEqual(shown.returncode, USAGE)
+                self.assertEqual(shown.stdout, "")
+                self.assertRegex(shown.stderr, "no-such-option|is required")
+        shown = self.programs.run("status", "--no-such-option")
+        self.assertIn("--no-such-option", shown.stderr)
+        shown = self.programs.run("relihgt", "x.hlb")
+        self.assertEqual(shown.returncode, USAGE)
+        self.assertIn("did you mean relight?", shown.stderr)
+        self.assertEqual(self.programs.run().returncode, USAGE)
+
+    def test_numbers_out_of_range_nan_and_infinity_are_usage_errors(self):
+        for line in ("plate {rig} -o new.hlb --max-error nan", "plate {rig} -o new.hlb --max-error 2",
+                     "relight object.hlb --light 0 -o new.png --rotate inf",
+                     "relight object.hlb --light 0 -o new.png --exposure nan",
+                     "relight object.hlb --light 0 -o new.png --terms -1",
+                     "check {rig} --threads 0", "check {rig} --memory 3Q"):
+            with self.subTest(line=line):
+                self.assertEqual(self.run_line(line).returncode, USAGE)
+        self.assertFalse((self.folder / "new.hlb").exists())
+
+    def test_a_repeated_option_takes_one_value_each_time(self):
+        done = self.run_line("relight --light 1 --light 0=0.5 object.hlb -o pair.png")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+
+    def test_a_missing_input_is_named_with_a_cure_and_leaves_nothing(self):
+        before = sorted(self.folder.iterdir())
+        for verb, line in self.lines(ABSENT):
+            with self.subTest(line=line):
+                shown = self.run_line(line)
+                self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
+                self.assertIn(f"haarlight {verb}: ", shown.stderr)
+                self.assertRegex(shown.stderr, r"absent")
+                self.assertRegex(shown.stderr, r"\n  cure: \S")
+                self.assertEqual(sorted(self.folder.iterdir()), before)
+
+    def test_without_a_daemon_its_clients_say_so(self):
+        for verb in sorted(CLIENTS):
+            with self.subTest(verb=verb):
+                shown = self.run_line(verb + (" 1" if verb == "reshoot" else ""))
+                self.assertEqual(shown.returncode, UNAVAILABLE, shown.stderr)
+                self.assertIn(f"127.0.0.1:{self.closed_port}", shown.stderr)
+                self.assertRegex(shown.stderr, r"\n  cure: \S")
+        self.assertEqual(self.run_line("capture {plan}").returncode, UNAVAILABLE)
+
+    def test_an_existing_output_is_refused_and_left_as_it_was(self):
+        for verb, line in self.lines(WRITES):
+            with self.subTest(line=line):
+                name = re.search(r"taken[./]\S*", line)[0]
+                taken = self.folder / name
+                kept = taken / "mine.txt" if name.endswith("/") else taken
+                kept.parent.mkdir(exist_ok=True)
+                kept.write_text("mine")
+                before = sorted(self.folder.rglob("*"))
+                shown = self.run_line(line)
+                self.assertEqual(shown.returncode, USAGE, shown.stderr)
+                self.assertIn(name.rstrip("/"), shown.stderr)
+                self.assertRegex(shown.stderr, "new folder" if verb == "capture" else "--force")
+                self.assertEqual(kept.read_text(), "mine")
+                after = [p for p in sorted(self.folder.rglob("*")) if "cache" not in p.parts]
+                self.assertEqual(after, [p for p in before if "cache" not in p.parts])
+                kept.unlink()
+                if name.endswith("/"):
+                    taken.rmdir()
+
+    def test_reports_follow_the_schema_and_quiet_verbs_say_nothing_but_results(self):
+        lines = [(verb, line) for verb, line in self.lines(WRITES) if verb != "capture"]
+        lines += [(verb, f"{verb} {ending}") for verb, ending in READS.items()]
+        self.assertEqual({verb for verb, _ in lines} | CLIENTS | {"capture"}, set(self.verbs))
+        for number, (verb, line) in enumerate(lines):
+            line = line.replace("taken", f"out{number}").replace("new", f"beside{number}_")
+            report = self.folder / f"report{number}.json"
+            with self.subTest(line=line):
+                done = self.run_line(line, "--quiet", "--report", report)
+                self.assertEqual(done.returncode, DONE, done.stderr)
+                self.assertEqual(done.stderr, "")
+                self.assertEqual(report_problems(report, verb), [])
+                again = self.run_line(line, "--report", report)
+                self.assertEqual(again.returncode, USAGE, "the report itself is not overwritten")
+                forced = self.run_line(line, "--force", "--report", report)
+                self.assertEqual(forced.returncode, DONE, forced.stderr)
+
+    def test_progress_is_a_bar_on_a_terminal_unless_quiet(self):
+        for line in ("develop session --force", "verify session"):
+            with self.subTest(line=line):
+                self.assertIn("100 %", self.on_a_terminal(line))
+                self.assertEqual(self.on_a_terminal(line + " --quiet"), "")
+
+    def on_a_terminal(self, line):
+        """What the verb writes to its standard error when that is a terminal."""
+        ours, theirs = pty.openpty()
+        done = subprocess.run([self.programs.haarlight, *line.split()], cwd=self.folder,
+                              stdout=subprocess.DEVNULL, stderr=theirs, timeout=60)
+        os.close(theirs)
+        self.assertEqual(done.returncode, DONE)
+        text = b""
+        try:
+            while piece := os.read(ours, 65536):
+                text += piece
+        except OSError:  # Linux: the other end is closed
+            pass
+        os.close(ours)
+        return text.decode()
+
+    def test_check_tells_files_apart_and_lists_every_problem(self):
+        good = self.run_line("check {rig} {plan} {scene} {room} plate.hlb " +
+                             str(SOURCE / "configs/faults/bad_day.toml"))
+        self.assertEqual(good.returncode, DONE, good.stderr)
+        for kind in ("rig", "plan", "scene", "environment", "basis", "faults"):
+            self.assertIn(f": a good {kind}: ", good.stdout)
+        self.assertIn('64 shots, fits the rig "small8"', good.stdout)
+        bad = {
+            "rig.toml": (RIG.read_text().replace("rows = 8", "rows = 0").replace("fps =", "fbs ="),
+                         ["rows = 0 is out of range", "fps is missing", "did you mean fps?"]),
+            "plan.toml": ('schema = 1\nname = "p"\npatterns = "binns"\nrepeats = 0\n',
+                          [r"plan.toml:3: patterns", r"plan.toml:4: repeats", "cure"]),
+            "scene.toml": ('[[box]]\nlow = [0, 0, 0]\nhigh = [0, 0, 0]\nmaterial = "m"\n'
+                           '[[sphere]]\ncentre = [0, 0]\nradius = -1\nmaterial = "m"\n',
+                           [r"scene.toml:3: a box without volume", r"scene.toml:4: no \[\[material",
+                            r"scene.toml:6: ", r"scene.toml:7: ", r"scene.toml:8: "]),
+            "faults.toml": ('[frames]\nlate_share = 2\n[[bus]]\nat_s = 1\nfor_s = 1\nkind = "off"\n',
+                            [r"faults.toml:2: ", r"faults.toml:6: "]),
+            "broken.toml": ("[[face]\n", [r"broken.toml:1:"]),
+            "other.toml": ("colour = 3\n", ["of no kind of file"]),
+            "plan.json": ('{"schema": 1}', ['has no "name"']),
+            "sky.hdr": ("#?RADIANCE\nnot a picture", ["sky.hdr"]),
+            "cut.hlb": ("", []),
+        }
+        (self.folder / "bad").mkdir()
+        for name, (text, _) in bad.items():
+            (self.folder / "bad" / name).write_text(text)
+        whole = (self.folder / "plate.hlb").read_bytes()
+        (self.folder / "bad/cut.hlb").write_bytes(whole[:200])
+        for name, (_, expected) in bad.items():
+            with self.subTest(file=name):
+                shown = self.run_line(f"check bad/{name}")
+                self.assertEqual(shown.returncode, BAD_INPUT)
+                self.assertIn(name, shown.stderr)
+                self.assertIn("\n  cure: ", shown.stderr)
+                for pattern in expected:
+                    self.assertRegex(shown.stderr, pattern)
+        both = self.run_line("check bad/rig.toml {plan}")
+        self.assertEqual(both.returncode, BAD_INPUT)
+        self.assertIn(": a good plan: ", both.stdout, "a bad file does not hide a good one")
+        (self.folder / "far.toml").write_text(
+            'schema = 1\nname = "far"\npatterns = "one_at_a_time"\nlights = [64]\n')
+        self.assertEqual(self.run_line("check far.toml").returncode, DONE)
+        far = self.run_line("check {rig} far.toml")
+        self.assertEqual(far.returncode, BAD_INPUT)
+        self.assertIn("light 64 does not exist", far.stderr)
+        self.assertEqual(self.run_line("check session").returncode, BAD_INPUT)
+        self.assertEqual(self.run_line("check {rig} --as car").returncode, USAGE)
+
+    def test_the_validator_refuses_broken_reports(self):
+        schema = {"type": "object", "required": ["a"], "additionalProperties": False,
+                  "properties": {"a": {"type": "integer"}, "b": {"type": "array",
+                                                                "items": {"type": "string"}}}}
+        self.assertEqual(schema_problems({"a": 1, "b": ["x"]}, schema), [])
+        for broken in ([], {}, {"a": 1.5}, {"a": True}, {"a": 1, "c": 0}, {"a": 1, "b": [1]}):
+            self.assertTrue(schema_problems(broken, schema), broken)
+
+
+if __name__ == "__main__":
+    BIN = sys.argv.pop(1)
+    unittest.main(verbosity=2)

@@ -1,0 +1,214 @@
+#!/usr/bin/env python3
+"""Runs every example that --help, README.md and docs/ show, as it stands there, on a virtual rig:
+the cube of 1024 lights with a small camera. examples_test.py BIN, the build's folder apps/."""
+
+import os
+import pathlib
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+from programs import (SOURCE, Programs, VirtualRig, footer_examples, free_port, report_problems,
+                      rig_on_free_ports, wait_for, write_capture)
+
+
+def shown_commands(document):
+    """Commands of a Markdown file: lines of its indented or fenced code that begin with a program's
+    name. Comments are left out."""
+    text = (SOURCE / document).read_text()
+    lines = re.findall(r"^(?:    )?(haarlight(?:-sim|d)? .*)$", text, re.M)
+    code = [line for line in lines if f"    {line}" in text or f"```sh\n{line}" in text]
+    return [line.split(" #")[0].strip() for line in code]
+
+
+class Examples(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.programs = Programs(BIN)
+        cls.place = tempfile.TemporaryDirectory(prefix="haarlight-examples.")
+        cls.folder = pathlib.Path(cls.place.name)
+        cls.port = free_port()
+        cls.url = f"http://127.0.0.1:{cls.port}"
+        for part in ("plans", "scenes", "environments", "faults"):
+            shutil.copytree(SOURCE / "configs" / part, cls.folder / "configs" / part)
+        rigs = cls.folder / "configs/rigs"
+        rigs.mkdir()
+        small = (SOURCE / "configs/rigs/small8.toml").read_text()
+        camera = re.search(r"\[\[camera\]\].*?(?=\[controller\])", small, re.S)[0]
+        cube = (SOURCE / "configs/rigs/cube32.toml").read_text()
+        source = cls.folder / "cube32_small_camera.toml"
+        source.write_text(re.sub(r"\[\[camera\]\].*?(?=\[controller\])", camera, cube, flags=re.S))
+        rig_on_free_ports(source, rigs / "cube32.toml", cls.folder, cls.port)
+        (cls.folder / "small8").mkdir()
+        rig_on_free_ports(SOURCE / "configs/rigs/small8.toml", rigs / "small8.toml",
+                          cls.folder / "small8", free_port())
+        for name in ("apartment.hdr", "sky.hdr"):
+            shutil.copy(SOURCE / "configs/environments/room.hdr", cls.folder / name)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.place.cleanup()
+
+    def run_shown(self, command, folder=None, expected=0):
+        """Runs a command as a person would type it."""
+        words = shlex.split(command)
+        self.assertEqual(words[0], "haarlight", command)
+        start = time.monotonic()
+        done = self.programs.run(*words[1:], cwd=folder or self.folder, timeout=300,
+                                 HAARLIGHT_DAEMON=self.url)
+        print(f"{time.monotonic() - start:6.1f} s  {command}", flush=True)
+        self.assertEqual(done.returncode, expected, f"{command}\n{done.stdout}{done.stderr}")
+        return done
+
+    def phase(self):
+        return self.programs.run("status", "--daemon", self.url).stdout.split()[0]
+
+    def wait_for_phase(self, *phases):
+        wait_for(lambda: self.phase() in phases, 60, f"phase {phases}")
+
+    def begin_capture(self):
+        """A capture in the background, until it runs."""
+        capture = subprocess.Popen(
+            [self.programs.haarlight, "capture", "configs/plans/one_at_a_time.toml", "--daemon",
+             self.url], cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.wait_for_phase("running")
+        return capture
+
+    def examples_of(self, verb):
+        return footer_examples(self.programs.run(verb, "--help").stdout)
+
+    def test_examples_of_every_verb(self):
+        left = self.programs.verbs()
+
+        def run_examples(*verbs):
+            for verb in verbs:
+                left.remove(verb)
+                for example in self.examples_of(verb):
+                    self.run_shown(example)
+
+        run_examples("check", "plan")
+        rig = VirtualRig(self.programs, "configs/rigs/cube32.toml", "configs/scenes/airplane.toml",
+                         self.folder, self.url, cwd=self.folder)
+        try:
+            run_examples("capture")
+            with self.subTest("a capture reports its shots, and quiet is quiet"):
+                done = self.programs.run("capture", "configs/plans/quick.toml", "--daemon", self.url,
+                                         "--quiet", "--report", "capture.json", cwd=self.folder)
+                self.assertEqual((done.returncode, done.stderr), (0, ""))
+                self.assertEqual(report_problems(self.folder / "capture.json", "capture"), [])
+            run_examples("status")
+            capture = self.begin_capture()
+            run_examples("pause")
+            self.wait_for_phase("paused")
+            run_examples("resume")
+            self.wait_for_phase("running")
+            run_examples("abort")
+            self.assertEqual(capture.wait(timeout=60), 75, capture.stderr.read())
+            capture.stdout.close()
+            capture.stderr.close()
+            run_examples("all-off")
+            self.run_shown("haarlight resume")
+            self.wait_for_phase("idle", "done")
+            session = self.run_shown("haarlight capture configs/plans/quick.toml").stdout.strip()
+            run_examples("reshoot")
+            self.wait_for_phase("done")
+            self.run_shown(f"haarlight verify {session}")
+            for verb in ("status", "pause", "resume", "abort", "all-off"):
+                with self.subTest("report", verb=verb):
+                    done = self.programs.run(verb, "--daemon", self.url, "--report", f"{verb}.json",
+                                             "--quiet", cwd=self.folder)
+                    self.assertEqual((done.returncode, done.stderr), (0, ""))
+                    self.assertEqual(report_problems(self.folder / f"{verb}.json", verb), [])
+        finally:
+            self.assertEqual(rig.end(), [0, 0])
+
+        shutil.copytree(self.folder / "vase", self.folder / "sessions/airplane")
+        shutil.copytree(self.folder / "vase", self.folder / "cube.session")
+        write_capture(self.folder / "door")
+        write_capture(self.folder / "rig", scale=800.0)
+        shutil.copy(self.folder / "rig/dirs.lp", self.folder / "rig.lp")
+        write_capture(self.folder / "ball")
+        shutil.copy(self.folder / "ball/dirs.lp", self.folder / "lights.txt")
+        shutil.copy(self.folder / "ball/light0.png", self.folder / "ball/mask.png")
+        run_examples("import")
+        shutil.copytree(self.folder / "door.session", self.folder / "sessions/coin")
+        run_examples("verify", "rebuild", "develop", "export", "plate", "compress", "relight",
+                     "shadow")
+        self.assertEqual(left, [], "verbs whose examples were not run")
+
+    def test_readme_in_use(self):
+        place = self.folder / "readme"
+        place.mkdir()
+        shutil.copy(self.folder / "configs/rigs/cube32.toml", place / "rig.toml")
+        shutil.copy(self.folder / "configs/plans/one_at_a_time.toml", place / "plan.toml")
+        shutil.copy(self.folder / "configs/scenes/stairs.toml", place / "stairs.toml")
+        shutil.copy(self.folder / "sky.hdr", place / "sky.hdr")
+        write_capture(place / "photos")
+        shutil.copy(place / "photos/dirs.lp", place / "dome.lp")
+        commands = shown_commands("README.md")
+        self.assertGreaterEqual(len(commands), 9)
+        rig = VirtualRig(self.programs, "rig.toml", self.folder / "configs/scenes/airplane.toml",
+                         place, self.url, cwd=place)
+        try:
+            for command in commands:
+                if command == "haarlightd rig.toml &":
+                    continue  # VirtualRig has started it so
+                self.run_shown(command, place)
+        finally:
+            self.assertEqual(rig.end(), [0, 0])
+        for picture in ("sky.png", "shadow.exr"):
+            self.assertGreater((place / picture).stat().st_size, 1000)
+
+    def test_commands_of_the_documents(self):
+        place = self.folder / "documents"
+        place.mkdir()
+        shutil.copytree(self.folder / "configs", place / "configs")
+        shutil.copy(self.folder / "configs/rigs/small8.toml", place / "rig.toml")
+        shutil.copy(self.folder / "configs/plans/one_at_a_time.toml", place / "plan.toml")
+        for document in sorted((SOURCE / "docs").glob("*.md")):
+            for command in shown_commands(document):
+                with self.subTest(document=document.name, command=command):
+                    if command.startswith("haarlight-sim "):
+                        self.run_simulator(command, place)
+                    else:
+                        self.run_shown(command, place)
+
+    def test_examples_of_the_simulator_and_the_daemon(self):
+        for program in (self.programs.sim, self.programs.daemon):
+            text = subprocess.run([program, "--help"], capture_output=True, text=True,
+                                  check=True).stdout
+            examples = footer_examples(text)
+            self.assertTrue(examples)
+            for example in examples:
+                with self.subTest(example=example):
+                    if program == self.programs.sim:
+                        self.run_simulator(example, self.folder)
+                    else:
+                        self.run_program(program, example, self.folder, "haarlightd 0")
+
+    def run_simulator(self, command, folder):
+        self.run_program(self.programs.sim, command.replace("/tmp/", f"{folder}/"), folder, "ready\n")
+
+    def run_program(self, program, command, folder, sign):
+        """Starts a program that serves, waits until it says `sign`, asks it to end."""
+        log = folder / "served.log"
+        with log.open("w") as out:
+            served = subprocess.Popen([program, *shlex.split(command)[1:]], cwd=folder, stdout=out,
+                                      stderr=out, env={**os.environ, "XDG_CACHE_HOME": str(folder)})
+            try:
+                wait_for(lambda: sign in log.read_text() or served.poll() is not None, 120, command)
+            finally:
+                served.terminate()
+                code = served.wait(timeout=30)
+        self.assertIn(sign, log.read_text())
+        self.assertEqual(code, 0, log.read_text())
+
+
+if __name__ == "__main__":
+    BIN = sys.argv.pop(1)
+    unittest.main(verbosity=2)
