@@ -61,11 +61,12 @@ Json body_of(const HttpRequest& request) {
 
 Json state_json(const DaemonState& s) {
   Json reasons = Json::array();
-  constexpr std::array<std::pair<std::uint32_t, const char*>, 4> kReasons{
+  constexpr std::array<std::pair<std::uint32_t, const char*>, 5> kReasons{
       {{kCameraLost, "camera"},
        {kControllerLost, "controller"},
        {kDiskFull, "disk"},
-       {kNoEvidence, "no_clean_frame"}}};
+       {kNoEvidence, "no_clean_frame"},
+       {kHeldBack, "held_back"}}};
   for (const auto& [bit, word] : kReasons) {
     if ((s.reasons & bit) != 0) {
       reasons.push_back(word);

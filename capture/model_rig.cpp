@@ -52,6 +52,7 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
                 .check_failed = p(0.1),
                 .commit_full = p(0.1),
                 .controller_reboot_rate = p(1.0),
+                .interlock_rate = p(0.4),
                 .lease_lost_rate = p(1.0),
                 .camera_gone_rate = p(0.7),
                 .pause_rate = p(0.7),
@@ -314,7 +315,13 @@ void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
   const bool is_wrong_echo = happens(config_.faults.light_wrong_echo);
   at(latch_ns, [=, this] {
     const bool is_up = is_connected_;
-    if (is_up && is_shown) {
+    if (is_up && !is_lost && tag != 0 && now_ns_ < interlock_closes_ns_) {
+      at(answer_ns, [this, job] {
+        end_job(event::LightFault{job, Errc::device_busy, "latch refused: interlock"});
+      });
+      return;
+    }
+    if (is_up && is_shown && (tag == 0 || now_ns_ >= interlock_closes_ns_)) {
       change_light(tag, some_ns(config_.latch_us));
     }
     if (!is_up || is_lost) {
@@ -450,12 +457,14 @@ void ModelRig::deliver(const ModelFrame& frame) {
 // ---- disk
 // ------------------------------------------------------------------------------------
 
-/// To a withdrawal, which needs the disk as a commit does.
+/// To a withdrawal, which needs the disk as a commit does. The writer is one thread: it never
+/// says that all is good after a later commit has failed.
 void ModelRig::answer_of_disk() {
-  at(now_ns_ + some_ns(1000.0), [this] {
-    if (now_ns_ < disk_back_ns_) {
+  const bool is_full = now_ns_ < disk_back_ns_;
+  at(now_ns_ + some_ns(1000.0), [this, is_full] {
+    if (is_full) {
       send(event::CommitFault{Errc::no_space, "withdrawal: no space left on device"});
-    } else {
+    } else if (commits_.empty()) {
       send(event::DiskGood{});
     }
   });
@@ -527,6 +536,10 @@ void ModelRig::every(double rate, const std::function<void()>& work) {
 void ModelRig::schedule_rates() {
   const ModelFaults& faults = config_.faults;
   every(faults.controller_reboot_rate, [this] { reboot(); });
+  every(faults.interlock_rate, [this] {
+    interlock_closes_ns_ = now_ns_ + some_ns(1'500'000.0);
+    change_light(0, 0);
+  });
   every(faults.lease_lost_rate, [this] { change_light(0, 0); });
   every(faults.camera_gone_rate, [this] {
     if (is_streaming_) {

@@ -33,6 +33,7 @@ struct ModelFaults {
   double check_failed = 0.0;
   double commit_full = 0.0;  ///< the disk is full for a while
   double controller_reboot_rate = 0.0;
+  double interlock_rate = 0.0;   ///< the controller is dark and says "not now" for a while
   double lease_lost_rate = 0.0;  ///< the controller goes dark by itself, same boot
   double camera_gone_rate = 0.0;
   double pause_rate = 0.0;
@@ -168,6 +169,7 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   std::deque<std::function<void()>> jobs_;  ///< the light thread does one after the other
   bool is_job_running_ = false;
   std::int64_t bus_back_ns_ = 0;  ///< no answers before
+  std::int64_t interlock_closes_ns_ = 0;
   bool is_connected_ = false;
 
   std::uint64_t generation_ = 0;  ///< of the camera's stream; 0 frames of an old one arrive

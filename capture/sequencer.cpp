@@ -18,6 +18,7 @@ constexpr std::int64_t kFirstBackoffNs = 100 * kMs;
 constexpr std::int64_t kLastBackoffNs = 2000 * kMs;
 constexpr std::int64_t kDiskRetryNs = 1000 * kMs;
 constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
+constexpr std::int64_t kHeldRetryNs = 1000 * kMs;
 constexpr std::int64_t kAbortLimitNs = 200 * kMs;
 constexpr std::int64_t kShotSlackNs =
     300 * kMs;  // beside the frames: late delivery, a busy host
@@ -59,6 +60,9 @@ class Stepper {
     if (due(s_.retry_evidence_ns)) {
       s_.failures = 0;
       clear_reason(kNoEvidence);
+    }
+    if (due(s_.retry_held_ns)) {
+      clear_reason(kHeldBack);
     }
     if (s_.shot_deadline_ns <= t_) {
       on_shot_timeout();
@@ -420,7 +424,7 @@ class Stepper {
     }
     s_.deadline_ns =
         std::min({s_.retry_light_ns, s_.retry_camera_ns, s_.retry_disk_ns, s_.retry_evidence_ns,
-                  s_.shot_deadline_ns, s_.abort_deadline_ns});
+                  s_.retry_held_ns, s_.shot_deadline_ns, s_.abort_deadline_ns});
   }
 
  private:
@@ -643,7 +647,8 @@ class Stepper {
     s_.pending.clear();
     s_.reasons = 0;
     s_.failures = 0;
-    s_.retry_light_ns = s_.retry_camera_ns = s_.retry_disk_ns = s_.retry_evidence_ns = kNever;
+    s_.retry_light_ns = s_.retry_camera_ns = s_.retry_disk_ns = s_.retry_evidence_ns =
+        s_.retry_held_ns = kNever;
     s_.abort_deadline_ns = kNever;
     enter(Phase::idle, "aborted");
   }
@@ -694,6 +699,12 @@ class Stepper {
     leave_shot();
     if (code == Errc::refused || code == Errc::unsupported) {
       abort("controller: " + what);
+      return;
+    }
+    if (code == Errc::device_busy) {
+      s_.retry_held_ns = t_ + kHeldRetryNs;
+      s_.is_dark = false;  // what was lit before may be lit still
+      add_reason(kHeldBack, "controller: " + what);
       return;
     }
     const bool was_connected = s_.is_light_connected;
@@ -949,6 +960,7 @@ std::string reasons_text(std::uint32_t reasons) {
   add(kControllerLost, "controller");
   add(kDiskFull, "disk");
   add(kNoEvidence, "no clean frame");
+  add(kHeldBack, "held back");
   return text;
 }
 

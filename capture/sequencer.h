@@ -53,6 +53,8 @@ inline constexpr std::uint32_t kControllerLost = 1U << 1U;  ///< retried with gr
 inline constexpr std::uint32_t kDiskFull = 1U << 2U;  ///< the commit is repeated every second
 /// Many frames, none clean: tried again every two seconds.
 inline constexpr std::uint32_t kNoEvidence = 1U << 3U;
+/// The controller says not now (interlock, temperature, an element's rest): asked every second.
+inline constexpr std::uint32_t kHeldBack = 1U << 4U;
 /// "camera, disk"
 [[nodiscard]] std::string reasons_text(std::uint32_t reasons);
 
@@ -362,6 +364,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   int max_held = 1;
   std::int64_t retry_disk_ns = kNever;
   std::int64_t retry_evidence_ns = kNever;
+  std::int64_t retry_held_ns = kNever;
   std::int64_t abort_deadline_ns = kNever;
 
   SequencerCounters counters;

@@ -250,7 +250,11 @@ Fault RegisterLightArray::refusal_fault(Exception exception, const char* operati
   switch (exception) {
     case Exception::device_failure: {
       const auto block = read_status();
-      return {Errc::refused,
+      const bool is_for_now =
+          block && (block->refusal == registers::Refusal::element_duty ||
+                    block->refusal == registers::Refusal::over_temperature ||
+                    block->refusal == registers::Refusal::interlock);
+      return {is_for_now ? Errc::device_busy : Errc::refused,
               fmt::format("{}: {} refused: {}", name(), operation,
                           block ? to_string(block->refusal) : "reason not readable"),
               0, __FILE__, __LINE__};

@@ -311,6 +311,25 @@ TEST(Sequencer, ARefusedPatternEndsTheRunWithItsReason) {
   EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("power limit"));
 }
 
+TEST(Sequencer, AControllerThatSaysNotNowIsAskedAgainAfterASecond) {
+  Driver d;
+  d.send(event::Booted{});
+  d.send(event::Recovered{});
+  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
+  d.send(event::LightConnected{d.state.job, 77});
+  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+  d.send(event::LightFault{d.state.job, Errc::device_busy, "interlock"});
+  EXPECT_EQ(d.state.phase, Phase::suspended);
+  EXPECT_EQ(d.state.reasons, kHeldBack);
+  EXPECT_NE(d.find<action::LightsOff>(), nullptr);
+  d.send(event::LightDark{d.state.job});
+  EXPECT_EQ(d.state.deadline_ns, d.t_ns + 1'000'000'000);
+  d.t_ns += 1'000'000'000;
+  d.send(event::Tick{});
+  EXPECT_EQ(d.state.phase, Phase::running);
+  EXPECT_NE(d.find<action::ShowShot>(), nullptr);
+}
+
 TEST(Sequencer, AllOffIsAcceptedInEveryPhase) {
   Driver idle;
   idle.send(event::Booted{});

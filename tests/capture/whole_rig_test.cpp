@@ -33,7 +33,7 @@ class WholeRig : public ::testing::Test {
   }
 
   /// Runs one plan to its end.
-  void capture(const FaultScript& faults, const std::function<void()>& meanwhile = {}) {
+  void capture(const FaultScript& faults, const std::function<void(Daemon&)>& meanwhile = {}) {
     rig_ = std::make_unique<VirtualRig>(
         wanted_, transports_,
         VirtualRigOptions{.faults = faults, .own_folder = folder_.path()});
@@ -60,7 +60,7 @@ class WholeRig : public ::testing::Test {
         daemon.run("schema = 1\nname = \"whole\"\npatterns = \"one_at_a_time\"\n", "p");
     if (meanwhile) {
       ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.n_committed >= 10; }));
-      meanwhile();
+      meanwhile(daemon);
     }
     ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::done; }))
         << to_string(daemon.state().phase) << ": " << daemon.state().reason_text;
@@ -101,12 +101,26 @@ TEST_F(WholeRig, LateLostRepeatedStaleAndSwappedFramesChangeNothing) {
 }
 
 TEST_F(WholeRig, AControllerThatRestartsIsFoundAgain) {
-  capture({}, [this] { rig_->controller().restart(200ms); });
+  capture({}, [this](Daemon&) { rig_->controller().restart(200ms); });
   EXPECT_EQ(counters_.controller_reboots, 1U);
 }
 
+TEST_F(WholeRig, AnOpenInterlockSuspendsTheRunUntilItCloses) {
+  capture({}, [this](Daemon& daemon) {
+    rig_->controller().set_interlock_open(true);
+    const auto deadline = std::chrono::steady_clock::now() + 10s;
+    while (daemon.state().phase != Phase::suspended &&
+           std::chrono::steady_clock::now() < deadline) {
+      std::this_thread::sleep_for(1ms);
+    }
+    EXPECT_EQ(daemon.state().reasons, kHeldBack) << daemon.state().reason_text;
+    rig_->controller().set_interlock_open(false);
+  });
+  EXPECT_GE(counters_.suspensions, 1U);
+}
+
 TEST_F(WholeRig, ACameraThatIsCutOffIsFoundAgain) {
-  capture({}, [this] { rig_->camera(0).disconnect_client(); });
+  capture({}, [this](Daemon&) { rig_->camera(0).disconnect_client(); });
   EXPECT_GE(counters_.camera_faults, 1U);
 }
 
