@@ -3,11 +3,11 @@
 
 #include "session/export.h"
 
-#include <algorithm>
-#include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/verb.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -38,10 +38,7 @@ double choose_exposure(const LightStack& stack) {
       sample.push_back(values[at]);
     }
   }
-  const auto rank = sample.begin() +
-                    static_cast<std::ptrdiff_t>(static_cast<double>(sample.size() - 1) * 0.999);
-  std::nth_element(sample.begin(), rank, sample.end());
-  return *rank > 0.0F ? 1.0 / static_cast<double>(*rank) : 1.0;
+  return display_exposure(std::move(sample), 0.999);
 }
 
 /// Writes one PNG a light; their names relative to the list's folder.

@@ -4,13 +4,13 @@
 
 #include "relight/basis/relight.h"
 
-#include <algorithm>
-#include <cmath>
-#include <numbers>
+#include <chrono>
 #include <optional>
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/display_exposure.h"
+#include "apps/haarlight/light_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -29,12 +29,10 @@ namespace {
 struct RelightArguments {
   std::string basis;
   std::string output;
-  std::string cubemap;
-  std::vector<std::string> lights;
+  LightOptions light;
   std::string weights;
   std::optional<double> max_error;
   std::optional<int> terms;
-  double rotate_deg = 0.0;
   std::string order = "transport";
   std::optional<double> exposure;
   std::string against;
@@ -51,10 +49,7 @@ std::vector<Eigen::Vector3d> light_directions(const BasisHeader& header) {
 
 LightWeights environment_weights(const RelightArguments& arguments, const BasisHeader& header,
                                  Report& report) {
-  Environment environment = Environment::read(arguments.cubemap);
-  environment.rotate(arguments.rotate_deg * std::numbers::pi / 180.0);
-  report.add_input(arguments.cubemap);
-  report.add_detail("layout", std::string(to_string(environment.layout())));
+  const Environment environment = read_environment(arguments.light, report);
   const EnvironmentWeights found =
       header.rig_toml.empty()
           ? voronoi_weights(environment, light_directions(header))
@@ -70,31 +65,21 @@ LightWeights environment_weights(const RelightArguments& arguments, const BasisH
 
 LightWeights read_weights(const RelightArguments& arguments, const BasisHeader& header,
                           Report& report) {
-  const int n_sources = (arguments.cubemap.empty() ? 0 : 1) +
-                        (arguments.lights.empty() ? 0 : 1) +
+  const int n_sources = (arguments.light.cubemap.empty() ? 0 : 1) +
+                        (arguments.light.lights.empty() ? 0 : 1) +
                         (arguments.weights.empty() ? 0 : 1);
   if (n_sources != 1) {
     throw Error("give one of --cubemap, --light and --weights", "command line",
                 "name the light once", ExitCode::usage);
   }
-  if (!arguments.cubemap.empty()) {
+  if (!arguments.light.cubemap.empty()) {
     return environment_weights(arguments, header, report);
   }
   if (!arguments.weights.empty()) {
     report.add_input(arguments.weights);
     return weights_from_json(arguments.weights, header.dims.n_lights);
   }
-  return weights_from_words(arguments.lights, header.dims.n_lights);
-}
-
-/// For display: the 99.5th percentile of the brightest channel becomes white.
-double display_exposure(const Image<float>& picture) {
-  constexpr double kPercentile = 0.995;
-  std::vector<float> values(picture.pixels().begin(), picture.pixels().end());
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(kPercentile * double(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at > 0.0F ? 1.0 / double{*at} : 1.0;
+  return weights_from_words(arguments.light.lights, header.dims.n_lights);
 }
 
 void compare_with_session(const RelightArguments& arguments, const LightWeights& weights,
@@ -134,7 +119,6 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
   if (options.terms) {
     report.add_asked("terms", std::int64_t{*options.terms});
   }
-  report.add_asked("rotate_deg", arguments.rotate_deg);
   const auto start = std::chrono::steady_clock::now();
   const RelitPicture relit = relight(basis, weights, options);
   const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
@@ -148,7 +132,8 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
   const bool is_display = std::filesystem::path(arguments.output).extension() == ".png";
   double exposure = arguments.exposure.value_or(1.0);
   if (is_display && !arguments.exposure) {
-    exposure = display_exposure(relit.picture);
+    exposure = display_exposure({relit.picture.pixels().begin(), relit.picture.pixels().end()},
+                                kDisplayShare);
     fmt::print("  exposure {:.6g} for display\n", exposure);
   }
   report.add_detail("exposure", exposure);
@@ -177,12 +162,7 @@ void add_relight(Command root, Invocation& invocation) {
               {.type = "BASIS.hlb", .is_required = true});
   verb.option("-o,--output", &arguments->output, "Picture: .exr linear, .png for display",
               {.type = "OUT", .is_required = true});
-  verb.option("--cubemap", &arguments->cubemap,
-              "Environment: lat-long, cross or strip picture, or a folder of six faces",
-              {.type = "ENV"});
-  verb.option("--light,--lights", &arguments->lights,
-              "A light by number, or NUMBER=DRIVE; repeat it or separate with commas",
-              {.type = "K[=W]"});
+  add_light_options(verb, arguments->light);
   verb.option("--weights", &arguments->weights, "JSON list of every light's drive",
               {.type = "FILE.json"});
   verb.option("--max-error", &arguments->max_error,
@@ -190,8 +170,6 @@ void add_relight(Command root, Invocation& invocation) {
               {.bounds = Bounds{0.0, 1.0}});
   verb.option("--terms", &arguments->terms, "Use this many terms (default: all)",
               {.bounds = Bounds{}, .excludes = "--max-error"});
-  verb.option("--rotate", &arguments->rotate_deg,
-              "Turn the environment about z, degrees, counter-clockwise from above");
   verb.option("--order", &arguments->order,
               "Order of terms: transport, or light alone (poor; for comparison)",
               {.choices = {"transport", "light"}, .shows_default = true});

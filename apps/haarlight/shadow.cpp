@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <optional>
+#include <span>
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/display_exposure.h"
+#include "apps/haarlight/light_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -30,9 +32,7 @@ struct ShadowArguments {
   std::string basis;
   std::string scene;
   std::string output;
-  std::string cubemap;
-  std::vector<std::string> lights;
-  double rotate_deg = 0.0;
+  LightOptions light;
   std::string window = "corrected";
   std::vector<double> object_height;
   std::string plane;
@@ -50,19 +50,16 @@ struct ShadowArguments {
 
 std::vector<Eigen::Vector3d> read_weights(const ShadowArguments& arguments, const Rig& rig,
                                           Report& report) {
-  if (arguments.cubemap.empty() == arguments.lights.empty()) {
+  if (arguments.light.cubemap.empty() == arguments.light.lights.empty()) {
     throw Error("give one of --cubemap and --light", "command line", "name the light once",
                 ExitCode::usage);
   }
   Eigen::MatrixXd weights;
-  if (arguments.cubemap.empty()) {
-    weights = weights_from_words(arguments.lights, rig.n_lights());
+  if (arguments.light.cubemap.empty()) {
+    weights = weights_from_words(arguments.light.lights, rig.n_lights());
   } else {
-    Environment environment = Environment::read(arguments.cubemap);
-    environment.rotate(arguments.rotate_deg * std::numbers::pi / 180.0);
-    report.add_input(arguments.cubemap);
-    report.add_asked("rotate_deg", arguments.rotate_deg);
-    const EnvironmentWeights found = rig_weights(environment, rig);
+    const EnvironmentWeights found =
+        rig_weights(read_environment(arguments.light, report), rig);
     report.add_reached("missing_share", found.missing_share);
     weights = found.weights;
   }
@@ -129,20 +126,6 @@ Image<std::uint8_t> read_mask(const std::string& file) {
     }
   }
   return mask;
-}
-
-/// For display: the 99.5th percentile of the unshadowed picture becomes white, so that a shadow
-/// never changes the exposure.
-double display_exposure(const Image<float>& picture) {
-  constexpr double kPercentile = 0.995;
-  std::vector<float> values(picture.pixels().begin(), picture.pixels().end());
-  if (values.empty()) {
-    return 1.0;
-  }
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(
-                                       kPercentile * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at > 0.0F ? 1.0 / static_cast<double>(*at) : 1.0;
 }
 
 /// Triangles that lie in the shadow plane: a scene's ground is no part of the object.
@@ -336,9 +319,12 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
   }
   print_notes(result.report, options.object.has_value());
 
+  // Of the unshadowed picture, so that a shadow never changes the exposure.
+  const std::span<const float> unshadowed = result.unshadowed.pixels();
   const double exposure = arguments.exposure.value_or(
-      fs::path(arguments.output).extension() == ".png" ? display_exposure(result.unshadowed)
-                                                       : 1.0);
+      fs::path(arguments.output).extension() == ".png"
+          ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayShare)
+          : 1.0);
   report.add_detail("exposure", exposure);
   write_image(arguments.output, result.picture.view(), exposure);
   std::uint64_t bytes = fs::file_size(arguments.output);
@@ -393,14 +379,7 @@ void add_shadow(Command root, Invocation& invocation) {
               {.type = "SCENE.toml", .is_required = true});
   verb.option("-o,--output", &arguments->output, "Picture: .exr linear, .png for display",
               {.type = "OUT", .is_required = true});
-  verb.option("--cubemap", &arguments->cubemap,
-              "Environment: lat-long, cross or strip picture, or a folder of six faces",
-              {.type = "ENV"});
-  verb.option("--light,--lights", &arguments->lights,
-              "A light by number, or NUMBER=DRIVE; repeat it or separate with commas",
-              {.type = "K[=W]"});
-  verb.option("--rotate", &arguments->rotate_deg,
-              "Turn the environment about z, degrees, counter-clockwise from above");
+  add_light_options(verb, arguments->light);
   verb.option("--window", &arguments->window,
               "What the shadow is averaged over: none, plain (the paper's), or corrected",
               {.choices = {"none", "plain", "corrected"}, .shows_default = true});
