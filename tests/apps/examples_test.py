@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Runs every example that --help, README.md and docs/ show, as it stands there, on a virtual rig:
-the cube of 1024 lights with a small camera. examples_test.py BIN, the build's folder apps/."""
+the cube of 1024 lights with small cameras. examples_test.py BIN, the build's folder apps/."""
 
 import os
 import pathlib
@@ -36,6 +36,8 @@ class Examples(unittest.TestCase):
         cls.url = f"http://127.0.0.1:{cls.port}"
         for part in ("plans", "scenes", "environments", "faults"):
             shutil.copytree(SOURCE / "configs" / part, cls.folder / "configs" / part)
+        for scene in (cls.folder / "configs/scenes").glob("*.toml"):
+            scene.write_text(re.sub(r"(?m)^size = .*", "size = [48, 36]", scene.read_text()))
         rigs = cls.folder / "configs/rigs"
         rigs.mkdir()
         small = (SOURCE / "configs/rigs/small8.toml").read_text()
