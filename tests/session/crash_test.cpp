@@ -24,7 +24,7 @@ using test::FaultyDisk;
 using test::Survives;
 using test::TemporaryFolder;
 
-// 64 in session_crash_test (label soak), 8 in session_test.
+// 64 in session_crash_test (label soak), 5 in session_test.
 constexpr int kShots = HAARLIGHT_CRASH_SHOTS;
 constexpr int kVerifyEvery =
     kShots > 8 ? 16 : 1;  // verify reads all frames again: a sample will do
