@@ -10,7 +10,7 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "render/picture.h"
-#include "sim/rig_scene.h"
+#include "render/rig_lights.h"
 
 namespace haarlight {
 

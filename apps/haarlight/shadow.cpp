@@ -21,6 +21,7 @@
 #include "relight/light/light_weights.h"
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/stack_visibility.h"
+#include "render/rig_lights.h"
 
 namespace haarlight {
 
@@ -259,7 +260,7 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
     remove_ground(object, frame);
   }
   const CameraModel view = view_of(arguments, scene, rig);
-  const std::vector<SquareLight> lights = square_lights(rig);
+  const std::vector<SquareLight> lights = rig_lights(rig);
 
   ReprojectOptions options;
   options.rule = arguments.window == "none"    ? WindowRule::none

@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "core/random.h"
 #include "render/analytic/polygon_light.h"
+#include "render/rig_lights.h"
 
 namespace haarlight {
 
@@ -99,15 +100,7 @@ void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const 
   std::vector<SquareLight> squares;
   squares.reserve(lights_.size());
   for (const LightElement& light : lights_) {
-    SquareLight square;
-    square.centre = light.centre;
-    square.u = light.u;
-    square.v = light.v;
-    square.emits = light.emits;
-    square.width_mm = light.width_mm;
-    square.height_mm = light.height_mm;
-    square.lobe_mu = light.lobe_mu;
-    squares.push_back(square);
+    squares.push_back(square_light(light));
   }
   for (int p = 0; p < rect.n_pixels(); ++p) {
     const std::span<float> row = out.subspan(count(p) * lights_.size(), lights_.size());

@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "render/analytic/polygon_light.h"
+#include "render/rig_lights.h"
 
 namespace haarlight {
 
@@ -322,15 +323,8 @@ EnvironmentWeights integrate(const Environment& environment, const LightCells& c
 }  // namespace
 
 double facing_irradiance(const LightElement& light, const Eigen::Vector3d& object_centre) {
-  SquareLight square;
-  square.centre = light.centre;
-  square.u = light.u;
-  square.v = light.v;
-  square.emits = light.emits;
-  square.width_mm = light.width_mm;
-  square.height_mm = light.height_mm;
-  square.lobe_mu = light.lobe_mu;
-  return light_irradiance(square, object_centre, (light.centre - object_centre).normalized());
+  return light_irradiance(square_light(light), object_centre,
+                          (light.centre - object_centre).normalized());
 }
 
 EnvironmentWeights rig_weights(const Environment& environment, const Rig& rig) {

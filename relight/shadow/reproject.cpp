@@ -180,22 +180,6 @@ void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value
 
 }  // namespace
 
-std::vector<SquareLight> square_lights(const Rig& rig) {
-  std::vector<SquareLight> lights;
-  for (const LightElement& element : light_elements(rig)) {
-    SquareLight light;
-    light.centre = element.centre;
-    light.u = element.u;
-    light.v = element.v;
-    light.emits = element.emits;
-    light.width_mm = element.width_mm;
-    light.height_mm = element.height_mm;
-    light.lobe_mu = element.lobe_mu;
-    lights.push_back(light);
-  }
-  return lights;
-}
-
 double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
                            const Eigen::Vector3d& normal) {
   const Eigen::Vector3d to_light = light.centre - point;

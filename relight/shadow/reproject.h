@@ -12,7 +12,6 @@
 #include "core/camera_model.h"
 #include "core/image.h"
 #include "core/progress.h"
-#include "core/rig.h"
 #include "relight/shadow/area_mean.h"
 #include "relight/shadow/plane_frame.h"
 #include "relight/shadow/visibility.h"
@@ -31,9 +30,6 @@
 /// receivers the method cannot serve.
 
 namespace haarlight {
-
-/// The rig's lights with radiance 1, light k at index k.
-[[nodiscard]] std::vector<SquareLight> square_lights(const Rig& rig);
 
 /// A point of the scene that a sub-pixel of the camera sees.
 struct Receiver {

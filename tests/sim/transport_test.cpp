@@ -8,8 +8,8 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "render/analytic/polygon_light.h"
+#include "render/rig_lights.h"
 #include "session/light_stack.h"
-#include "sim/rig_scene.h"
 #include "sim/transport_stack.h"
 #include "tests/temporary_folder.h"
 

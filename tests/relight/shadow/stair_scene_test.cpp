@@ -14,6 +14,7 @@
 #include "core/parallel.h"
 #include "core/rig.h"
 #include "relight/shadow/reproject.h"
+#include "render/rig_lights.h"
 
 namespace haarlight {
 namespace {
@@ -141,7 +142,7 @@ class StairScene : public ::testing::Test {
     plane.texel_mm = 1.0;
     plane.extent_u_mm = plane.extent_v_mm = 400.0;
     const PlaneFrame frame = make_plane_frame(plane);
-    const std::vector<SquareLight> all = square_lights(rig_);
+    const std::vector<SquareLight> all = rig_lights(rig_);
     std::vector<SquareLight> lights;
     for (const int k : chosen) {
       lights.push_back(all[static_cast<std::size_t>(k)]);

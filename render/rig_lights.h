@@ -6,12 +6,14 @@
 #include "render/scene.h"
 
 /// @file
-/// A rig's LEDs as the lights that render/ understands. Render knows no rig; this is the
-/// bridge.
+/// A rig's LEDs as the lights that render/ understands.
 
 namespace haarlight {
 
-/// Light k of the rig as element k, radiance 1.
+/// The LED's square, radiance 1.
+[[nodiscard]] SquareLight square_light(const LightElement& element);
+
+/// Light k of the rig as element k.
 [[nodiscard]] std::vector<SquareLight> rig_lights(const Rig& rig);
 
 }  // namespace haarlight
