@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include <stdlib.h>
+#include <stdlib.h>  // NOLINT(modernize-deprecated-headers): mkdtemp is POSIX
 
 /// @file
 /// A folder of a test's own, removed with everything in it at the end.

@@ -463,7 +463,7 @@ TEST_F(DaemonHttpTest, NoBodyCrashesIt) {
                                            "{\"schema\": 1e400}",
                                            "schema = 1\npatterns = 7\n",
                                            "patterns = [[[",
-                                           "\xff\xfe\x00",
+                                           "\xff\xfe",
                                            std::string("{\"shots\"\0:[1]}", 13),
                                            deep,
                                            "{\"shots\":" + deep,

@@ -24,6 +24,7 @@ class WholeRig : public ::testing::Test {
     wanted_.http.port = 0;
     wanted_.storage.reserve_mb = 0.0;
     std::vector<float> brightness;
+    brightness.reserve(static_cast<std::size_t>(wanted_.n_lights()));
     for (int k = 0; k < wanted_.n_lights(); ++k) {
       brightness.push_back(0.5F + 0.01F * static_cast<float>(k));
     }

@@ -21,7 +21,8 @@ inline Transport flat_transport(const TemporaryFolder& folder, int width, int he
   data.seconds = 1.0;
   std::vector<float> planes;
   for (const float value : values) {
-    planes.insert(planes.end(), static_cast<std::size_t>(width * height), value);
+    planes.insert(planes.end(),
+                  static_cast<std::size_t>(width) * static_cast<std::size_t>(height), value);
   }
   data.planes = planes;
   write_transport(folder / "transport.bin", data);
