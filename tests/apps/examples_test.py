@@ -120,10 +120,11 @@ class Examples(unittest.TestCase):
             run_examples("reshoot")
             self.wait_for_phase("done")
             self.run_shown(f"haarlight verify {session}")
-            for verb in ("status", "pause", "resume", "abort", "all-off"):
-                with self.subTest("report", verb=verb):
-                    done = self.programs.run(verb, "--daemon", self.url, "--report", f"{verb}.json",
-                                             "--quiet", cwd=self.folder)
+            for line in ("reshoot 3", "status", "pause", "resume", "abort", "all-off"):
+                with self.subTest("report", line=line):
+                    verb = line.split()[0]
+                    done = self.programs.run(*line.split(), "--daemon", self.url, "--quiet",
+                                             "--report", f"{verb}.json", cwd=self.folder)
                     self.assertEqual((done.returncode, done.stderr), (0, ""))
                     self.assertEqual(report_problems(self.folder / f"{verb}.json", verb), [])
         finally:
