@@ -1,7 +1,6 @@
 #include "render/direct_light.h"
 
 #include <cmath>
-#include <fstream>
 #include <numbers>
 
 #include <gtest/gtest.h>
@@ -9,6 +8,7 @@
 
 #include "core/random.h"
 #include "render/analytic/polygon_light.h"
+#include "tests/golden_file.h"
 
 namespace haarlight {
 namespace {
@@ -94,8 +94,7 @@ double number(const nlohmann::json& value) {
 }
 
 TEST(DirectLight, HoldsTheGoldenOccludedLeds) {
-  std::ifstream in(HAARLIGHT_SOURCE_DIR "/tests/golden/transport.json");
-  const auto golden = nlohmann::json::parse(in);
+  const nlohmann::json golden = test::read_golden("transport.json");
   int n_checked = 0;
   for (const auto& item : golden["cases"]) {
     if (item["kind"] != "square_led_square_occluder_irradiance") {

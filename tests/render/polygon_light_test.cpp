@@ -1,13 +1,14 @@
 #include "render/analytic/polygon_light.h"
 
 #include <cmath>
-#include <fstream>
 #include <numbers>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <rapidcheck/gtest.h>
+
+#include "tests/golden_file.h"
 
 namespace haarlight {
 namespace {
@@ -22,10 +23,7 @@ Vector3d vector_of(const nlohmann::json& value) {
   return {number(value[0]), number(value[1]), number(value[2])};
 }
 
-nlohmann::json golden_cases() {
-  std::ifstream in(HAARLIGHT_SOURCE_DIR "/tests/golden/transport.json");
-  return nlohmann::json::parse(in)["cases"];
-}
+nlohmann::json golden_cases() { return test::read_golden("transport.json").at("cases"); }
 
 TEST(PolygonIrradiance, HoldsTheGoldenPolygons) {
   int n_checked = 0;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <numeric>
 #include <vector>
 
@@ -12,15 +11,13 @@
 
 #include "core/error.h"
 #include "core/random.h"
+#include "tests/golden_file.h"
 
 namespace haarlight {
 namespace {
 
 /// The golden file's sets; by value, since a range-for over a part of a temporary would dangle.
-nlohmann::json golden_sets() {
-  std::ifstream in(HAARLIGHT_SOURCE_DIR "/tests/golden/haar.json");
-  return nlohmann::json::parse(in, nullptr, true, true).at("sets");
-}
+nlohmann::json golden_sets() { return test::read_golden("haar.json").at("sets"); }
 
 TEST(HaarGolden, FileHoldsSixSets) { EXPECT_EQ(golden_sets().size(), 6U); }
 

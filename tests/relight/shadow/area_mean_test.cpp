@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -10,6 +9,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/random.h"
+#include "tests/golden_file.h"
 
 namespace haarlight {
 namespace {
@@ -30,8 +30,7 @@ SquareLight square(const Eigen::Vector3d& centre, double side) {
 }
 
 TEST(AreaMean, WindowHoldsToTheGoldenFile) {
-  std::ifstream in(HAARLIGHT_SOURCE_DIR "/tests/golden/area_mean.json");
-  const json golden = json::parse(in, nullptr, true, /*ignore_comments=*/true);
+  const json golden = test::read_golden("area_mean.json");
   ASSERT_EQ(golden.at("cases").size(), 7U);
   for (const json& c : golden.at("cases")) {
     const double side = c.at("led_side").get<double>();

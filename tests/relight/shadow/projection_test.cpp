@@ -4,7 +4,6 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <fstream>
 #include <string>
 
 #include <Eigen/Geometry>
@@ -13,17 +12,13 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/random.h"
+#include "tests/golden_file.h"
 
 namespace haarlight {
 namespace {
 
 using nlohmann::json;
 constexpr double kEps = 0x1p-52;
-
-json read_golden() {
-  std::ifstream in(HAARLIGHT_SOURCE_DIR "/tests/golden/projection.json");
-  return json::parse(in, nullptr, true, /*ignore_comments=*/true);
-}
 
 Eigen::Vector3d hex_vector(const json& values) {
   return {std::stod(values[0].get<std::string>()), std::stod(values[1].get<std::string>()),
@@ -44,7 +39,7 @@ Case golden_case(const json& c) {
 }
 
 TEST(Projection, HoldsToTheGoldenFile) {
-  const json golden = read_golden();
+  const json golden = test::read_golden("projection.json");
   ASSERT_EQ(golden.at("cases").size(), 22U);
   for (const json& c : golden.at("cases")) {
     const Case input = golden_case(c);
@@ -78,7 +73,7 @@ bool is_flip_invariant(const Case& c) {
 }
 
 TEST(Projection, IsBitIdenticalUnderAFlipOfThePlaneOnTheGoldenFile) {
-  const json golden = read_golden();
+  const json golden = test::read_golden("projection.json");
   for (const json& c : golden.at("cases")) {
     EXPECT_TRUE(is_flip_invariant(golden_case(c))) << c.at("name");
   }
