@@ -88,6 +88,18 @@ MappedFile& MappedFile::operator=(MappedFile&& other) noexcept {
   return *this;
 }
 
+void drop_pages(std::span<const std::byte> mapped) noexcept {
+  const auto page = static_cast<std::uintptr_t>(::sysconf(_SC_PAGESIZE));
+  const auto begin = reinterpret_cast<std::uintptr_t>(mapped.data());
+  const std::uintptr_t first = (begin + page - 1) / page * page;
+  const std::uintptr_t last = (begin + mapped.size()) / page * page;
+  if (first < last) {
+    // Only advice: a failure costs memory, nothing else.
+    ::madvise(const_cast<std::byte*>(mapped.data()) + (first - begin), last - first,
+              MADV_DONTNEED);
+  }
+}
+
 std::string read_file(const std::filesystem::path& path, std::uintmax_t max_bytes) {
   const Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   struct stat info {};

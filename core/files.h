@@ -61,6 +61,10 @@ class MappedFile {
   std::size_t size_ = 0;
 };
 
+/// Takes mapped bytes that will not be read again soon out of the resident set; reading them
+/// later is still right. Whole pages only; costs a system call.
+void drop_pages(std::span<const std::byte> mapped) noexcept;
+
 /// Reads a whole file.
 /// @param max_bytes  larger files are refused
 /// @throws Error  missing, unreadable, too large

@@ -146,12 +146,18 @@ class Compressor {
   void measure();
   [[nodiscard]] Norms measure_tile(std::size_t i_tile);
   void fit_plate();
+  void share_memory();
+  [[nodiscard]] std::vector<float> fit_weights(const TileRect& rect, int channel,
+                                               std::span<const float> t,
+                                               std::span<const float> plate) const;
   [[nodiscard]] MagnitudeHistogram histogram_tile(std::size_t i_tile);
   void residual(std::span<const float> t, std::span<const double> plate_values,
                 std::span<double> out) const;
   void transform(std::span<double> values) const;
-  [[nodiscard]] std::vector<std::int32_t> quantised_plate(const TileRect& rect,
-                                                          int channel) const;
+  [[nodiscard]] std::vector<float> read_plate(const TileRect& rect) const;
+  [[nodiscard]] std::vector<std::int32_t> quantised_plate(const TileRect& rect, int channel,
+                                                          std::span<const float> t);
+  [[nodiscard]] float* kept_weights(const TileRect& rect, int channel, std::size_t p);
 
   [[nodiscard]] Coded code_tile(std::size_t i_tile);
   void code_channel(const TileRect& rect, int channel, std::span<const float> t, Coded& coded);
@@ -168,7 +174,8 @@ class Compressor {
   std::size_t batch_ = 1;
   std::vector<int> order_;
   std::vector<int> place_of_;         ///< inverse of order_
-  std::vector<float> plate_weights_;  ///< (channels, pixels, rank): g U
+  std::vector<float> plate_weights_;  ///< (channels, pixels, rank): g U; empty where it would
+                                      ///< not fit: then each pass fits them again
   std::vector<double> light_energy_;
   double largest_ = 0.0;  ///< no coefficient is larger
   std::uint64_t bytes_moved_ = 0;
@@ -221,17 +228,31 @@ Compressor::Compressor(const CompressSource& source, const CompressOptions& opti
   }
   tiles_x_ = (dims.width + kTile - 1) / kTile;
   n_tiles_ = count(tiles_x_) * count((dims.height + kTile - 1) / kTile);
-  // A tile in work: its values, the plate's, kept coefficients at 12 bytes each.
+  share_memory();
+}
+
+/// How many tiles are in work at a time, and whether the plate's weights are kept meanwhile.
+void Compressor::share_memory() {
+  const StackDims& dims = header_.dims;
+  // A tile in work: its values, the plate's, kept coefficients at 12 bytes each and their
+  // packed copies.
   const std::uint64_t tile_values = std::uint64_t{kTile} * kTile * count(dims.n_lights);
   const std::uint64_t tile_bytes =
       tile_values * (4 * count(dims.channels) +
-                     (source.plate != nullptr ? 4 * count(dims.channels) : 0) + 32);
-  if (tile_bytes > options.memory_bytes) {
-    throw Error(fmt::format("one tile needs {} bytes of memory, the budget is {}", tile_bytes,
-                            options.memory_bytes),
-                source.name, "give a larger --memory");
+                     (source_.plate != nullptr ? 4 * count(dims.channels) : 0) + 32);
+  const std::uint64_t budget = options_.memory_bytes;
+  if (tile_bytes > budget) {
+    throw Error(
+        fmt::format("one tile needs {} bytes of memory, the budget is {}", tile_bytes, budget),
+        source_.name, "give a larger --memory");
   }
-  batch_ = std::clamp<std::size_t>(options.memory_bytes / tile_bytes, 1, kMaxBatch);
+  const std::size_t n_weights =
+      count(dims.channels) * dims.n_pixels() * count(header_.plate_rank);
+  const std::uint64_t weight_bytes = n_weights * sizeof(float);
+  const bool fits = weight_bytes <= budget / 4 && weight_bytes <= budget - tile_bytes;
+  plate_weights_.assign(fits ? n_weights : 0, 0.0F);
+  batch_ =
+      std::clamp<std::size_t>((budget - (fits ? weight_bytes : 0)) / tile_bytes, 1, kMaxBatch);
 }
 
 TileRect Compressor::tile_rect(std::size_t i_tile) const {
@@ -286,8 +307,6 @@ void Compressor::throw_not_finite(const TileRect& rect, std::size_t i_value) con
 void Compressor::measure() {
   const StackDims& dims = header_.dims;
   light_energy_.assign(count(dims.channels) * count(dims.n_lights), 0.0);
-  plate_weights_.assign(count(dims.channels) * dims.n_pixels() * count(header_.plate_rank),
-                        0.0F);
   for_each_tile<Norms>(
       "measure", [this](std::size_t t) { return measure_tile(t); },
       [this](Norms& norms) {
@@ -321,37 +340,64 @@ Norms Compressor::measure_tile(std::size_t i_tile) {
   if (header_.plate_rank == 0) {
     return norms;
   }
-  const StackDims plate_dims = source_.plate->dims();
-  std::vector<float> plate(count(plate_dims.channels) * n_pixels * n_lights);
-  source_.plate->read_tile(rect, plate);
+  if (plate_weights_.empty()) {
+    return norms;
+  }
+  const std::vector<float> plate = read_plate(rect);
   const std::size_t rank = count(header_.plate_rank);
   for (int c = 0; c < header_.dims.channels; ++c) {
-    const std::size_t plate_channel = plate_dims.channels == 1 ? 0 : count(c);
+    const std::vector<float> weights = fit_weights(
+        rect, c, std::span(t).subspan(count(c) * n_pixels * n_lights, n_pixels * n_lights),
+        plate);
     for (std::size_t p = 0; p < n_pixels; ++p) {
-      const std::span<const float> row(t.data() + (count(c) * n_pixels + p) * n_lights,
-                                       n_lights);
-      const std::span<const float> b(plate.data() + (plate_channel * n_pixels + p) * n_lights,
-                                     n_lights);
-      const double gain = source_.kind == "plate" ? 1.0 : plate_gain(row, b);
-      if (gain == 0.0) {
-        continue;
-      }
-      const std::size_t x = count(rect.x0) + p % count(rect.width);
-      const std::size_t y = count(rect.y0) + p / count(rect.width);
-      float* weights =
-          plate_weights_.data() +
-          (count(c) * header_.dims.n_pixels() + y * count(header_.dims.width) + x) * rank;
-      for (std::size_t j = 0; j < rank; ++j) {
-        const float* vector = tables_.plate_vectors.data() + j * n_lights;
-        double product = 0.0;
-        for (std::size_t k = 0; k < n_lights; ++k) {
-          product += double{vector[k]} * double{b[k]};
-        }
-        weights[j] = static_cast<float>(gain * product);
-      }
+      std::copy_n(weights.data() + p * rank, rank, kept_weights(rect, c, p));
     }
   }
   return norms;
+}
+
+std::vector<float> Compressor::read_plate(const TileRect& rect) const {
+  std::vector<float> plate(count(source_.plate->dims().channels) * count(rect.n_pixels()) *
+                           count(header_.dims.n_lights));
+  source_.plate->read_tile(rect, plate);
+  return plate;
+}
+
+/// g U of a tile's pixels, (pixels, rank). @param t  one channel of the tile
+std::vector<float> Compressor::fit_weights(const TileRect& rect, int channel,
+                                           std::span<const float> t,
+                                           std::span<const float> plate) const {
+  const std::size_t n_lights = count(header_.dims.n_lights);
+  const std::size_t n_pixels = count(rect.n_pixels());
+  const std::size_t rank = count(header_.plate_rank);
+  const std::size_t plate_channel = source_.plate->dims().channels == 1 ? 0 : count(channel);
+  std::vector<float> weights(n_pixels * rank);
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    const std::span<const float> row = t.subspan(p * n_lights, n_lights);
+    const std::span<const float> b =
+        plate.subspan((plate_channel * n_pixels + p) * n_lights, n_lights);
+    const double gain = source_.kind == "plate" ? 1.0 : plate_gain(row, b);
+    if (gain == 0.0) {
+      continue;
+    }
+    for (std::size_t j = 0; j < rank; ++j) {
+      const float* vector = tables_.plate_vectors.data() + j * n_lights;
+      double product = 0.0;
+      for (std::size_t k = 0; k < n_lights; ++k) {
+        product += double{vector[k]} * double{b[k]};
+      }
+      weights[p * rank + j] = static_cast<float>(gain * product);
+    }
+  }
+  return weights;
+}
+
+float* Compressor::kept_weights(const TileRect& rect, int channel, std::size_t p) {
+  const std::size_t x = count(rect.x0) + p % count(rect.width);
+  const std::size_t y = count(rect.y0) + p / count(rect.width);
+  return plate_weights_.data() +
+         (count(channel) * header_.dims.n_pixels() + y * count(header_.dims.width) + x) *
+             count(header_.plate_rank);
 }
 
 void Compressor::fit_plate() {
@@ -390,16 +436,22 @@ void Compressor::residual(std::span<const float> t, std::span<const double> plat
   transform(out);
 }
 
-std::vector<std::int32_t> Compressor::quantised_plate(const TileRect& rect, int channel) const {
+/// Multiples of the plate step, (rank, pixels). @param t  one channel of the tile
+std::vector<std::int32_t> Compressor::quantised_plate(const TileRect& rect, int channel,
+                                                      std::span<const float> t) {
   const std::size_t rank = count(header_.plate_rank);
   const std::size_t n_pixels = count(rect.n_pixels());
   std::vector<std::int32_t> quantised(rank * n_pixels);
+  if (rank == 0) {
+    return quantised;
+  }
+  std::vector<float> fitted;
+  if (plate_weights_.empty()) {
+    fitted = fit_weights(rect, channel, t, read_plate(rect));
+  }
   for (std::size_t p = 0; p < n_pixels; ++p) {
-    const std::size_t x = count(rect.x0) + p % count(rect.width);
-    const std::size_t y = count(rect.y0) + p / count(rect.width);
     const float* weights =
-        plate_weights_.data() +
-        (count(channel) * header_.dims.n_pixels() + y * count(header_.dims.width) + x) * rank;
+        fitted.empty() ? kept_weights(rect, channel, p) : fitted.data() + p * rank;
     for (std::size_t j = 0; j < rank; ++j) {
       quantised[j * n_pixels + p] = static_cast<std::int32_t>(std::clamp(
           std::round(double{weights[j]} / header_.plate_step), -kLargestValue, kLargestValue));
@@ -417,7 +469,8 @@ MagnitudeHistogram Compressor::histogram_tile(std::size_t i_tile) {
   std::vector<double> plate(count(header_.plate_rank));
   MagnitudeHistogram histogram;
   for (int c = 0; c < header_.dims.channels; ++c) {
-    const std::vector<std::int32_t> quantised = quantised_plate(rect, c);
+    const std::vector<std::int32_t> quantised = quantised_plate(
+        rect, c, std::span(t).subspan(count(c) * n_pixels * n_lights, n_pixels * n_lights));
     for (std::size_t p = 0; p < n_pixels; ++p) {
       for (std::size_t j = 0; j < plate.size(); ++j) {
         plate[j] = header_.plate_step * quantised[j * n_pixels + p];
@@ -490,7 +543,7 @@ void Compressor::code_channel(const TileRect& rect, int channel, std::span<const
                                                           double(header_.dims.n_pixels()));
   PixelBlock pixels;
   pixels.shift.resize(n_pixels);
-  pixels.plate = quantised_plate(rect, channel);
+  pixels.plate = quantised_plate(rect, channel, t);
   std::vector<double> plate(count(header_.plate_rank));
   std::vector<double> row(n_lights);
   std::vector<double> decoded(n_lights);
@@ -666,6 +719,7 @@ void Compressor::set_lossless() {
 
 CompressSummary Compressor::run(const std::filesystem::path& file) {
   fit_plate();
+  share_memory();
   measure();
   const double allowed = header_.asked_relative_l2 * header_.stack_norm;
   if (header_.coding == BasisCoding::quantised) {

@@ -26,8 +26,11 @@ constexpr double kDarkLight = 1e-6;  // of the pixel's largest B: such a ratio s
 
 std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
-/// Rows of the plate from at most 64 spread tiles, normalised; rows of zeros are left out.
-MatrixXd sample_rows(const StackSource& plate) {
+using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Rows of the plate from at most 64 spread tiles, normalised, one after the other; rows of
+/// zeros are left out.
+std::vector<double> sample_rows(const StackSource& plate) {
   constexpr int kTile = 32;
   constexpr int kMaxTiles = 64;
   constexpr int kPixelStep = 4;  // at least 64 rows a tile
@@ -66,10 +69,7 @@ MatrixXd sample_rows(const StackSource& plate) {
       }
     }
   }
-  const auto n_rows = static_cast<Eigen::Index>(rows.size() / n_lights);
-  return Eigen::Map<
-      const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
-      rows.data(), n_rows, dims.n_lights);
+  return rows;
 }
 
 MatrixXd orthonormal_columns(const MatrixXd& m) {
@@ -151,8 +151,10 @@ float plate_gain(std::span<const float> t, std::span<const float> b) {
 }
 
 PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_rank) {
-  const MatrixXd rows = sample_rows(plate);
   const int n_lights = plate.dims().n_lights;
+  const std::vector<double> sample = sample_rows(plate);
+  const Eigen::Map<const RowMatrix> rows(
+      sample.data(), static_cast<Eigen::Index>(sample.size() / count(n_lights)), n_lights);
   PlateVectors found;
   if (rows.rows() == 0) {
     return found;

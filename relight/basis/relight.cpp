@@ -401,7 +401,10 @@ std::vector<RelitPicture> relight_within(Relighting& work, std::size_t n_environ
           truth[e] > 0.0 ? work.terms_within(static_cast<int>(e),
                                              max_error * truth[e] - bound.coded, order)
                          : std::nullopt;
-      terms[e] = enough ? *enough : std::min(kGrowth * terms[e], pictures[e].terms_all);
+      // Always more terms than before: sums taken in another order differ in their last bits.
+      terms[e] =
+          std::max(pictures[e].terms + 1,
+                   enough ? *enough : std::min(kGrowth * terms[e], pictures[e].terms_all));
     }
     if (is_done) {
       return pictures;

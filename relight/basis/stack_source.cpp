@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/files.h"
 #include "core/parallel.h"
 
 namespace haarlight {
@@ -44,8 +45,11 @@ void LightStackSource::read_tile(const TileRect& rect, std::span<float> out) con
       const std::size_t from =
           (row * count(shape.width) + count(rect.x0)) * count(shape.n_lights);
       const std::size_t to = (count(c) * count(rect.height) + count(y - rect.y0)) * row_values;
-      std::copy_n(band.begin() + static_cast<std::ptrdiff_t>(from), row_values,
-                  out.begin() + static_cast<std::ptrdiff_t>(to));
+      const std::span<const float> row_of_tile(band.data() + from, row_values);
+      std::copy(row_of_tile.begin(), row_of_tile.end(),
+                out.begin() + static_cast<std::ptrdiff_t>(to));
+      // A stack may be larger than memory: what was copied need not stay.
+      drop_pages(std::as_bytes(row_of_tile));
     }
   }
 }

@@ -8,6 +8,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/random.h"
 #include "relight/shadow/reproject.h"
 
 namespace haarlight {
@@ -15,7 +16,7 @@ namespace {
 
 constexpr int kTile = 32;            // pixels a side: 4 MB of values for 1024 lights
 constexpr float kDarkPlate = -1.0F;  // mark in values_: no visibility can be told
-constexpr int kFitEvery = 13;        // every so many pixels takes part in the fit of g
+constexpr std::size_t kFitValues = std::size_t{1} << 22U;  // in the fit of g, about: 50 MB
 
 std::vector<TileRect> tiles_of(const StackDims& dims) {
   std::vector<TileRect> tiles;
@@ -127,6 +128,9 @@ void StackVisibility::for_each_tile(
 }
 
 void StackVisibility::fit_scale() {
+  // Pixels are drawn by place, so that no pattern of the scene meets a pattern of the sample.
+  const std::uint64_t share =
+      1 + dims_.n_pixels() * static_cast<std::size_t>(dims_.n_lights) / kFitValues;
   std::mutex mutex;
   std::vector<float> values;
   std::vector<double> plate;
@@ -134,7 +138,14 @@ void StackVisibility::fit_scale() {
     std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
     std::vector<float> b_row(t_row.size());
     const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
-    for (std::size_t p = 0; p < n_pixels; p += kFitEvery) {
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      const std::size_t x =
+          static_cast<std::size_t>(rect.x0) + p % static_cast<std::size_t>(rect.width);
+      const std::size_t y =
+          static_cast<std::size_t>(rect.y0) + p / static_cast<std::size_t>(rect.width);
+      if (hash_key(y, x) % share != 0) {
+        continue;
+      }
       sum_channels(t, dims_.channels, n_pixels, p, t_row);
       sum_channels(b, plate_channels_, n_pixels, p, b_row);
       const std::lock_guard lock(mutex);
