@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <span>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -217,26 +218,33 @@ Environment Environment::from_faces(std::array<Image<float>, 6> faces,
   return environment;
 }
 
-void Environment::check(const std::string& name) const {
-  const auto check_picture = [&](const Image<float>& image, const std::string& where) {
-    for (int y = 0; y < image.height(); ++y) {
-      for (int x = 0; x < image.width(); ++x) {
-        for (int c = 0; c < image.channels(); ++c) {
-          if (!(image(y, x, c) >= 0.0F) || !std::isfinite(image(y, x, c))) {
+void Environment::check(const std::string& name) {
+  constexpr float kRinging = 1e-5F;  // of the peak: below what any capture resolves
+  const bool is_lat_long = layout_ == EnvironmentLayout::lat_long;
+  const std::span<Image<float>> pictures =
+      is_lat_long ? std::span<Image<float>>(&picture_, 1) : std::span<Image<float>>(faces_);
+  float peak = 0.0F;
+  for (const Image<float>& picture : pictures) {
+    for (const float v : picture.pixels()) {
+      peak = std::isfinite(v) ? std::max(peak, v) : peak;
+    }
+  }
+  for (std::size_t f = 0; f < pictures.size(); ++f) {
+    Image<float>& picture = pictures[f];
+    for (int y = 0; y < picture.height(); ++y) {
+      for (int x = 0; x < picture.width(); ++x) {
+        for (int c = 0; c < picture.channels(); ++c) {
+          float& v = picture(y, x, c);
+          if (!std::isfinite(v) || v < -kRinging * peak) {
             throw Error(
-                fmt::format("radiance {} at column {}, row {}{}", image(y, x, c), x, y, where),
+                fmt::format("radiance {} at column {}, row {}{}", v, x, y,
+                            is_lat_long ? "" : fmt::format(" of face {}", kFaceNames[f])),
                 name, "light is finite and not negative: clip or repair the picture");
           }
+          v = std::max(v, 0.0F);
         }
       }
     }
-  };
-  if (layout_ == EnvironmentLayout::lat_long) {
-    check_picture(picture_, "");
-    return;
-  }
-  for (std::size_t f = 0; f < faces_.size(); ++f) {
-    check_picture(faces_[f], fmt::format(" of face {}", kFaceNames[f]));
   }
 }
 

@@ -43,8 +43,10 @@ struct EnvironmentTexel {
 
 class Environment {
  public:
+  /// Negative values up to 1e-5 of the picture's peak, which filters and lossy EXR leave,
+  /// become 0.
   /// @throws Error  not a picture, no known shape, faces of different sizes, a missing face, a
-  ///                texel that is NaN, infinite or negative (by place)
+  ///                texel that is NaN, infinite or more negative than that (by place)
   [[nodiscard]] static Environment read(const std::filesystem::path& path);
   /// From a picture in memory; the shape tells the layout.
   /// @param name  for errors
@@ -70,7 +72,7 @@ class Environment {
   [[nodiscard]] Eigen::Vector3d radiance(const Eigen::Vector3d& direction) const;
 
  private:
-  void check(const std::string& name) const;
+  void check(const std::string& name);
 
   EnvironmentLayout layout_ = EnvironmentLayout::lat_long;
   Image<float> picture_;               ///< lat-long

@@ -45,8 +45,9 @@ class LightCells {
   LightCells& operator=(const LightCells&) = delete;
   LightCells(LightCells&&) = delete;
   LightCells& operator=(LightCells&&) = delete;
-  /// Fills scratch.pieces.
-  virtual void cut(const EnvironmentTexel& texel, Scratch& scratch) const = 0;
+  /// Fills scratch.pieces. @return  share of the texel that lies in the cells' union, measured
+  /// without the cuts between cells: what the pieces' shares must add up to
+  virtual double cut(const EnvironmentTexel& texel, Scratch& scratch) const = 0;
 };
 
 void clip_in_place(DirectionPolygon& polygon, const Eigen::Vector3d& normal,
@@ -81,10 +82,11 @@ class FaceCells {
     radius_ = std::acos(smallest) + 1e-6;
   }
 
-  void cut(const EnvironmentTexel& texel, double texel_area, Scratch& scratch) const {
+  /// @return  share of the texel on the whole face
+  double cut(const EnvironmentTexel& texel, double texel_area, Scratch& scratch) const {
     if (!is_lit_ || axis_.dot(texel.centre) <
                         std::cos(std::min(radius_ + texel.radius, std::numbers::pi))) {
-      return;
+      return 0.0;
     }
     scratch.inside = texel.corners;
     const bool is_whole = std::all_of(
@@ -101,7 +103,7 @@ class FaceCells {
       }
     }
     if (scratch.inside.size() < 3) {
-      return;
+      return 0.0;
     }
     const auto [low_col, high_col] = range(scratch.inside, face_.u, face_.cols);
     const auto [low_row, high_row] = range(scratch.inside, face_.v, face_.rows);
@@ -127,6 +129,7 @@ class FaceCells {
         }
       }
     }
+    return is_whole ? 1.0 : solid_angle(scratch.inside) / texel_area;
   }
 
  private:
@@ -180,17 +183,14 @@ class RigCells final : public LightCells {
     }
   }
 
-  void cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
+  double cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
     scratch.pieces.clear();
     const double area = solid_angle(texel.corners);
+    double claimed = 0.0;
     for (const FaceCells& face : faces_) {
-      face.cut(texel, area, scratch);
+      claimed += face.cut(texel, area, scratch);
     }
-    double sum = 0.0;
-    for (const Piece& piece : scratch.pieces) {
-      sum += piece.share;
-    }
-    if (sum > 1.0 + kOverlapTol) {
+    if (claimed > 1.0 + kOverlapTol) {
       throw Error(
           "two faces of the rig cover the same directions as seen from the object's centre",
           fmt::format("direction ({:.3f}, {:.3f}, {:.3f})", texel.centre.x(), texel.centre.y(),
@@ -198,6 +198,7 @@ class RigCells final : public LightCells {
           "correct the faces or object_centre in the rig file: this light would count "
           "twice");
     }
+    return claimed;
   }
 
  private:
@@ -210,7 +211,7 @@ class VoronoiCells final : public LightCells {
   explicit VoronoiCells(std::vector<Eigen::Vector3d> directions)
       : directions_(std::move(directions)) {}
 
-  void cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
+  double cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
     scratch.pieces.clear();
     scratch.candidates.clear();
     scratch.dots.resize(directions_.size());
@@ -231,7 +232,7 @@ class VoronoiCells final : public LightCells {
     }
     if (scratch.candidates.size() == 1) {
       scratch.pieces.push_back({scratch.candidates.front(), 1.0});
-      return;
+      return 1.0;
     }
     const double area = solid_angle(texel.corners);
     for (const int k : scratch.candidates) {
@@ -256,6 +257,7 @@ class VoronoiCells final : public LightCells {
         scratch.pieces.push_back({k, solid_angle(scratch.cell) / area / equals});
       }
     }
+    return 1.0;  // every direction has a nearest light
   }
 
  private:
@@ -287,16 +289,14 @@ EnvironmentWeights integrate(const Environment& environment, const LightCells& c
       const std::size_t last = std::min(n_rows, (run + 1) * rows_per_run);
       for (std::size_t row = run * rows_per_run; row < last; ++row) {
         environment.for_each_texel(static_cast<int>(row), [&](const EnvironmentTexel& texel) {
-          cells.cut(texel, scratch);
-          double covered = 0.0;
+          const double claimed = cells.cut(texel, scratch);
           for (const Piece& piece : scratch.pieces) {
             const double area = piece.share * texel.solid_angle;
             sums.solid_angle[piece.light] += area;
             sums.radiance.row(piece.light) += area * texel.radiance.head(colours).transpose();
-            covered += piece.share;
           }
           sums.total += texel.solid_angle * texel.radiance;
-          sums.missing += (1.0 - covered) * texel.solid_angle * texel.radiance;
+          sums.missing += (1.0 - claimed) * texel.solid_angle * texel.radiance;
         });
       }
     }
@@ -313,7 +313,7 @@ EnvironmentWeights integrate(const Environment& environment, const LightCells& c
   const double total = result.total.head(colours).sum();
   if (total > 0.0) {
     const double missing = result.missing.head(colours).sum();
-    // 1 - covered is rounding where a texel is covered whole: no negative share is reported.
+    // 1 - claimed is rounding where faces meet within a texel: no negative share is reported.
     result.missing_share = std::max(0.0, missing / total);
     result.conservation_error = std::abs(result.cell_radiance.sum() + missing - total) / total;
   }

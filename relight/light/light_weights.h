@@ -24,7 +24,8 @@ struct EnvironmentWeights {
   /// Share of the environment's energy (sum of the colours) that the rig cannot give; 0 for a
   /// black environment.
   double missing_share = 0.0;
-  /// |sum of the cells + missing - total| / total, summed apart: rounding only.
+  /// |sum of the cells + missing - total| / total. `missing` is measured on the faces' outlines
+  /// and the cells one by one: what the cut into cells loses or counts twice shows here.
   double conservation_error = 0.0;
 };
 

@@ -1,5 +1,6 @@
 #include "relight/light/cubemap.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -12,6 +13,7 @@
 
 #include "core/error.h"
 #include "core/image_io.h"
+#include "tests/temporary_folder.h"
 
 namespace haarlight {
 namespace {
@@ -166,26 +168,20 @@ TEST(Environment, RotationIsCounterClockwiseAboutZ) {
   EXPECT_EQ(environment.radiance({-before.y(), before.x(), before.z()})[0], 1.0);
 }
 
-class EnvironmentFile : public testing::Test {
+class EnvironmentFile : public ::testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = std::filesystem::path(testing::TempDir()) / "environment_files";
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
-
   void expect_refused(const std::filesystem::path& path, const std::string& words) {
     try {
       (void)Environment::read(path);
       FAIL() << path << " was taken";
     } catch (const Error& error) {
-      EXPECT_THAT(error.what(), testing::HasSubstr(words));
+      EXPECT_THAT(error.what(), ::testing::HasSubstr(words));
       EXPECT_FALSE(error.cure().empty());
     }
   }
 
-  std::filesystem::path folder_;
+  testing::TemporaryFolder own_;
+  std::filesystem::path folder_ = own_.path();
 };
 
 TEST_F(EnvironmentFile, SixFilesAreTheStripsFaces) {
@@ -235,6 +231,20 @@ TEST_F(EnvironmentFile, BrokenOnesAreRefused) {
   negative(7, 15, 2) = -0.5F;
   write_image(folder_ / "negative.exr", negative.view());
   expect_refused(folder_ / "negative.exr", "column 15, row 7");
+
+  // What a filter leaves below zero is no light, and no reason to refuse a sky.
+  Image<float> ringing(8, 16, 1);
+  ringing(2, 3) = 50.0F;
+  ringing(4, 4) = -3e-6F;
+  write_image(folder_ / "ringing.exr", ringing.view());
+  const auto sky = Environment::read(folder_ / "ringing.exr");
+  double least = 1.0;
+  for (int row = 0; row < sky.n_rows(); ++row) {
+    sky.for_each_texel(row, [&](const EnvironmentTexel& texel) {
+      least = std::min(least, texel.radiance[0]);
+    });
+  }
+  EXPECT_EQ(least, 0.0);
 
   const auto whole = folder_ / "whole.exr";
   write_image(whole, Image<float>(64, 128, 3).view());

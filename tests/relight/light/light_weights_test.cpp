@@ -130,6 +130,19 @@ TEST(RigWeights, EnergyIsConserved) {
   }
 }
 
+TEST(RigWeights, ManyCellsHoldWhatOneCellOfTheWholeFaceHolds) {
+  for (const auto& [w, h] : {std::pair{64, 32}, {40, 30}}) {
+    const auto environment = random_environment(w, h, 19);
+    const auto fine = rig_weights(environment, top_rig(32));
+    const auto whole = rig_weights(environment, top_rig(1));
+    for (int c = 0; c < 3; ++c) {
+      EXPECT_NEAR(fine.cell_radiance.col(c).sum() / whole.cell_radiance(0, c), 1.0, 1e-9);
+      EXPECT_NEAR(fine.missing[c] / whole.missing[c], 1.0, 1e-12);
+    }
+    EXPECT_NEAR(fine.cell_solid_angle.sum() / whole.cell_solid_angle[0], 1.0, 1e-9);
+  }
+}
+
 TEST(RigWeights, ClosedCubeMissesNothing) {
   const auto result = rig_weights(random_environment(64, 32, 3), cube_rig());
   EXPECT_LE(result.missing_share, 1e-6);
