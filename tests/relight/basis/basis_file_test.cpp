@@ -15,6 +15,7 @@
 #include "relight/basis/basis_header.h"
 #include "relight/basis/relight.h"
 #include "tests/relight/basis/made_stack.h"
+#include "tests/session/small_session.h"
 
 namespace haarlight {
 namespace {
@@ -25,14 +26,13 @@ using test::make_stack;
 /// A good file's bytes, made once.
 const std::string& good_bytes() {
   static const std::string kBytes = [] {
-    const auto path = std::filesystem::path(testing::TempDir()) / "good.hlb";
+    const test::TemporaryFolder folder;
+    const auto path = folder.path() / "good.hlb";
     const MemoryStack stack = make_stack({.width = 34, .height = 33, .grid = 8});
     const MemoryStack plate =
         make_stack({.width = 34, .height = 33, .grid = 8, .has_sphere = false});
     (void)compress_stack(made_source(stack, 8, &plate), path, {.worst_pixel = 0.05});
-    std::string bytes = read_file(path);
-    std::filesystem::remove(path);
-    return bytes;
+    return read_file(path);
   }();
   return kBytes;
 }
@@ -169,14 +169,14 @@ TEST(BasisFile, HeaderSurvivesTheRoundTrip) {
 }
 
 TEST(BasisFile, FileAppearsOnlyWhenFinished) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "unfinished.hlb";
-  std::filesystem::remove(path);
+  const test::TemporaryFolder folder;
+  const auto path = folder.path() / "unfinished.hlb";
   {
     BasisWriter writer(path);
     writer.append({});
     EXPECT_FALSE(std::filesystem::exists(path));
   }
-  EXPECT_FALSE(std::filesystem::exists(path));
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
 RC_GTEST_PROP(BlockCodecProperty, SparseRoundTrips, (std::vector<std::uint8_t> gaps)) {

@@ -94,7 +94,7 @@ inline MemoryStack render_stack(const MadeScene& scene) {
 }
 
 /// Each scene is rendered once: sanitizer builds are slow.
-inline MemoryStack make_stack(const MadeScene& scene) {
+inline const MemoryStack& make_stack(const MadeScene& scene) {
   static std::map<MadeScene, MemoryStack> made;
   const auto found = made.find(scene);
   return found != made.end() ? found->second

@@ -9,6 +9,7 @@
 #include "core/files.h"
 #include "relight/basis/compress.h"
 #include "tests/relight/basis/made_stack.h"
+#include "tests/session/small_session.h"
 
 /// docs/read_hlb.py, written from docs/basis-format.md alone, must read what we write.
 
@@ -24,18 +25,12 @@ class NumpyReader : public testing::Test {
     if (std::system("/usr/bin/python3 -c 'import numpy' 2>/dev/null") != 0) {
       GTEST_SKIP() << "needs /usr/bin/python3 with numpy (Debian: python3-numpy)";
     }
-    folder_ = std::filesystem::path(testing::TempDir()) /
-              (std::string("numpy_reader_") +
-               testing::UnitTest::GetInstance()->current_test_info()->name());
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
   }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
 
   /// Largest difference between numpy's array and our own decoding, as a share of the peak.
   double compare_with_numpy(const CompressSource& source, const CompressOptions& options) {
-    const auto hlb = folder_ / "a.hlb";
-    const auto npy = folder_ / "a.npy";
+    const auto hlb = folder_.path() / "a.hlb";
+    const auto npy = folder_.path() / "a.npy";
     (void)compress_stack(source, hlb, options);
     const std::string command = fmt::format("/usr/bin/python3 {}/docs/read_hlb.py {} {}",
                                             HAARLIGHT_SOURCE_DIR, hlb.string(), npy.string());
@@ -59,7 +54,7 @@ class NumpyReader : public testing::Test {
     return worst / peak;
   }
 
-  std::filesystem::path folder_;
+  test::TemporaryFolder folder_;
 };
 
 TEST_F(NumpyReader, ReadsHaarWithPlateAndPixelShifts) {

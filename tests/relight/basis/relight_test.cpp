@@ -18,6 +18,7 @@
 #include "relight/basis/compress.h"
 #include "relight/basis/weight_list.h"
 #include "tests/relight/basis/made_stack.h"
+#include "tests/session/small_session.h"
 
 namespace haarlight {
 namespace {
@@ -27,30 +28,20 @@ using test::make_stack;
 
 constexpr int kLights = 256;
 
-/// A stack and its files, made once.
+/// A stack and its files, each made when it is first asked for.
 class Relight : public testing::Test {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = std::filesystem::path(testing::TempDir()) / "relight_test";
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-    stack_ = std::make_unique<MemoryStack>(make_stack({}));
-    const MemoryStack plate = make_stack({.has_sphere = false});
-    (void)compress_stack(made_source(*stack_, 16), folder_ / "percent.hlb", {});
-    (void)compress_stack(made_source(*stack_, 16, &plate), folder_ / "plate.hlb", {});
-    (void)compress_stack(made_source(*stack_, 16, &plate), folder_ / "fine.hlb",
-                         {.relative_l2 = 1e-4});
-    (void)compress_stack(made_source(*stack_, 16), folder_ / "exact.hlb", {.relative_l2 = 0.0});
-    (void)compress_stack(made_source(*stack_, 0), folder_ / "direct.hlb",
-                         {.basis = BasisKind::direct});
-  }
-  static void TearDownTestSuite() {
-    stack_.reset();
-    std::filesystem::remove_all(folder_);
-  }
+  static void SetUpTestSuite() { folder_ = std::make_unique<test::TemporaryFolder>(); }
+  static void TearDownTestSuite() { folder_.reset(); }
 
-  static BasisFile open(const std::string& name) { return BasisFile::open(folder_ / name); }
-  static const MemoryStack& stack() { return *stack_; }
+  static BasisFile open(const std::string& name) {
+    const auto file = folder_->path() / name;
+    if (!std::filesystem::exists(file)) {
+      make(name, file);
+    }
+    return BasisFile::open(file);
+  }
+  static const MemoryStack& stack() { return make_stack({}); }
   static const std::vector<std::string>& names() {
     static const std::vector<std::string> kNames = {"percent.hlb", "plate.hlb", "fine.hlb",
                                                     "exact.hlb", "direct.hlb"};
@@ -58,8 +49,24 @@ class Relight : public testing::Test {
   }
 
  private:
-  static inline std::filesystem::path folder_;
-  static inline std::unique_ptr<MemoryStack> stack_;
+  static void make(const std::string& name, const std::filesystem::path& file) {
+    const MemoryStack& plate = make_stack({.has_sphere = false});
+    if (name == "percent.hlb") {
+      (void)compress_stack(made_source(stack(), 16), file, {});
+    } else if (name == "plate.hlb") {
+      (void)compress_stack(made_source(stack(), 16, &plate), file, {});
+    } else if (name == "fine.hlb") {
+      (void)compress_stack(made_source(stack(), 16, &plate), file, {.relative_l2 = 1e-4});
+    } else if (name == "exact.hlb") {
+      (void)compress_stack(made_source(stack(), 16), file, {.relative_l2 = 0.0});
+    } else if (name == "direct.hlb") {
+      (void)compress_stack(made_source(stack(), 0), file, {.basis = BasisKind::direct});
+    } else {
+      FAIL() << "no file is named " << name;
+    }
+  }
+
+  static inline std::unique_ptr<test::TemporaryFolder> folder_;
 };
 
 LightWeights one_light(int k) {
@@ -191,6 +198,32 @@ TEST_F(Relight, MaxErrorTakesFewerTermsThanAll) {
   EXPECT_LT(relit.terms, relit.terms_all / 2);
 }
 
+TEST_F(Relight, MaxErrorZeroTakesEveryTermOfAnExactFile) {
+  const RelitPicture relit = relight(open("exact.hlb"), nine_lights(), {.max_error = 0.0});
+  EXPECT_EQ(relit.bound.relative_l2, 0.0);
+  EXPECT_EQ(relit.terms, relit.terms_all);
+  // Of a file with an error of its own it cannot be promised, and that is said.
+  EXPECT_GT(relight(open("fine.hlb"), nine_lights(), {.max_error = 0.0}).bound.relative_l2,
+            0.0);
+}
+
+TEST_F(Relight, NoTermIsTheUnshadowedPictureAndMoreThanAllIsAll) {
+  const BasisFile with_plate = open("plate.hlb");
+  const RelitPicture none = relight(with_plate, nine_lights(), {.terms = 0});
+  EXPECT_EQ(none.terms, 0);
+  // The plate part alone: the ball's shadows are missing, the rest is the ground's own light.
+  const Image<float> ground = relight_stack(make_stack({.has_sphere = false}), nine_lights());
+  EXPECT_NEAR(double{none.picture(35, 39)} / double{ground(35, 39)}, 1.0, 0.02);
+  // Without a plate nothing is left.
+  EXPECT_THAT(relight(open("percent.hlb"), nine_lights(), {.terms = 0}).picture.pixels(),
+              testing::Each(0.0F));
+  const RelitPicture all = relight(with_plate, nine_lights());
+  const RelitPicture more = relight(with_plate, nine_lights(), {.terms = 1024});
+  EXPECT_EQ(more.terms, all.terms_all);
+  EXPECT_TRUE(std::equal(all.picture.pixels().begin(), all.picture.pixels().end(),
+                         more.picture.pixels().begin()));
+}
+
 TEST_F(Relight, MaxErrorBelowTheFilesOwnErrorIsSaidNotHidden) {
   const RelitPicture relit = relight(open("percent.hlb"), nine_lights(), {.max_error = 1e-6});
   EXPECT_GT(relit.bound.relative_l2, 1e-6);
@@ -266,8 +299,13 @@ TEST_F(Relight, BatchGivesTheSamePicturesInOnePass) {
   }
 }
 
-TEST_F(Relight, WrongNumberOfWeightsIsRefused) {
-  EXPECT_THROW((void)relight(open("plate.hlb"), LightWeights::Zero(100, 1)), Error);
+TEST_F(Relight, WrongWeightsAreRefused) {
+  const BasisFile basis = open("plate.hlb");
+  EXPECT_THROW((void)relight(basis, LightWeights::Zero(100, 1)), Error);
+  for (const double bad :
+       {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+    EXPECT_THROW((void)relight(basis, LightWeights(bad * one_light(3))), ContractViolation);
+  }
 }
 
 TEST(WeightList, WordsNameLightsAndDrives) {
@@ -281,7 +319,8 @@ TEST(WeightList, WordsNameLightsAndDrives) {
 }
 
 TEST(WeightList, JsonHoldsOneNumberOrThreeALight) {
-  const auto file = std::filesystem::path(testing::TempDir()) / "weights.json";
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "weights.json";
   const auto write = [&](const std::string& text) { std::ofstream(file) << text; };
   write("[[1, 2], [3, 4]]");
   EXPECT_EQ(weights_from_json(file, 4)(2, 0), 3.0);
@@ -292,7 +331,6 @@ TEST(WeightList, JsonHoldsOneNumberOrThreeALight) {
     write(bad);
     EXPECT_THROW((void)weights_from_json(file, 4), Error) << bad;
   }
-  std::filesystem::remove(file);
 }
 
 }  // namespace
