@@ -196,10 +196,11 @@ TEST_F(StairScene, OneLight) {
     EXPECT_LT(errors_["corrected"].at(height).shadow_wrong,
               errors_["plain"].at(height).shadow_wrong);
   }
-  // Above, the window makes it worse.
+  // Above, the window makes it worse: at 50 mm, where it is 1.6 mm wide; the 0.8 mm at 25 mm
+  // are less than a pixel of the plane picture and change nothing.
+  EXPECT_LT(errors_["none"].at(50).shadow_wrong, errors_["plain"].at(50).shadow_wrong);
+  EXPECT_NEAR(errors_["none"].at(25).shadow_wrong, errors_["plain"].at(25).shadow_wrong, 1e-6);
   for (const int height : {25, 50}) {
-    EXPECT_LT(errors_["none"].at(height).shadow_wrong,
-              errors_["plain"].at(height).shadow_wrong);
     EXPECT_EQ(errors_["none"].at(height).shadow_wrong,
               errors_["corrected"].at(height).shadow_wrong);
   }
