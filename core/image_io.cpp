@@ -176,16 +176,21 @@ Image<float> read_linear_image(const std::filesystem::path& path) {
   return std::move(picture.pixels);
 }
 
+void require_picture_name(const std::filesystem::path& path) {
+  const std::string ending = path.extension().string();
+  if (ending != ".png" && ending != ".exr" && ending != ".tif") {
+    throw Error(fmt::format("cannot write a picture named \"{}\"", ending), path.string(),
+                "end the name in .exr (linear), .png (to look at) or .tif", ExitCode::usage);
+  }
+}
+
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
                  double exposure) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
+  require_picture_name(path);
   const std::string ending = path.extension().string();
   const bool is_png = ending == ".png";
-  if (!is_png && ending != ".exr" && ending != ".tif") {
-    throw Error(fmt::format("cannot write a picture named \"{}\"", ending), path.string(),
-                "end the name in .exr (linear), .png (to look at) or .tif", ExitCode::usage);
-  }
   const auto type = is_png ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::FLOAT;
   OIIO::ImageSpec spec(image.width(), image.height(), image.channels(), type);
   spec.attribute("oiio:ColorSpace", is_png ? "sRGB" : "Linear");

@@ -34,6 +34,10 @@ struct PictureFile {
 /// @throws Error  as read_picture; also names the first pixel that is NaN or infinite.
 [[nodiscard]] Image<float> read_linear_image(const std::filesystem::path& path);
 
+/// Refuses a name that write_image could not write, before the work is done.
+/// @throws Error(usage)  naming the endings
+void require_picture_name(const std::filesystem::path& path);
+
 /// Writes by the name's ending: `.exr` linear 32-bit float; `.png` sRGB 8 bit, values times
 /// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears whole or not at
 /// all.
