@@ -106,6 +106,7 @@ void compare_with_session(const RelightArguments& arguments, const LightWeights&
 ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& common,
                      Report& report) {
   report.add_input(arguments.basis);
+  require_picture_name(arguments.output);
   require_absent(arguments.output, common.force);
   const BasisFile basis = BasisFile::open(arguments.basis);
   const LightWeights weights = read_weights(arguments, basis.header(), report);

@@ -237,6 +237,7 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
   for (const std::string& file :
        {arguments.output, arguments.spread, arguments.truth, arguments.difference}) {
     if (!file.empty()) {
+      require_picture_name(file);
       require_absent(file, common.force);
     }
   }
@@ -302,6 +303,12 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
   report.add_detail("plate", arguments.plate);
   StackVisibilityOptions visibility_options;
   visibility_options.shows_plane = read_mask(arguments.mask);
+  const Image<std::uint8_t>& mask = visibility_options.shows_plane;
+  if (!mask.is_empty() && (mask.width() != eye.width || mask.height() != eye.height)) {
+    throw Error(fmt::format("the mask is {} x {}, the camera {} x {}", mask.width(),
+                            mask.height(), eye.width, eye.height),
+                arguments.mask, "draw it on one of the camera's pictures");
+  }
   visibility_options.memory_bytes = common.memory_bytes / 4;
   std::optional<StackVisibility> visibility;
   if (!wanted.empty()) {
