@@ -27,9 +27,9 @@
 #include "relight/basis/relight.h"
 #include "relight/basis/weight_list.h"
 #include "render/picture.h"
+#include "render/rig_lights.h"
 #include "render/scene.h"
 #include "session/develop.h"
-#include "sim/rig_scene.h"
 #include "sim/transport.h"
 
 namespace haarlight {

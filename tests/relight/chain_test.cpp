@@ -12,7 +12,7 @@
 #include "relight/basis/relight.h"
 #include "relight/light/light_weights.h"
 #include "render/picture.h"
-#include "sim/rig_scene.h"
+#include "render/rig_lights.h"
 #include "sim/transport.h"
 #include "tests/temporary_folder.h"
 
