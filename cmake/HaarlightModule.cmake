@@ -12,7 +12,11 @@
 #   With clang and HAARLIGHT_FUZZ a libFuzzer program; in every other build a program that replays
 #   the corpus, registered as a test.
 
+#   The targets unit_tests and slow_tests build what the labels ask for; fuzzers, the fuzzers.
+
 include(GoogleTest)
+add_custom_target(unit_tests)
+add_custom_target(slow_tests)
 
 function(haarlight_add_module)
   cmake_parse_arguments(ARG "" "NAME" "SOURCES;HEADERS;PUBLIC_DEPS;PRIVATE_DEPS" ${ARGN})
@@ -52,10 +56,11 @@ function(haarlight_add_test)
   gtest_discover_tests(${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
                        DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
                        PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
-  if(NOT TARGET all_tests)
-    add_custom_target(all_tests)
+  if("slow" IN_LIST ARG_LABELS OR "soak" IN_LIST ARG_LABELS)
+    add_dependencies(slow_tests ${ARG_NAME})
+  else()
+    add_dependencies(unit_tests ${ARG_NAME})
   endif()
-  add_dependencies(all_tests ${ARG_NAME})
 endfunction()
 
 function(haarlight_add_fuzzer)
@@ -73,6 +78,7 @@ function(haarlight_add_fuzzer)
     add_executable(${ARG_NAME} ${ARG_SOURCES} ${PROJECT_SOURCE_DIR}/tests/fuzz/replay_main.cpp)
     add_test(NAME ${ARG_NAME}.corpus COMMAND ${ARG_NAME} ${CMAKE_CURRENT_SOURCE_DIR}/${ARG_CORPUS})
     set_tests_properties(${ARG_NAME}.corpus PROPERTIES LABELS unit)
+    add_dependencies(unit_tests ${ARG_NAME})
   endif()
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings)
 endfunction()
