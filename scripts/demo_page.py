@@ -82,7 +82,7 @@ def relit_row(page: Page, name: str, caption: str) -> list[str]:
 def shadow_row(page: Page, name: str, caption: str) -> list[str]:
     reached = page.report(name)["reached"]
     return [caption] + [number(reached[key]) for key in (
-        "relative_l2", "psnr_db", "shadow_wrong_share", "pixels_known_share",
+        "relative_l2", "psnr_db", "shadow_wrong_share", "known_share",
         "relative_l2_where_known", "shadow_wrong_share_where_known")]
 
 
@@ -128,7 +128,7 @@ def main() -> int:
             (f"{name}_truth.png", f"{caption}: ray-traced with the object's geometry"),
             (f"{name}_difference.png", "absolute difference, four times brighter")])
     page.table(["", "relative error", "PSNR, dB", "share of the shadow that is wrong",
-                "pixels that look at known places only", "relative error there",
+                "receivers that look at known places only", "relative error there",
                 "share of the shadow that is wrong there"],
                [shadow_row(page, name, caption) for name, caption in shadows])
     page.write()

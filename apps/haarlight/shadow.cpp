@@ -20,6 +20,7 @@
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
 #include "relight/shadow/reproject.h"
+#include "relight/shadow/shadow_truth.h"
 #include "relight/shadow/stack_visibility.h"
 #include "render/rig_lights.h"
 
@@ -129,20 +130,6 @@ Image<std::uint8_t> read_mask(const std::string& file) {
   return mask;
 }
 
-/// Triangles that lie in the shadow plane: a scene's ground is no part of the object.
-void remove_ground(Scene& scene, const PlaneFrame& frame) {
-  constexpr double kInPlane_mm = 0.01;
-  for (Mesh& mesh : scene.meshes) {
-    std::erase_if(mesh.triangles, [&](const Eigen::Vector3i& t) {
-      return std::all_of(t.begin(), t.end(), [&](int i) {
-        return std::abs(frame.height_of(mesh.vertices[static_cast<std::size_t>(i)])) <
-               kInPlane_mm;
-      });
-    });
-  }
-  std::erase_if(scene.meshes, [](const Mesh& mesh) { return mesh.triangles.empty(); });
-}
-
 void add_to_report(const ReprojectReport& found, Report& report) {
   report.add_reached("unknown_share", found.unknown_share);
   report.add_reached("affected_receivers", found.affected_receivers);
@@ -195,43 +182,6 @@ void print_notes(const ReprojectReport& found, bool has_height) {
   }
 }
 
-/// Shares of the shadow: ||picture - truth||_1 / ||unshadowed - truth||_1.
-struct TruthError {
-  double wrong_share = 0.0;
-  double known_wrong_share = 0.0;
-  double known_relative_l2 = 0.0;
-  double known_pixels = 0.0;
-};
-
-TruthError compare_shadow(const ReprojectResult& result, const Image<float>& truth) {
-  constexpr double kKnownSpread = 0.01;  // of the unshadowed value
-  double wrong = 0.0;
-  double shadow = 0.0;
-  double known_wrong = 0.0;
-  double known_shadow = 0.0;
-  double known_square = 0.0;
-  double known_norm = 0.0;
-  double n_known = 0.0;
-  for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
-    const auto t = static_cast<double>(truth.pixels()[i]);
-    const auto u = static_cast<double>(result.unshadowed.pixels()[i]);
-    const double e = std::abs(static_cast<double>(result.picture.pixels()[i]) - t);
-    wrong += e;
-    shadow += std::abs(u - t);
-    if (static_cast<double>(result.spread.pixels()[i]) <= kKnownSpread * u) {
-      known_wrong += e;
-      known_shadow += std::abs(u - t);
-      known_square += e * e;
-      known_norm += t * t;
-      n_known += 1.0;
-    }
-  }
-  const auto ratio = [](double a, double b) { return b > 0.0 ? a / b : 0.0; };
-  return {ratio(wrong, shadow), ratio(known_wrong, known_shadow),
-          std::sqrt(ratio(known_square, known_norm)),
-          ratio(n_known, static_cast<double>(truth.pixels().size()))};
-}
-
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
   for (const std::string& file :
@@ -258,7 +208,7 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
   if (!arguments.truth_object.empty()) {
     report.add_input(arguments.truth_object);
     object = read_scene(arguments.truth_object).scene;
-    remove_ground(object, frame);
+    remove_plane_triangles(object, frame);
   }
   const CameraModel view = view_of(arguments, scene, rig);
   const std::vector<SquareLight> lights = rig_lights(rig);
@@ -344,20 +294,20 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
     const Image<float> truth = trace_shadow(scene.scene, object, view, lights, weights,
                                             arguments.subpixels, common.progress());
     const Achieved found = compare(result.picture.pixels(), truth.pixels());
-    const TruthError error = compare_shadow(result, truth);
+    const ShadowError error = compare_shadow(result, truth);
     report.add_reached("relative_l2", found.relative_l2);
     report.add_reached("worst_pixel", found.worst_pixel);
     report.add_reached("psnr_db", found.psnr_db);
     report.add_reached("shadow_wrong_share", error.wrong_share);
     report.add_reached("relative_l2_where_known", error.known_relative_l2);
     report.add_reached("shadow_wrong_share_where_known", error.known_wrong_share);
-    report.add_reached("pixels_known_share", error.known_pixels);
+    report.add_reached("known_share", error.known_share);
     fmt::print(
         "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
-        "shadow "
-        "wrong\n  on the {:.0f} % of the pixels that look at known places only: {:.3g}, {:.1f} "
-        "%\n",
-        found.relative_l2, found.psnr_db, 100.0 * error.wrong_share, 100.0 * error.known_pixels,
+        "shadow wrong\n  on the {:.0f} % of the receivers that look at known places only: "
+        "{:.3g}, "
+        "{:.1f} %\n",
+        found.relative_l2, found.psnr_db, 100.0 * error.wrong_share, 100.0 * error.known_share,
         error.known_relative_l2, 100.0 * error.known_wrong_share);
     write_image(arguments.truth, truth.view(), exposure);
     bytes += fs::file_size(arguments.truth);

@@ -171,14 +171,14 @@ void fill_report(std::span<const Receiver> receivers, std::span<const Total> tot
   }
 }
 
+}  // namespace
+
 void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value) {
   const std::size_t at = static_cast<std::size_t>(pixel) * 3;
   for (std::size_t c = 0; c < 3; ++c) {
     picture.pixels()[at + c] += static_cast<float>(value[static_cast<Eigen::Index>(c)]);
   }
 }
-
-}  // namespace
 
 double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
                            const Eigen::Vector3d& normal) {
@@ -329,46 +329,6 @@ ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
   const double length = norm(result.picture);
   result.report.spread_relative = length > 0.0 ? norm(result.spread) / length : 0.0;
   return result;
-}
-
-Image<float> trace_shadow(const Scene& receivers, const Scene& object,
-                          const CameraModel& camera, std::span<const SquareLight> lights,
-                          std::span<const Eigen::Vector3d> weights, int n_subpixels,
-                          ProgressStyle progress_style) {
-  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
-  std::vector<SquareLight> lit;
-  std::vector<Eigen::Vector3d> w;
-  for (std::size_t k = 0; k < lights.size(); ++k) {
-    if (!weights[k].isZero(0.0)) {
-      lit.push_back(lights[k]);
-      w.push_back(weights[k]);
-    }
-  }
-  const RayCaster eye(receivers);
-  Scene all = receivers;
-  append_scene(all, object);
-  const RayCaster caster(all);
-  const std::vector<Receiver> seen = find_receivers(receivers, eye, camera, n_subpixels);
-  const DirectLight direct(caster, lit);
-  std::vector<Eigen::Vector3d> radiance(seen.size(), Eigen::Vector3d::Zero());
-  Progress progress("ray-traced shadow", seen.size(), progress_style);
-  parallel_for(seen.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    std::vector<LightShare> shares(lit.size());
-    for (std::size_t i = begin; i < end; ++i) {
-      Material lambert;
-      (void)direct.evaluate(seen[i].surface, lambert, i, shares);
-      for (std::size_t k = 0; k < lit.size(); ++k) {
-        radiance[i] += shares[k].diffuse * w[k].cwiseProduct(seen[i].albedo);
-      }
-    }
-    progress.advance(end - begin);
-  });
-  Image<float> picture(camera.height, camera.width, 3);
-  const double share = 1.0 / (n_subpixels * n_subpixels);
-  for (std::size_t i = 0; i < seen.size(); ++i) {
-    add_to_pixel(picture, seen[i].pixel, share * radiance[i]);
-  }
-  return picture;
 }
 
 }  // namespace haarlight

@@ -96,14 +96,8 @@ struct ReprojectResult {
                                                const VisibilitySource& visibility,
                                                const ReprojectOptions& options = {});
 
-/// The truth for a known object: the receivers lit with object and scene both casting shadows,
-/// the object itself unseen. Lambertian part, RGB; stratified samples at partly hidden lights.
-[[nodiscard]] Image<float> trace_shadow(const Scene& receivers, const Scene& object,
-                                        const CameraModel& camera,
-                                        std::span<const SquareLight> lights,
-                                        std::span<const Eigen::Vector3d> weights,
-                                        int n_subpixels,
-                                        ProgressStyle progress = ProgressStyle::none);
+/// Adds one receiver's share of its pixel of an RGB picture.
+void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value);
 
 /// E_k / radiance: exact near the light, four Gauss points where it is ten sides away or more
 /// (relative error below 1e-6 there; render/analytic has the exact form).

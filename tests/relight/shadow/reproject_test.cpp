@@ -8,6 +8,7 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
+#include "relight/shadow/shadow_truth.h"
 #include "render/analytic/polygon_light.h"
 #include "render/picture.h"
 
@@ -276,6 +277,38 @@ TEST(Reproject, AgreesWithTheRayTracedShadow) {
                    std::to_string(std::sqrt(error / norm)));
     EXPECT_LT(std::sqrt(error / norm), 0.03) << height;  // 2 mm pixels across a 3.5 mm penumbra
   }
+}
+
+TEST(ShadowError, CountsShadowAndKnownPlacesByHand) {
+  // Four values: lit and known, half wrong shadow, unknown, and one where no receiver is.
+  ReprojectResult result{
+      Image<float>(1, 4, 1), Image<float>(1, 4, 1), Image<float>(1, 4, 1), {}};
+  const std::vector<float> picture = {1.0F, 0.5F, 0.5F, 0.0F};
+  const std::vector<float> unshadowed = {1.0F, 1.0F, 1.0F, 0.0F};
+  const std::vector<float> spread = {0.0F, 0.0F, 0.5F, 0.0F};
+  const std::vector<float> traced = {1.0F, 0.0F, 1.0F, 0.0F};
+  Image<float> truth(1, 4, 1);
+  for (std::size_t i = 0; i < 4; ++i) {
+    result.picture.pixels()[i] = picture[i];
+    result.unshadowed.pixels()[i] = unshadowed[i];
+    result.spread.pixels()[i] = spread[i];
+    truth.pixels()[i] = traced[i];
+  }
+  const ShadowError error = compare_shadow(result, truth);
+  EXPECT_DOUBLE_EQ(error.wrong_share, 1.0);        // (0.5 + 0.5)/1
+  EXPECT_DOUBLE_EQ(error.known_wrong_share, 0.5);  // 0.5/1
+  EXPECT_DOUBLE_EQ(error.known_relative_l2, 0.5);  // sqrt(0.25/1)
+  EXPECT_DOUBLE_EQ(error.known_share, 2.0 / 3.0);
+}
+
+TEST(ShadowTruth, GroundInThePlaneIsNoObject) {
+  Scene scene;
+  scene.materials.push_back({"white", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
+  scene.meshes.push_back(make_quad({-9, -9, 0}, {9, -9, 0}, {9, 9, 0}, {-9, 9, 0}, 0));
+  scene.meshes.push_back(make_quad({-9, 0, 0}, {9, 0, 0}, {9, 0, 5}, {-9, 0, 5}, 0));
+  remove_plane_triangles(scene, ground_frame());
+  ASSERT_EQ(scene.meshes.size(), 1U);
+  EXPECT_EQ(scene.meshes[0].triangles.size(), 2U);  // it only stands on the plane
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "core/parallel.h"
 #include "core/rig.h"
 #include "relight/shadow/reproject.h"
+#include "relight/shadow/shadow_truth.h"
 #include "render/rig_lights.h"
 
 namespace haarlight {
@@ -107,27 +108,13 @@ std::map<int, TreadError> errors_by_tread(const std::map<int, int>& treads,
   return errors;
 }
 
-/// Triangles in the plane itself: the ground of a twin's scene is no object.
-void remove_ground(Scene& scene) {
-  for (Mesh& mesh : scene.meshes) {
-    std::erase_if(mesh.triangles, [&](const Eigen::Vector3i& t) {
-      double highest = 0.0;
-      for (int i = 0; i < 3; ++i) {
-        highest =
-            std::max(highest, std::abs(mesh.vertices[static_cast<std::size_t>(t[i])].z()));
-      }
-      return highest < 0.01;
-    });
-  }
-}
-
 class StairScene : public ::testing::Test {
  protected:
   StairScene() {
     rig_ = read_rig(std::string(kRoot) + "/configs/rigs/cube32.toml");
     stairs_ = read_scene(std::string(kRoot) + "/configs/scenes/stairs.toml");
     object_ = read_scene(std::string(kRoot) + "/configs/scenes/airplane.toml").scene;
-    remove_ground(object_);
+    remove_plane_triangles(object_, make_plane_frame(rig_.planes[0]));
     camera_ = stairs_.camera;
     camera_.width = 160;
     camera_.height = 120;

@@ -1,0 +1,107 @@
+#include "relight/shadow/shadow_truth.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "render/direct_light.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::size_t kGrain = 256;  // receivers a task
+
+}  // namespace
+
+void remove_plane_triangles(Scene& scene, const PlaneFrame& frame) {
+  constexpr double kInPlane_mm = 0.01;
+  for (Mesh& mesh : scene.meshes) {
+    std::erase_if(mesh.triangles, [&](const Eigen::Vector3i& t) {
+      return std::all_of(t.begin(), t.end(), [&](int i) {
+        return std::abs(frame.height_of(mesh.vertices[static_cast<std::size_t>(i)])) <
+               kInPlane_mm;
+      });
+    });
+  }
+  std::erase_if(scene.meshes, [](const Mesh& mesh) { return mesh.triangles.empty(); });
+}
+
+Image<float> trace_shadow(const Scene& receivers, const Scene& object,
+                          const CameraModel& camera, std::span<const SquareLight> lights,
+                          std::span<const Eigen::Vector3d> weights, int n_subpixels,
+                          ProgressStyle progress_style) {
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  std::vector<SquareLight> lit;
+  std::vector<Eigen::Vector3d> w;
+  for (std::size_t k = 0; k < lights.size(); ++k) {
+    if (!weights[k].isZero(0.0)) {
+      lit.push_back(lights[k]);
+      w.push_back(weights[k]);
+    }
+  }
+  const RayCaster eye(receivers);
+  Scene all = receivers;
+  append_scene(all, object);
+  const RayCaster caster(all);
+  const std::vector<Receiver> seen = find_receivers(receivers, eye, camera, n_subpixels);
+  const DirectLight direct(caster, lit);
+  std::vector<Eigen::Vector3d> radiance(seen.size(), Eigen::Vector3d::Zero());
+  Progress progress("ray-traced shadow", seen.size(), progress_style);
+  parallel_for(seen.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    std::vector<LightShare> shares(lit.size());
+    for (std::size_t i = begin; i < end; ++i) {
+      Material lambert;
+      (void)direct.evaluate(seen[i].surface, lambert, i, shares);
+      for (std::size_t k = 0; k < lit.size(); ++k) {
+        radiance[i] += shares[k].diffuse * w[k].cwiseProduct(seen[i].albedo);
+      }
+    }
+    progress.advance(end - begin);
+  });
+  Image<float> picture(camera.height, camera.width, 3);
+  const double share = 1.0 / (n_subpixels * n_subpixels);
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    add_to_pixel(picture, seen[i].pixel, share * radiance[i]);
+  }
+  return picture;
+}
+
+ShadowError compare_shadow(const ReprojectResult& result, const Image<float>& truth) {
+  HAARLIGHT_EXPECTS(truth.pixels().size() == result.picture.pixels().size(),
+                    "one picture size");
+  constexpr double kKnownSpread = 0.01;  // of the unshadowed value
+  double wrong = 0.0;
+  double shadow = 0.0;
+  double known_wrong = 0.0;
+  double known_shadow = 0.0;
+  double known_square = 0.0;
+  double known_norm = 0.0;
+  double n_known = 0.0;
+  double n_lit = 0.0;
+  for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
+    const auto t = static_cast<double>(truth.pixels()[i]);
+    const auto u = static_cast<double>(result.unshadowed.pixels()[i]);
+    const double e = std::abs(static_cast<double>(result.picture.pixels()[i]) - t);
+    wrong += e;
+    shadow += std::abs(u - t);
+    if (u <= 0.0) {
+      continue;
+    }
+    n_lit += 1.0;
+    if (static_cast<double>(result.spread.pixels()[i]) <= kKnownSpread * u) {
+      known_wrong += e;
+      known_shadow += std::abs(u - t);
+      known_square += e * e;
+      known_norm += t * t;
+      n_known += 1.0;
+    }
+  }
+  const auto ratio = [](double a, double b) { return b > 0.0 ? a / b : 0.0; };
+  return {ratio(wrong, shadow), ratio(known_wrong, known_shadow),
+          std::sqrt(ratio(known_square, known_norm)), ratio(n_known, n_lit)};
+}
+
+}  // namespace haarlight

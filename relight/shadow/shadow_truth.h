@@ -1,0 +1,38 @@
+#pragma once
+
+#include "core/image.h"
+#include "relight/shadow/reproject.h"
+
+/// @file
+/// The ray-traced truth of a reprojected shadow, where the object is known, and the error
+/// against it.
+
+namespace haarlight {
+
+/// Removes the triangles that lie in the shadow plane: a scene's ground is no part of the
+/// object.
+void remove_plane_triangles(Scene& scene, const PlaneFrame& frame);
+
+/// The receivers lit with object and scene both casting shadows, the object itself unseen.
+/// Lambertian part, RGB (h, w, 3); stratified samples at partly hidden lights.
+[[nodiscard]] Image<float> trace_shadow(const Scene& receivers, const Scene& object,
+                                        const CameraModel& camera,
+                                        std::span<const SquareLight> lights,
+                                        std::span<const Eigen::Vector3d> weights,
+                                        int n_subpixels,
+                                        ProgressStyle progress = ProgressStyle::none);
+
+/// Wrong shares are of the shadow: ||picture - truth||_1 / ||unshadowed - truth||_1. Known is a
+/// lit value whose bounds leave at most a hundredth of it open.
+struct ShadowError {
+  double wrong_share = 0.0;
+  double known_wrong_share = 0.0;
+  double known_relative_l2 = 0.0;
+  double known_share = 0.0;  ///< of the values that are lit without the object
+};
+
+/// @param truth (h, w, 3), as the result's pictures
+[[nodiscard]] ShadowError compare_shadow(const ReprojectResult& result,
+                                         const Image<float>& truth);
+
+}  // namespace haarlight
