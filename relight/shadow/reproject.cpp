@@ -214,17 +214,20 @@ std::vector<Receiver> find_receivers(const Scene& scene, const RayCaster& caster
                                      const CameraModel& camera, int n_subpixels) {
   const auto n_pixels =
       static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-  const auto n_sub = static_cast<std::size_t>(n_subpixels * n_subpixels);
+  const auto n_side = static_cast<std::size_t>(n_subpixels);
+  const auto n_sub = n_side * n_side;
+  const auto width = static_cast<std::size_t>(camera.width);
   std::vector<std::optional<SurfacePoint>> seen(n_pixels * n_sub);
   parallel_for(n_pixels, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       for (std::size_t s = 0; s < n_sub; ++s) {
-        const auto column = static_cast<double>(i % static_cast<std::size_t>(camera.width));
-        const auto row = static_cast<double>(i / static_cast<std::size_t>(camera.width));
-        const auto sx = static_cast<double>(s % static_cast<std::size_t>(n_subpixels));
-        const auto sy = static_cast<double>(s / static_cast<std::size_t>(n_subpixels));
-        seen[i * n_sub + s] = visible_surface(caster, camera, column + (sx + 0.5) / n_subpixels,
-                                              row + (sy + 0.5) / n_subpixels);
+        const std::size_t row = i / width;
+        const std::size_t sub_row = s / n_side;
+        const double x = static_cast<double>(i % width) +
+                         (static_cast<double>(s % n_side) + 0.5) / n_subpixels;
+        const double y =
+            static_cast<double>(row) + (static_cast<double>(sub_row) + 0.5) / n_subpixels;
+        seen[i * n_sub + s] = visible_surface(caster, camera, x, y);
       }
     }
   });

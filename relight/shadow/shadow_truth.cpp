@@ -17,12 +17,12 @@ constexpr std::size_t kGrain = 256;  // receivers a task
 }  // namespace
 
 void remove_plane_triangles(Scene& scene, const PlaneFrame& frame) {
-  constexpr double kInPlane_mm = 0.01;
+  constexpr double kInPlaneMm = 0.01;
   for (Mesh& mesh : scene.meshes) {
     std::erase_if(mesh.triangles, [&](const Eigen::Vector3i& t) {
       return std::all_of(t.begin(), t.end(), [&](int i) {
         return std::abs(frame.height_of(mesh.vertices[static_cast<std::size_t>(i)])) <
-               kInPlane_mm;
+               kInPlaneMm;
       });
     });
   }
