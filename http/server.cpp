@@ -211,7 +211,7 @@ struct HttpServer::Impl {
                      std::size_t* upload_size, void** context);
   std::optional<HttpResponse> refuse(MHD_Connection* connection, Exchange& exchange);
   [[nodiscard]] std::optional<HttpResponse> refuse_stranger(MHD_Connection* connection) const;
-  std::optional<HttpResponse> find_route(Exchange& exchange);
+  std::optional<HttpResponse> find_route(Exchange& exchange) const;
   [[nodiscard]] bool has_token(MHD_Connection* connection) const;
   MHD_Result answer(MHD_Connection* connection, const Exchange& exchange);
   [[nodiscard]] HttpResponse log_in(const Exchange& exchange) const;
@@ -384,7 +384,7 @@ std::optional<std::vector<std::string>> HttpServer::Impl::static_segments(
                                   segments.end());
 }
 
-std::optional<HttpResponse> HttpServer::Impl::find_route(Exchange& exchange) {
+std::optional<HttpResponse> HttpServer::Impl::find_route(Exchange& exchange) const {
   HttpRequest& request = exchange.request;
   const std::string_view raw = exchange.raw_target;
   request.path = raw.substr(0, raw.find('?'));

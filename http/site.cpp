@@ -60,7 +60,7 @@ void HttpSite::add_events(std::string pattern, std::shared_ptr<EventStream> stre
           std::move(stream)});
 }
 
-void HttpSite::set_static_files(std::string prefix, std::filesystem::path folder) {
+void HttpSite::set_static_files(const std::string& prefix, std::filesystem::path folder) {
   const auto target = parse_target(prefix);
   HAARLIGHT_EXPECTS(target.has_value(), "a prefix is an absolute path");
   prefix_ = target->segments;

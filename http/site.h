@@ -77,7 +77,7 @@ class HttpSite {
   /// GET of anything below `prefix` that no route takes is a file of `folder`; "/" is
   /// index.html. Nothing outside the folder is ever served; symbolic links and names that start
   /// with a dot are not followed. One folder a site.
-  void set_static_files(std::string prefix, std::filesystem::path folder);
+  void set_static_files(const std::string& prefix, std::filesystem::path folder);
 
   struct Entry {
     PathPattern pattern;
