@@ -140,7 +140,7 @@ class Compressor {
   template <class R>
   void for_each_tile(const std::string& label, const std::function<R(std::size_t)>& work,
                      const std::function<void(R&)>& take);
-  [[nodiscard]] std::vector<float> read_stack(const TileRect& rect);
+  [[nodiscard]] std::vector<float> read_stack(const TileRect& rect) const;
   [[noreturn]] void throw_not_finite(const TileRect& rect, std::size_t i_value) const;
 
   void measure();
@@ -287,7 +287,7 @@ void Compressor::for_each_tile(const std::string& label,
                   count(header_.dims.n_lights) * sizeof(float);
 }
 
-std::vector<float> Compressor::read_stack(const TileRect& rect) {
+std::vector<float> Compressor::read_stack(const TileRect& rect) const {
   std::vector<float> values(count(header_.dims.channels) * count(rect.n_pixels()) *
                             count(header_.dims.n_lights));
   source_.stack->read_tile(rect, values);

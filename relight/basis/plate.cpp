@@ -104,8 +104,9 @@ void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const 
   }
   for (int p = 0; p < rect.n_pixels(); ++p) {
     const std::span<float> row = out.subspan(count(p) * lights_.size(), lights_.size());
-    const CameraRay ray =
-        ray_through(camera_, rect.x0 + p % rect.width + 0.5, rect.y0 + p / rect.width + 0.5);
+    const int x = rect.x0 + p % rect.width;
+    const int y = rect.y0 + p / rect.width;
+    const CameraRay ray = ray_through(camera_, x + 0.5, y + 0.5);
     // n.x + d = 0 on the ray o + t r: t = -(n.o + d)/(n.r).
     const double height = plane_.n.dot(ray.origin_world) + plane_.d;
     const double slope = plane_.n.dot(ray.direction_world);
@@ -159,7 +160,7 @@ PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_
   if (rows.rows() == 0) {
     return found;
   }
-  const Eigen::Index k = std::min<Eigen::Index>(
+  const auto k = std::min<Eigen::Index>(
       {static_cast<Eigen::Index>(max_rank + kOversampling), rows.rows(), n_lights});
   // Start vectors keyed by place: the same plate gives the same basis on every machine.
   MatrixXd z(n_lights, k);
