@@ -11,8 +11,8 @@
 # haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
 #   With clang and HAARLIGHT_FUZZ a libFuzzer program; in every other build a program that replays
 #   the corpus, registered as a test.
-
-#   The targets unit_tests and slow_tests build what the labels ask for; fuzzers, the fuzzers.
+#
+# The targets unit_tests and slow_tests build what the labels ask for; fuzzers, the fuzzers.
 
 include(GoogleTest)
 add_custom_target(unit_tests)
