@@ -5,6 +5,7 @@
 #include <cmath>
 #include <mutex>
 #include <numbers>
+#include <optional>
 
 #include "core/parallel.h"
 #include "render/analytic/polygon_light.h"
@@ -13,7 +14,10 @@
 namespace haarlight {
 namespace {
 
-constexpr std::size_t kGrain = 256;      // receivers a task
+constexpr std::size_t kGrain = 256;  // receivers a task
+/// Lights that share the tests of the scene's own shadows (render/direct_light.h). A fixed
+/// number, so that pictures do not depend on the memory that was allowed.
+constexpr std::size_t kOwnShadowBlock = 128;
 constexpr double kOnPlaneTexels = 0.01;  // nearer than this to the plane counts as on it
 constexpr double kAffected = 0.01;       // share of a receiver's light that counts as affected
 
@@ -260,13 +264,23 @@ ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
   }
   const std::uint64_t bytes_a_light = 16ULL * static_cast<std::uint64_t>(frame.width + 1) *
                                       static_cast<std::uint64_t>(frame.height + 1);
+  // Shadow sums are held for as many lights as memory allows, and never beyond a block's end.
   const auto batch = static_cast<std::size_t>(
-      std::clamp<std::uint64_t>(options.memory_bytes / bytes_a_light, 1, 1024));
+      std::clamp<std::uint64_t>(options.memory_bytes / bytes_a_light, 1, kOwnShadowBlock));
   std::vector<Total> totals(receivers.size());
   const Reprojector reprojector(frame, options);
   Progress progress("shadow", active.size(), options.progress);
-  for (std::size_t first = 0; first < active.size(); first += batch) {
-    const auto part = std::span(active).subspan(first, std::min(batch, active.size() - first));
+  std::optional<DirectLight> own;
+  std::span<const ActiveLight> block;
+  for (std::size_t first = 0, size = 0; first < active.size(); first += size) {
+    const std::size_t in_block = first % kOwnShadowBlock;
+    if (in_block == 0) {
+      block =
+          std::span(active).subspan(first, std::min(kOwnShadowBlock, active.size() - first));
+      own.emplace(caster, lights_of(block));
+    }
+    size = std::min(batch, block.size() - in_block);
+    const auto part = block.subspan(in_block, size);
     std::vector<WindowSums> sums;
     sums.reserve(part.size());
     for (const ActiveLight& light : part) {
@@ -276,22 +290,21 @@ ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
       result.report.count.add(v.count);
       sums.emplace_back(v.value.view(), v.known.view());
     }
-    const DirectLight own(caster, lights_of(part));
     parallel_for(receivers.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      std::vector<LightShare> shares(part.size());
+      std::vector<LightShare> shares(block.size());
       for (std::size_t i = begin; i < end; ++i) {
         const Receiver& receiver = receivers[i];
         Total& total = totals[i];
         if (options.has_own_shadows) {
           Material lambert;
-          (void)own.evaluate(receiver.surface, lambert, i, shares);
+          (void)own->evaluate(receiver.surface, lambert, i, shares);
         }
         for (std::size_t k = 0; k < part.size(); ++k) {
           const ActiveLight& light = part[k];
           // Irradiance at unit drive, the scene's own shadows included.
           const double E =
               options.has_own_shadows
-                  ? std::numbers::pi * shares[k].diffuse
+                  ? std::numbers::pi * shares[in_block + k].diffuse
                   : (receiver.surface.flat_normal.dot(light.light.centre -
                                                       receiver.surface.point) > 0.0
                          ? light.light.radiance * receiver_irradiance(light.light,

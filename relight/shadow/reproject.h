@@ -51,7 +51,8 @@ struct ReprojectOptions {
   std::optional<HeightRange> object;  ///< over the plane
   int n_subpixels = 2;
   bool has_own_shadows = true;  ///< the scene's own shadows, by ray casting
-  std::uint64_t memory_bytes = std::uint64_t{1} << 30U;  ///< for tables of shadow pictures
+  /// For tables of shadow pictures. The result does not depend on it.
+  std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
 

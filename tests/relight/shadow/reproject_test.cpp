@@ -180,6 +180,15 @@ TEST(Reproject, ReceiversOverTheObjectAreLit) {
   EXPECT_GT(among.report.worst_widening, 1.0);
 }
 
+/// A square plate of 80 mm hovering at 100 mm.
+Scene hovering_plate() {
+  Scene scene;
+  scene.materials.push_back({"grey", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
+  scene.meshes.push_back(
+      make_quad({-40, -40, 100}, {40, -40, 100}, {40, 40, 100}, {-40, 40, 100}, 0));
+  return scene;
+}
+
 TEST(Reproject, DoesNotDependOnThreadsOrMemory) {
   const PlaneFrame frame = ground_frame();
   std::vector<SquareLight> lights;
@@ -194,39 +203,25 @@ TEST(Reproject, DoesNotDependOnThreadsOrMemory) {
     }
     return v;
   };
+  // The plate throws a shadow of the scene's own.
+  Scene scene = flat_receiver(-30.0);
+  scene.meshes.push_back(hovering_plate().meshes.front());
   const auto run = [&](int n_threads, std::uint64_t memory) {
     const ThreadLimit limit(n_threads);
     ReprojectOptions options;
     options.n_subpixels = 1;
     options.memory_bytes = memory;
-    return reproject_shadow(flat_receiver(-30.0), camera_from_above(), frame, lights, weights,
-                            shadow, options);
+    return reproject_shadow(scene, camera_from_above(), frame, lights, weights, shadow,
+                            options);
   };
   const ReprojectResult one = run(1, 1U << 30U);
-  for (const int n : {2, 7}) {
-    const ReprojectResult other = run(n, 1U << 30U);
-    EXPECT_TRUE(std::equal(one.picture.pixels().begin(), one.picture.pixels().end(),
-                           other.picture.pixels().begin()));
-  }
-  ReprojectOptions options = plain_options();
-  const auto plain = [&](std::uint64_t memory) {
-    options.memory_bytes = memory;
-    return reproject_shadow(flat_receiver(-30.0), camera_from_above(), frame, lights, weights,
-                            shadow, options);
+  const auto equals_one = [&](const ReprojectResult& other) {
+    return std::equal(one.picture.pixels().begin(), one.picture.pixels().end(),
+                      other.picture.pixels().begin());
   };
-  const ReprojectResult large = plain(1U << 30U);
-  const ReprojectResult small = plain(1);  // one light at a time
-  EXPECT_TRUE(std::equal(large.picture.pixels().begin(), large.picture.pixels().end(),
-                         small.picture.pixels().begin()));
-}
-
-/// A square plate of 80 mm hovering at 100 mm.
-Scene hovering_plate() {
-  Scene scene;
-  scene.materials.push_back({"grey", Eigen::Vector3d::Constant(0.5), 0.0, 1.0});
-  scene.meshes.push_back(
-      make_quad({-40, -40, 100}, {40, -40, 100}, {40, 40, 100}, {-40, 40, 100}, 0));
-  return scene;
+  EXPECT_TRUE(equals_one(run(2, 1U << 30U)));
+  EXPECT_TRUE(equals_one(run(7, 1U << 30U)));
+  EXPECT_TRUE(equals_one(run(2, 1)));  // one light at a time
 }
 
 /// The plate's exact shadow picture: a light seen past a parallel rectangle is a product of two
@@ -234,12 +229,10 @@ Scene hovering_plate() {
 Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light) {
   Visibility v = uniform_visibility(frame, 1.0F);
   const auto hidden = [](double x, double centre) {
-    const double scale =
-        kH / (kH - 100.0);  // the ray from x at 0 through y at 100 meets H here
+    // The ray from x on the plane past y at the plate's height meets the light's height here.
     const auto at = [&](double y) { return x + (y - x) * kH / 100.0; };
     const double low = std::max(at(-40.0), centre - 14.0);
     const double high = std::min(at(40.0), centre + 14.0);
-    (void)scale;
     return std::max(0.0, high - low) / 28.0;
   };
   for (int y = 0; y < frame.height; ++y) {
