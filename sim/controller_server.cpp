@@ -165,6 +165,30 @@ class ControllerServer::Impl {
     reply_delay_ns_.store(delay.count() * 1000);
   }
 
+  WireExchange exchange(std::span<const std::uint8_t> pdu) {
+    ++n_requests_;
+    if (now_ns() < off_until_ns_.load()) {
+      return {};
+    }
+    const int function = pdu.empty() ? 0 : pdu[0];
+    WireExchange exchanged{.fault = next_fault(function)};
+    if (is_fault(exchanged.fault, WireFault::drop_request)) {
+      return exchanged;
+    }
+    if (is_fault(exchanged.fault, WireFault::exception)) {
+      exchanged.pdu =
+          exception_reply(static_cast<std::uint8_t>(function), exchanged.fault->exception);
+    } else {
+      exchanged.pdu = with_controller(
+          [pdu](LightController& c, std::int64_t t) { return answer_request(c, pdu, t); });
+    }
+    exchanged.delay = std::chrono::nanoseconds(reply_delay_ns_.load());
+    if (is_fault(exchanged.fault, WireFault::delay_reply)) {
+      exchanged.delay += exchanged.fault->delay;
+    }
+    return exchanged;
+  }
+
   void inject(const WireFaultRule& rule) {
     const std::lock_guard lock(rules_mutex_);
     rules_.push_back(rule);
@@ -227,31 +251,10 @@ class ControllerServer::Impl {
   };
 
   Reply answer(const ModbusRequest& request) {
-    ++n_requests_;
-    if (now_ns() < off_until_ns_.load()) {
-      return {};
-    }
-    Reply reply;
-    const int function = request.pdu.empty() ? 0 : request.pdu[0];
-    reply.fault = next_fault(function);
-    if (reply.fault && reply.fault->kind == WireFault::drop_request) {
-      return reply;
-    }
-    if (reply.fault && reply.fault->kind == WireFault::exception) {
-      reply.pdu = exception_reply(static_cast<std::uint8_t>(function), reply.fault->exception);
-    } else {
-      reply.pdu = with_controller([&request](LightController& c, std::int64_t t) {
-        return answer_request(c, request.pdu, t);
-      });
-    }
-    std::int64_t delay_ns = reply_delay_ns_.load();
-    if (reply.fault && reply.fault->kind == WireFault::delay_reply) {
-      delay_ns += reply.fault->delay.count() * 1'000'000;
-    }
-    if (delay_ns > 0) {
-      reply.is_slept = sleep_until(now_ns() + delay_ns);
-    }
-    return reply;
+    WireExchange exchanged = exchange(request.pdu);
+    const bool is_slept =
+        exchanged.delay.count() == 0 || sleep_until(now_ns() + exchanged.delay.count());
+    return {std::move(exchanged.pdu), exchanged.fault, is_slept};
   }
 
   /// The bytes of a reply after its fault; empty for silence.
@@ -587,6 +590,23 @@ std::filesystem::path ControllerServer::rtu_path() const { return impl_->rtu_pat
 std::string ControllerServer::rtu_address() const {
   const int baud = impl_->options().baud > 0 ? impl_->options().baud : 115200;
   return fmt::format("{}:{}", impl_->rtu_path().string(), baud);
+}
+
+WireExchange ControllerServer::exchange(std::span<const std::uint8_t> pdu) {
+  return impl_->exchange(pdu);
+}
+void ControllerServer::all_off() {
+  impl_->with_controller([](LightController& c, std::int64_t t) {
+    const std::array<std::uint16_t, 1> word = {registers::kAct};
+    return c.write_holding(registers::holding::kAllOff, word, t);
+  });
+}
+std::vector<std::uint16_t> ControllerServer::identity() {
+  std::vector<std::uint16_t> words(registers::input::kIdentityCount);
+  impl_->with_controller([&words](LightController& c, std::int64_t t) {
+    return c.read_input(registers::input::kMagic, words, t);
+  });
+  return words;
 }
 
 LightHistory ControllerServer::transitions(std::int64_t t0_ns, std::int64_t t1_ns) {

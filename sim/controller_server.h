@@ -4,7 +4,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "firmware_iface/light_controller.h"
 
@@ -48,6 +51,13 @@ struct WireFaultRule {
   int function = 0;  ///< only requests of this Modbus function are counted and hit; 0 = all
 };
 
+/// What becomes of a request that came by another wire (USB).
+struct WireExchange {
+  std::vector<std::uint8_t> pdu;       ///< the reply; empty: none
+  std::optional<WireFaultRule> fault;  ///< to be done to the reply, beyond its delay
+  std::chrono::nanoseconds delay{0};   ///< before it may leave
+};
+
 /// Runs from construction to destruction. Thread-safe.
 class ControllerServer {
  public:
@@ -63,6 +73,13 @@ class ControllerServer {
   [[nodiscard]] std::filesystem::path rtu_path() const;
   /// "PATH:BAUD", as a rig file names it.
   [[nodiscard]] std::string rtu_address() const;
+
+  /// Carries out one Modbus PDU that came by a wire of the caller's; never sleeps.
+  [[nodiscard]] WireExchange exchange(std::span<const std::uint8_t> pdu);
+  /// ALL_OFF by a way of its own (USB's control endpoint).
+  void all_off();
+  /// The identity registers, from registers::input::kMagic on.
+  [[nodiscard]] std::vector<std::uint16_t> identity();
 
   // Light.
   /// The state at t0 and each change in (t0, t1]; t1 in the past (CLOCK_MONOTONIC ns).

@@ -79,8 +79,14 @@ ControllerServerOptions controller_options(const Rig& rig, const VirtualRigOptio
       server.baud = number_after_colon(rig.controller.address, 115200);
       break;
     case ControllerKind::usb:
-      throw Error("a controller on USB is not simulated", rig.file.string(),
-                  "set kind = \"modbus_tcp\" or \"modbus_rtu\" in [controller]");
+      server.has_tcp = false;
+      if (options.usb_redir.empty()) {
+        throw Error(
+            "a controller on USB is simulated for a virtual machine only", rig.file.string(),
+            "give --usb-redir SOCKET, or set kind = \"modbus_tcp\" or \"modbus_rtu\" in "
+            "[controller]");
+      }
+      break;
   }
   return server;
 }
@@ -91,6 +97,8 @@ struct VirtualRig::Impl {
   Rig rig;
   ControllerServer controller;
   std::filesystem::path rtu_link;
+  std::unique_ptr<UsbLightDevice> usb_device;
+  std::unique_ptr<UsbRedirServer> usb_server;
   std::vector<std::unique_ptr<CameraServer>> cameras;
   std::vector<FaultEvent> events;
   std::mutex mutex;
@@ -100,17 +108,22 @@ struct VirtualRig::Impl {
   Impl(const Rig& wanted, std::span<const Transport> transports,
        const VirtualRigOptions& options)
       : rig(wanted), controller(controller_options(wanted, options)) {
-    if (transports.size() != rig.cameras.size()) {
+    if (options.has_cameras && transports.size() != rig.cameras.size()) {
       throw Error(fmt::format("{} transport matrices for {} cameras", transports.size(),
                               rig.cameras.size()),
                   rig.file.string(), "make one for each camera");
     }
     if (rig.controller.kind == ControllerKind::modbus_tcp) {
       rig.controller.address = controller.tcp_address();
-    } else {
+    } else if (rig.controller.kind == ControllerKind::modbus_rtu) {
       serve_rtu_link(options);
+    } else {
+      UsbDeviceConfig device;
+      device.serial = rig.controller.address;
+      usb_device = std::make_unique<UsbLightDevice>(std::move(device), controller);
+      usb_server = std::make_unique<UsbRedirServer>(*usb_device, options.usb_redir);
     }
-    for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+    for (std::size_t i = 0; options.has_cameras && i < rig.cameras.size(); ++i) {
       CameraSpec& spec = rig.cameras[i];
       if (spec.kind != CameraKind::remote) {
         throw Error(fmt::format("camera {} is not remote", spec.id), rig.file.string(),
@@ -184,7 +197,10 @@ struct VirtualRig::Impl {
   void run_faults(const std::stop_token& stop) {
     try {
       std::optional<std::int64_t> first;
-      while (!(first = cameras.front()->first_frame_ns())) {
+      if (cameras.empty()) {
+        first = std::chrono::steady_clock::now().time_since_epoch() / 1ns;
+      }
+      while (!first && !(first = cameras.front()->first_frame_ns())) {
         if (!sleep_until(stop, std::chrono::steady_clock::now() + 5ms)) {
           return;
         }
@@ -209,6 +225,8 @@ VirtualRig::VirtualRig(const Rig& rig, std::span<const Transport> transports,
 VirtualRig::~VirtualRig() = default;
 const Rig& VirtualRig::rig() const { return impl_->rig; }
 ControllerServer& VirtualRig::controller() { return impl_->controller; }
+UsbLightDevice* VirtualRig::usb_device() { return impl_->usb_device.get(); }
+UsbRedirServer* VirtualRig::usb_server() { return impl_->usb_server.get(); }
 CameraServer& VirtualRig::camera(int i) {
   return *impl_->cameras.at(static_cast<std::size_t>(i));
 }

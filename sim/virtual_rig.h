@@ -10,6 +10,8 @@
 #include "sim/camera_server.h"
 #include "sim/controller_server.h"
 #include "sim/fault_script.h"
+#include "sim/usb_device.h"
+#include "sim/usb_redir_server.h"
 
 /// @file
 /// The whole virtual rig in one object: controller server, one camera server for each remote
@@ -26,6 +28,10 @@ struct VirtualRigOptions {
   double doubtful_us = 2000.0;  ///< see CameraServerOptions
   /// Choose a free port and sockets in this folder instead of the rig file's addresses.
   std::filesystem::path own_folder;
+  /// Where a controller of kind "usb" is plugged in: see UsbRedirServer.
+  std::filesystem::path usb_redir;
+  /// False: only the controller; the cameras are elsewhere and no transport is needed.
+  bool has_cameras = true;
 };
 
 /// Runs from construction to destruction. Thread-safe. No TBB, no ray caster.
@@ -33,6 +39,7 @@ class VirtualRig {
  public:
   /// @param transports  one a camera of the rig, in its order; kept by reference
   /// @throws Error  addresses in use, a camera that is not remote, a controller by USB
+  ///                without `usb_redir`
   VirtualRig(const Rig& rig, std::span<const Transport> transports,
              const VirtualRigOptions& options = {});
   ~VirtualRig();
@@ -43,6 +50,9 @@ class VirtualRig {
   [[nodiscard]] const Rig& rig() const;
   [[nodiscard]] ControllerServer& controller();
   [[nodiscard]] CameraServer& camera(int i);
+  /// Null unless the controller is of kind "usb".
+  [[nodiscard]] UsbLightDevice* usb_device();
+  [[nodiscard]] UsbRedirServer* usb_server();
 
  private:
   struct Impl;

@@ -1,12 +1,17 @@
 /// @file
 /// `haarlight-sim RIG.toml --scene SCENE.toml`: a virtual rig on real sockets, until SIGTERM.
 
+#include <array>
 #include <csignal>
 #include <cstdio>
 #include <exception>
 #include <optional>
+#include <thread>
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
+#include <unistd.h>
 
 #include "apps/command_line.h"
 #include "core/error.h"
@@ -15,6 +20,7 @@
 #include "core/parallel.h"
 #include "core/report.h"
 #include "render/scene.h"
+#include "sim/rig_commands.h"
 #include "sim/transport.h"
 #include "sim/transport_stack.h"
 #include "sim/virtual_rig.h"
@@ -30,12 +36,15 @@ struct Arguments {
   std::string ready_file;
   std::string cache;
   std::string stack;
+  std::string usb_redir;
+  std::string commands;
   std::uint64_t seed = 1;
   double lit_electrons = 0.0;
   double doubtful_us = haarlight::VirtualRigOptions{}.doubtful_us;
   int n_subpixels = 2;
   int threads = 0;
   bool only_transport = false;
+  bool only_controller = false;
   bool quiet = false;
 };
 
@@ -44,8 +53,7 @@ void add_options(haarlight::Command program, Arguments& arguments) {
   program.option("RIG", &arguments.rig,
                  "Rig file: lights, cameras, controller, their addresses",
                  {.type = "RIG.toml", .is_required = true});
-  program.option("--scene", &arguments.scene, "What stands in the rig",
-                 {.type = "SCENE.toml", .is_required = true});
+  program.option("--scene", &arguments.scene, "What stands in the rig", {.type = "SCENE.toml"});
   program.option("--faults", &arguments.faults, "What goes wrong, and when",
                  {.type = "F.toml"});
   program.option("--seed", &arguments.seed, "Of noise and faults", {.shows_default = true});
@@ -68,6 +76,15 @@ void add_options(haarlight::Command program, Arguments& arguments) {
       "--stack", &arguments.stack,
       "Also write the first camera's matrix, in units of its scale, as a light stack",
       {.type = "FILE"});
+  program.option("--usb-redir", &arguments.usb_redir,
+                 "Where a virtual machine finds a controller of kind \"usb\": a socket to be "
+                 "made, or a virtio-serial port",
+                 {.type = "SOCKET"});
+  program.option("--commands", &arguments.commands,
+                 "A pipe (mkfifo) to read commands from: unplug, replug, stall, delay ...",
+                 {.type = "FIFO"});
+  program.flag("--only-controller", &arguments.only_controller,
+               "Serve no camera; needs no scene");
   program.flag("--only-transport", &arguments.only_transport,
                "Render the transport matrix into the cache and end");
   program.flag("--quiet", &arguments.quiet, "No progress, no messages");
@@ -120,6 +137,9 @@ std::string json_text(const std::string& text) {
 void announce(const haarlight::Rig& rig, const Arguments& arguments) {
   std::string cameras;
   for (const haarlight::CameraSpec& camera : rig.cameras) {
+    if (arguments.only_controller) {
+      break;
+    }
     fmt::print("camera {} {}\n", camera.id, camera.device);
     cameras += fmt::format("{}{{\"id\": {}, \"device\": {}}}", cameras.empty() ? "" : ", ",
                            json_text(camera.id), json_text(camera.device));
@@ -132,6 +152,38 @@ void announce(const haarlight::Rig& rig, const Arguments& arguments) {
         std::string_view(fmt::format("{{\"controller\": {}, \"cameras\": [{}]}}\n",
                                      json_text(rig.controller.address), cameras)));
   }
+}
+
+/// Obeys the lines of a pipe until stopped; says on standard output what was done.
+std::jthread follow_commands(haarlight::VirtualRig& rig, const std::string& path) {
+  // Open for writing too, so that the pipe does not end with each `echo`.
+  haarlight::Fd pipe(::open(path.c_str(), O_RDWR | O_CLOEXEC));
+  if (!pipe.is_open()) {
+    throw haarlight::Error("the pipe of commands cannot be opened", path,
+                           "make it: mkfifo " + path, ExitCode::unavailable);
+  }
+  return std::jthread([&rig, fd = std::move(pipe)](const std::stop_token& stop) {
+    constexpr int kSliceMs = 50;
+    std::string text;
+    while (!stop.stop_requested()) {
+      pollfd wait{.fd = fd.get(), .events = POLLIN, .revents = 0};
+      std::array<char, 256> chunk{};
+      const ssize_t n =
+          ::poll(&wait, 1, kSliceMs) > 0 ? ::read(fd.get(), chunk.data(), chunk.size()) : 0;
+      text.append(chunk.data(), n > 0 ? static_cast<std::size_t>(n) : 0);
+      for (std::size_t end = text.find('\n'); end != std::string::npos; end = text.find('\n')) {
+        const std::string line = text.substr(0, end);
+        text.erase(0, end + 1);
+        try {
+          haarlight::obey_rig_command(rig, line);
+          fmt::print("did {}\n", line);
+        } catch (const haarlight::Error& error) {
+          fmt::print("refused {}: {}\n", line, error.problem());
+        }
+        std::fflush(stdout);
+      }
+    }
+  });
 }
 
 int run(const Arguments& arguments) {
@@ -151,7 +203,15 @@ int run(const Arguments& arguments) {
   if (!arguments.faults.empty()) {
     options.faults = haarlight::read_fault_script(arguments.faults);
   }
-  const std::vector<haarlight::Transport> transports = make_transports(rig, arguments);
+  options.usb_redir = arguments.usb_redir;
+  options.has_cameras = !arguments.only_controller;
+  if (arguments.scene.empty() && options.has_cameras) {
+    throw haarlight::Error("no scene", arguments.rig,
+                           "give --scene SCENE.toml, or --only-controller", ExitCode::usage);
+  }
+  const std::vector<haarlight::Transport> transports =
+      options.has_cameras ? make_transports(rig, arguments)
+                          : std::vector<haarlight::Transport>();
   if (!arguments.stack.empty()) {
     haarlight::write_light_stack(transports.front(), arguments.stack);
   }
@@ -160,11 +220,15 @@ int run(const Arguments& arguments) {
   }
   pthread_sigmask(SIG_BLOCK, &ends, nullptr);
   haarlight::VirtualRig virtual_rig(rig, transports, options);
+  std::jthread commands;
+  if (!arguments.commands.empty()) {
+    commands = follow_commands(virtual_rig, arguments.commands);
+  }
   announce(virtual_rig.rig(), arguments);
   int received = 0;
   sigwait(&ends, &received);
   if (!arguments.quiet) {
-    for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+    for (std::size_t i = 0; options.has_cameras && i < rig.cameras.size(); ++i) {
       const haarlight::CameraServerCounts counts =
           virtual_rig.camera(static_cast<int>(i)).counts();
       fmt::print(stderr,
