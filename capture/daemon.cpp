@@ -419,7 +419,8 @@ class Daemon::Impl {
       return;
     }
     auto shown = patterns_of(*opened->plan);
-    form_ = session_info_of(config_.rig, *opened->plan, opened->id).form;
+    checker_of_session_ = std::make_shared<FrameChecker>(
+        *opened->plan, session_info_of(config_.rig, *opened->plan, opened->id).form);
     run_ns_ = 0;
     n_commits_before_ = state.counters.commits;
     {
@@ -497,7 +498,7 @@ class Daemon::Impl {
           } else if constexpr (std::is_same_v<T, action::DropFrame>) {
             store_.drop(a.frame);
           } else if constexpr (std::is_same_v<T, action::CheckFrame>) {
-            if (!checks_.try_push(Check{std::move(a), form_})) {
+            if (!checks_.try_push(Check{std::move(a), checker_of_session_})) {
               log_error("the queue of checks is full");  // more than max_held: our own bug
               std::abort();
             }
@@ -541,7 +542,7 @@ class Daemon::Impl {
 
   struct Check {
     action::CheckFrame frame;
-    FrameForm form;
+    std::shared_ptr<FrameChecker> checker;
   };
 
   void check_frames(const std::stop_token& stop) {
@@ -557,13 +558,18 @@ class Daemon::Impl {
         continue;  // dropped by an abort
       }
       const ImageView<const std::uint16_t> pixels = frame->pixels();
-      std::string problem = "the frame has no pixels";
+      FrameFinding finding{FrameVerdict::no_picture, "the frame has no pixels"};
       if (!pixels.is_empty()) {
-        const ImageView<const std::uint16_t> active(pixels.data(), check->form.height,
+        const ImageView<const std::uint16_t> active(pixels.data(),
+                                                    config_.rig.cameras.front().active_rows,
                                                     pixels.width(), 1, pixels.row_stride());
-        problem = check_pixels(active, check->form, c.evidence);
+        finding = check->checker->check(c.shot, active, c.evidence);
+        if (!finding.is_taken()) {
+          writer_->keep_refused({frame, c.shot, c.attempt, c.evidence, finding.problem});
+        }
       }
-      receive(event::FrameChecked{c.frame, c.shot, std::move(c.evidence), std::move(problem)});
+      receive(event::FrameChecked{c.frame, c.shot, std::move(c.evidence),
+                                  std::move(finding.problem), finding.verdict});
     }
   }
 
@@ -626,7 +632,7 @@ class Daemon::Impl {
   std::shared_ptr<EventStream> stream_;
 
   // Of the control thread.
-  FrameForm form_;
+  std::shared_ptr<FrameChecker> checker_of_session_;
   bool is_opening_ = false;  ///< the writer has an order and has not answered
   std::vector<EventBody> deferred_;
   std::optional<SessionOrder> recovery_;  ///< to be opened again while the disk refuses

@@ -79,6 +79,14 @@ Result<Frame> FakeCamera::next(std::chrono::steady_clock::time_point deadline) {
             static_cast<std::uint16_t>(256 + 40 * tag.value_or(0) % 8000 + noise % 16);
       }
     }
+    if (tag.value_or(0) != 0 && tag.value_or(0) == hands_->clipped_tag) {
+      for (int y = 0; y < active; ++y) {
+        for (int x = 0; x < spec_.frame_width; x += 2) {
+          (*words)(y, x) =
+              static_cast<std::uint16_t>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
+        }
+      }
+    }
     if (spec_.frame_height > active) {
       const ImageView<std::uint16_t> rows(&(*words)(active, 0), spec_.frame_height - active,
                                           spec_.frame_width, 1);

@@ -18,6 +18,8 @@ struct FakeCameraHands {
   std::atomic<bool> is_gone{false};    ///< unplugged
   std::atomic<bool> is_silent{false};  ///< connected, but no frame comes
   std::atomic<int> n_held{0};          ///< buffers out
+  /// Frames under this tag are clipped in every other column; 0: none.
+  std::atomic<std::uint32_t> clipped_tag{0};
 };
 
 class FakeCamera final : public Camera {

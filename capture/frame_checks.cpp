@@ -1,11 +1,14 @@
 #include "capture/frame_checks.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
+#include <utility>
 
 #include <fmt/format.h>
 #include <xxhash.h>
 
+#include "core/error.h"
 #include "session/frame_check.h"
 
 namespace haarlight {
@@ -29,15 +32,158 @@ FrameGlance glance_at(ImageView<const std::uint16_t> active, std::uint16_t white
   return glance;
 }
 
-std::string check_pixels(ImageView<const std::uint16_t> active, const FrameForm& form,
-                         FrameEvidence& evidence) {
-  describe_pixels<std::uint16_t>(active, form, evidence);
-  const bool is_flat = evidence.min_dn == evidence.max_dn;
-  const bool is_clipped = evidence.max_dn == 0 || evidence.min_dn >= form.white_level;
-  if (is_flat && !is_clipped && active.height() * active.width() > 1) {
-    return fmt::format("every pixel is {}: the camera delivers no picture", evidence.min_dn);
+namespace {
+
+constexpr std::size_t kMaxSamples = 4096;                   // of one picture
+constexpr std::size_t kAllSamples = std::size_t{1} << 22U;  // of all patterns: 8 MB
+constexpr int kLeastSamples = 64;
+constexpr double kLeastSignal = 0.01;  // share of the range: rounding and read noise are below
+constexpr double kClippedShare = 0.9;  // of the range: predicted above it may clip
+
+double scale_of(const FrameEvidence& evidence) {
+  return evidence.exposure_read_us * std::pow(10.0, evidence.gain_db / 20.0);
+}
+
+bool is_lit(ShotKind kind) { return kind != ShotKind::dark; }
+
+}  // namespace
+
+FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form)
+    : form_(form), limits_(plan.limits), dark_dn_(form.black_level) {
+  std::map<std::vector<std::pair<int, int>>, std::vector<int>> shots_of;
+  for (const Shot& shot : plan.shots) {
+    shots_.push_back(Shot{shot.index, shot.kind, {}, shot.exposure_us});
+    pattern_of_.push_back(-1);
+    if (!is_lit(shot.kind)) {
+      continue;
+    }
+    shortest_us_ =
+        shortest_us_ > 0.0 ? std::min(shortest_us_, shot.exposure_us) : shot.exposure_us;
+    longest_us_ = std::max(longest_us_, shot.exposure_us);
+    std::vector<std::pair<int, int>> key;
+    for (const LightLevel& light : shot.lit) {
+      key.emplace_back(light.light, light.level);
+    }
+    shots_of[key].push_back(shot.index);
   }
-  return {};
+  for (const auto& [key, shots] : shots_of) {
+    if (shots.size() < 2) {
+      continue;
+    }
+    for (const int shot : shots) {
+      pattern_of_[static_cast<std::size_t>(shot)] = static_cast<int>(references_.size());
+    }
+    references_.emplace_back();
+  }
+  const std::size_t share = references_.empty() ? 0 : kAllSamples / references_.size();
+  n_samples_ = std::clamp<std::size_t>(share, kLeastSamples, kMaxSamples);
+}
+
+FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active,
+                                 FrameEvidence& evidence) {
+  HAARLIGHT_EXPECTS(shot >= 0 && static_cast<std::size_t>(shot) < shots_.size(),
+                    "a shot of the plan");
+  describe_pixels<std::uint16_t>(active, form_, evidence);
+  FrameFinding finding = judge(shot, active, evidence);
+  evidence.verdict = finding.verdict;
+  int& n_refused = refused_[shot];
+  const bool is_last = n_refused + 1 >= limits_.attempts;
+  if (finding.verdict == FrameVerdict::good) {
+    learn(shot, active, evidence);
+  } else if (is_last && finding.verdict != FrameVerdict::no_picture) {
+    finding.problem.clear();
+  }
+  n_refused = finding.is_taken() ? 0 : n_refused + 1;
+  return finding;
+}
+
+FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,
+                                 const FrameEvidence& evidence) const {
+  const bool is_flat = evidence.min_dn == evidence.max_dn;
+  const bool is_clipped = evidence.max_dn == 0 || evidence.min_dn >= form_.white_level;
+  if (is_flat && !is_clipped && active.height() * active.width() > 1) {
+    return {FrameVerdict::no_picture,
+            fmt::format("every pixel is {}: the camera delivers no picture", evidence.min_dn)};
+  }
+  const Shot& asked = shots_[static_cast<std::size_t>(shot)];
+  if (!is_lit(asked.kind)) {
+    return {};
+  }
+  if (asked.exposure_us <= shortest_us_ &&
+      evidence.saturated_share > limits_.max_saturated_share) {
+    return {FrameVerdict::saturated,
+            fmt::format("{:.3g} of the pixels are clipped in the shortest exposure, "
+                        "max_saturated_share is {:.3g}: shorten the exposure",
+                        evidence.saturated_share, limits_.max_saturated_share)};
+  }
+  const double signal = (evidence.mean_dn - dark_dn_) / (form_.white_level - form_.black_level);
+  if (asked.exposure_us >= longest_us_ && signal < limits_.min_signal_share) {
+    return {FrameVerdict::too_dark,
+            fmt::format("a mean signal of {:.3g} of the range in the longest exposure, "
+                        "min_signal_share is {:.3g}: is the light on, the cap off?",
+                        signal, limits_.min_signal_share)};
+  }
+  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
+  if (pattern < 0 || limits_.level_tolerance <= 0.0) {
+    return {};
+  }
+  const Reference& reference = references_[static_cast<std::size_t>(pattern)];
+  return reference.scale > 0.0 ? judge_level(reference, sample(active), evidence)
+                               : FrameFinding{};
+}
+
+FrameFinding FrameChecker::judge_level(const Reference& reference,
+                                       const std::vector<std::uint16_t>& samples,
+                                       const FrameEvidence& evidence) const {
+  const double range = form_.white_level - form_.black_level;
+  const double ratio = scale_of(evidence) / reference.scale;
+  double seen = 0.0;
+  double predicted = 0.0;
+  int n = 0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const double before = reference.samples[i] - reference.dark_dn;
+    const double now = ratio * before;
+    const bool counts = reference.samples[i] < form_.white_level &&
+                        std::min(before, now) >= kLeastSignal * range &&
+                        now <= kClippedShare * range;
+    if (counts) {
+      seen += samples[i] - dark_dn_;
+      predicted += now;
+      ++n;
+    }
+  }
+  if (n < kLeastSamples || std::abs(seen / predicted - 1.0) <= limits_.level_tolerance) {
+    return {};
+  }
+  return {FrameVerdict::wrong_level,
+          fmt::format("{:.3g} of the level that shot {} predicts: the exposure of {} us did "
+                      "not act, the light is not as bright, or the rig file's black level is "
+                      "wrong",
+                      seen / predicted, reference.shot, evidence.exposure_read_us)};
+}
+
+std::vector<std::uint16_t> FrameChecker::sample(ImageView<const std::uint16_t> active) const {
+  const auto n =
+      static_cast<std::size_t>(active.height()) * static_cast<std::size_t>(active.width());
+  const std::size_t step = std::max<std::size_t>(1, n / n_samples_) | 1U;  // odd: no mosaic
+  std::vector<std::uint16_t> samples;
+  samples.reserve(n / step + 1);
+  const auto width = static_cast<std::size_t>(active.width());
+  for (std::size_t i = 0; i < n; i += step) {
+    samples.push_back(active(static_cast<int>(i / width), static_cast<int>(i % width)));
+  }
+  return samples;
+}
+
+void FrameChecker::learn(int shot, ImageView<const std::uint16_t> active,
+                         const FrameEvidence& evidence) {
+  const auto i = static_cast<std::size_t>(shot);
+  if (!is_lit(shots_[i].kind)) {
+    dark_dn_ = evidence.mean_dn;
+  } else if (pattern_of_[i] >= 0) {
+    references_[static_cast<std::size_t>(pattern_of_[i])] =
+        Reference{scale_of(evidence), dark_dn_, shot, sample(active)};
+  }
 }
 
 }  // namespace haarlight

@@ -1,14 +1,17 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
+#include <vector>
 
+#include "capture/plan.h"
 #include "core/image.h"
 #include "session/evidence.h"
 #include "session/session.h"
 
 /// @file
-/// What the pixels of a frame say by themselves. Pure.
+/// What the pixels of a frame say by themselves, and beside other frames of the same lights.
 
 namespace haarlight {
 
@@ -21,12 +24,59 @@ struct FrameGlance {
 /// @param white  the largest word
 [[nodiscard]] FrameGlance glance_at(ImageView<const std::uint16_t> active, std::uint16_t white);
 
-/// Completes the evidence (least, greatest and mean word, saturated and black shares, hash) and
-/// judges the pixels.
-/// @return  empty when good, else what is wrong: every pixel equal and not clipped (a sensor
-/// that
-///          delivers no picture)
-[[nodiscard]] std::string check_pixels(ImageView<const std::uint16_t> active,
-                                       const FrameForm& form, FrameEvidence& evidence);
+/// What the checks found.
+struct FrameFinding {
+  FrameVerdict verdict = FrameVerdict::good;
+  std::string problem;  ///< in words; empty: the frame is taken
+  [[nodiscard]] bool is_taken() const { return problem.empty(); }
+};
+
+/// Judges the pixels of a session's frames, one after another. One thread.
+///
+/// The level check: of a pattern that the plan shows more than once (exposures, repeats,
+/// sentinels) a grid of samples is kept. A later frame must rise by the ratio of the exposures:
+///
+///     | sum(v - d) / sum(k (v0 - d0)) - 1 | <= level_tolerance,   k = E g / (E0 g0)
+///
+/// over the samples unclipped in v0 and predicted below 0.9 of white, each at least 1 % of the
+/// range; d the last dark frame's mean, or the black level. Fewer than 64 such samples prove
+/// nothing and pass.
+class FrameChecker {
+ public:
+  FrameChecker(const Plan& plan, const FrameForm& form);
+
+  /// Completes the evidence (least, greatest and mean word, saturated and black shares, hash,
+  /// verdict) and judges. The last attempt that the plan allows is taken whatever its verdict,
+  /// except one without a picture.
+  /// @param shot  of the plan
+  [[nodiscard]] FrameFinding check(int shot, ImageView<const std::uint16_t> active,
+                                   FrameEvidence& evidence);
+
+ private:
+  struct Reference {
+    double scale = 0.0;  ///< exposure * gain; 0: none yet
+    double dark_dn = 0.0;
+    int shot = 0;
+    std::vector<std::uint16_t> samples;
+  };
+  [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
+  [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,
+                                   const FrameEvidence& evidence) const;
+  [[nodiscard]] FrameFinding judge_level(const Reference& reference,
+                                         const std::vector<std::uint16_t>& samples,
+                                         const FrameEvidence& evidence) const;
+  void learn(int shot, ImageView<const std::uint16_t> active, const FrameEvidence& evidence);
+
+  FrameForm form_;
+  FrameLimits limits_;
+  std::vector<Shot> shots_;      ///< without their lights
+  std::vector<int> pattern_of_;  ///< a shot's place in references_, -1: shown only once
+  std::vector<Reference> references_;
+  std::map<int, int> refused_;  ///< attempts of a shot
+  double shortest_us_ = 0.0;
+  double longest_us_ = 0.0;
+  double dark_dn_ = 0.0;
+  std::size_t n_samples_ = 0;
+};
 
 }  // namespace haarlight

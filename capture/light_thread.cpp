@@ -114,8 +114,8 @@ bool LightThread::confirm(std::uint64_t job, const std::optional<ConfirmRequest>
     config_.send(event::LightFault{job, status.error().code, status.error().what});
     return false;
   }
-  config_.send(
-      event::LightConfirmed{request->frame, t_request_ns, status->tag, status->boot_id});
+  config_.send(event::LightConfirmed{request->frame, t_request_ns, status->tag, status->boot_id,
+                                     status->temperature_c});
   return status->tag == request->tag;
 }
 

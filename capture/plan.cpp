@@ -109,6 +109,15 @@ PlanSettings read_settings(ConfigTable& root) {
   plan.sentinel_light =
       static_cast<int>(root.integer_or("sentinel_light", 0, {.min = 0, .max = 1e6}));
   plan.reserve_mb = root.number_or("reserve_mb", 0.0, {.min = 0.0, .max = 1e9});
+  FrameLimits& limits = plan.limits;
+  limits.max_saturated_share = root.number_or("max_saturated_share", limits.max_saturated_share,
+                                              {.min = 0.0, .max = 1.0});
+  limits.min_signal_share =
+      root.number_or("min_signal_share", limits.min_signal_share, {.min = 0.0, .max = 1.0});
+  limits.level_tolerance =
+      root.number_or("level_tolerance", limits.level_tolerance, {.min = 0.0, .max = 10.0});
+  limits.attempts =
+      static_cast<int>(root.integer_or("attempts", limits.attempts, {.min = 1, .max = 100}));
   for (ConfigTable& table : root.tables("pattern")) {
     plan.list.push_back(read_pattern(table));
   }
@@ -366,6 +375,7 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig) {
   plan.name = settings.name;
   plan.n_lights = rig.n_lights();
   plan.reserve_mb = settings.reserve_mb;
+  plan.limits = settings.limits;
   for (const double exposure_us : exposures) {
     for (int i = 0; i < settings.repeats; ++i) {
       append_round(plan.shots, list, settings, exposure_us);

@@ -28,6 +28,20 @@ enum class ShotOrder {
 [[nodiscard]] std::string_view to_string(PlanPatterns patterns) noexcept;
 [[nodiscard]] std::string_view to_string(ShotOrder order) noexcept;
 
+/// What a frame must be like to be taken (capture/frame_checks.h). A frame that is not is taken
+/// again, each attempt kept in the session's aside/; the last attempt stands, with its verdict
+/// in the evidence.
+struct FrameLimits {
+  double max_saturated_share = 1.0;  ///< of the plan's shortest exposure; 1 = no limit
+  /// (mean - dark) / (white - black) of the longest exposure, at least; 0 = no limit
+  double min_signal_share = 0.0;
+  /// Greatest relative distance of a frame's level from what an earlier frame of the same
+  /// pattern predicts; 0 = not checked.
+  double level_tolerance = 0.2;
+  int attempts = 3;  ///< of one shot, at least 1
+  friend bool operator==(const FrameLimits&, const FrameLimits&) = default;
+};
+
 /// The plan file's keys, checked for range but not yet against a rig.
 struct PlanSettings {
   std::string name;
@@ -43,7 +57,8 @@ struct PlanSettings {
   int sentinel_light = 0;
   ShotOrder order = ShotOrder::raster;
   double reserve_mb = 0.0;  ///< kept free beside the frames' own need
-  std::string where;        ///< file name, for messages
+  FrameLimits limits;
+  std::string where;  ///< file name, for messages
 };
 
 /// @throws Error  every problem with file:line and its cure
@@ -55,6 +70,7 @@ struct Plan {
   std::string name;
   int n_lights = 0;
   double reserve_mb = 0.0;
+  FrameLimits limits;
   std::vector<Shot> shots;
   std::string hash;  ///< content_hash of the JSON without its "hash" entry
 };

@@ -36,11 +36,18 @@ Json body_of(const Plan& plan) {
                          {"exposure_us", shot.exposure_us},
                          {"lit", std::move(lit)}});
   }
-  return Json{{"schema", 1},
-              {"name", plan.name},
-              {"n_lights", plan.n_lights},
-              {"reserve_mb", plan.reserve_mb},
-              {"shots", std::move(shots)}};
+  Json json{{"schema", 1},
+            {"name", plan.name},
+            {"n_lights", plan.n_lights},
+            {"reserve_mb", plan.reserve_mb}};
+  if (plan.limits != FrameLimits{}) {  // plans of version 0.1 keep their hash
+    json["limits"] = Json{{"max_saturated_share", plan.limits.max_saturated_share},
+                          {"min_signal_share", plan.limits.min_signal_share},
+                          {"level_tolerance", plan.limits.level_tolerance},
+                          {"attempts", plan.limits.attempts}};
+  }
+  json["shots"] = std::move(shots);
+  return json;
 }
 
 [[noreturn]] void refuse(const std::string& what, const std::string& where) {
@@ -102,6 +109,33 @@ std::vector<LightLevel> read_lit(const Json& json, int n_lights, const std::stri
   return lit;
 }
 
+FrameLimits read_limits(const Json& json, const std::string& where) {
+  FrameLimits limits;
+  const auto it = json.find("limits");
+  if (it == json.end()) {
+    return limits;
+  }
+  if (!it->is_object()) {
+    refuse("\"limits\" of the plan is not an object", where);
+  }
+  const auto number = [&](const char* key, double max) {
+    const auto value = field<double>(*it, key, where, "\"limits\"");
+    if (!(value >= 0.0 && value <= max)) {
+      refuse(fmt::format("\"{}\" of the limits is {}", key, value), where);
+    }
+    return value;
+  };
+  limits.max_saturated_share = number("max_saturated_share", 1.0);
+  limits.min_signal_share = number("min_signal_share", 1.0);
+  limits.level_tolerance = number("level_tolerance", 10.0);
+  const auto attempts = field<std::int64_t>(*it, "attempts", where, "\"limits\"");
+  if (attempts < 1 || attempts > 100) {
+    refuse(fmt::format("\"attempts\" of the limits is {}", attempts), where);
+  }
+  limits.attempts = static_cast<int>(attempts);
+  return limits;
+}
+
 Plan read_body(const Json& json, const std::string& where) {
   if (!json.is_object()) {
     refuse("not a JSON object", where);
@@ -117,6 +151,7 @@ Plan read_body(const Json& json, const std::string& where) {
   }
   plan.n_lights = static_cast<int>(n_lights);
   plan.reserve_mb = field<double>(json, "reserve_mb", where, "the plan");
+  plan.limits = read_limits(json, where);
   const auto shots = json.find("shots");
   if (shots == json.end() || !shots->is_array() || shots->empty() ||
       shots->size() > kMaxShots) {

@@ -209,6 +209,7 @@ struct LightConfirmed {
   std::int64_t t_request_ns = 0;  ///< just before the status was asked
   std::uint32_t tag = 0;          ///< shown then
   std::uint32_t boot_id = 0;
+  std::optional<double> temperature_c{};  ///< of the controller
 };
 /// A job that failed; job 0: the lease could not be renewed.
 struct LightFault {
@@ -240,8 +241,9 @@ struct FrameArrived {
 struct FrameChecked {
   std::uint64_t frame = 0;
   int shot = 0;
-  FrameEvidence evidence;  ///< completed
-  std::string problem;     ///< empty: good
+  FrameEvidence evidence;                     ///< completed
+  std::string problem;                        ///< empty: good
+  FrameVerdict verdict = FrameVerdict::good;  ///< which kind of problem
 };
 struct FrameCommitted {
   std::uint64_t frame = 0;

@@ -96,6 +96,11 @@ void WriterThread::enqueue(Work work) {
 
 void WriterThread::open(SessionOrder order) { enqueue(std::move(order)); }
 void WriterThread::post(const action::CommitFrame& commit) { enqueue(commit); }
+void WriterThread::keep_refused(RefusedFrame refused) {
+  if (!work_.try_push(std::move(refused), kQueue - kGossip)) {
+    log_warning("a refused attempt is not kept: the disk is too slow");
+  }
+}
 void WriterThread::post(const action::RetryCommits& retry) { enqueue(retry); }
 void WriterThread::post(const action::ForgetCommits& forget) { enqueue(forget); }
 void WriterThread::post(const action::WithdrawShots& withdraw) { enqueue(withdraw); }
@@ -141,6 +146,8 @@ void WriterThread::do_work(Work work) {
     mark_aborted(mark->why);
   } else if (std::get_if<action::FinishSession>(&work) != nullptr) {
     finish();
+  } else if (const auto* refused = std::get_if<RefusedFrame>(&work)) {
+    write_refused(*refused);
   } else if (const auto* line = std::get_if<action::LogEvent>(&work)) {
     log(line->kind, line_json(*line));
   }
@@ -310,6 +317,22 @@ void WriterThread::finish() {
   config_.logged(
       JournalLine{id_, 0, "finished", fmt::format(R"({{"session": {}}})", json_quote(id_))});
   config_.send(event::SessionFinished{});
+}
+
+/// Never makes the capture wait: what the disk does not take is said and forgotten.
+void WriterThread::write_refused(const RefusedFrame& refused) {
+  if (!writer_ || writer_->is_finished()) {
+    return;
+  }
+  const auto done = is_stuck_
+                        ? Result<void>(fail(Errc::no_space, "the disk does not answer"))
+                        : writer_->keep_refused({refused.shot, refused.attempt,
+                                                 refused.evidence, refused.frame->pixels()},
+                                                refused.problem);
+  if (!done) {
+    log_warning(fmt::format("attempt {} of shot {} was refused ({}) and is not kept: {}",
+                            refused.attempt, refused.shot, refused.problem, done.error().what));
+  }
 }
 
 /// A finished session is reopened first. What a full disk refuses is tried again.

@@ -42,6 +42,15 @@ struct OpenSession {
   RecoveryReport recovery;
 };
 
+/// A frame that the pixel checks refused, for the session's aside/.
+struct RefusedFrame {
+  std::shared_ptr<const Frame> frame;  ///< held until it is written
+  int shot = 0;
+  int attempt = 0;
+  FrameEvidence evidence;
+  std::string problem;
+};
+
 /// A line of the journal's event log that is durable or will be with the next commit.
 struct JournalLine {
   std::string session;
@@ -69,6 +78,8 @@ class WriterThread {
   /// Closes what is open and opens this; answers by `opened`.
   void open(SessionOrder order);
   void post(const action::CommitFrame& commit);
+  /// Its shot is taken again meanwhile. A full or stuck disk loses it, which is logged.
+  void keep_refused(RefusedFrame refused);
   void post(const action::RetryCommits& retry);
   void post(const action::ForgetCommits& forget);
   void post(const action::WithdrawShots& withdraw);
@@ -83,7 +94,7 @@ class WriterThread {
  private:
   using Work = std::variant<SessionOrder, action::CommitFrame, action::RetryCommits,
                             action::ForgetCommits, action::WithdrawShots, action::MarkAborted,
-                            action::FinishSession, action::LogEvent>;
+                            action::FinishSession, action::LogEvent, RefusedFrame>;
 
   void run(const std::stop_token& stop);
   void enqueue(Work work);
@@ -91,6 +102,7 @@ class WriterThread {
   void open_session(SessionOrder order);
   [[nodiscard]] Result<OpenSession> make_or_reopen(SessionOrder order);
   void retry();
+  void write_refused(const RefusedFrame& refused);
   void withdraw_waiting();
   void commit_waiting();
   void commit_one_by_one();

@@ -14,7 +14,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::array<std::string_view, 30> kFields = {"kind",
+constexpr std::array<std::string_view, 32> kFields = {"kind",
                                                       "pattern_id",
                                                       "tag",
                                                       "tag_echo",
@@ -43,7 +43,9 @@ constexpr std::array<std::string_view, 30> kFields = {"kind",
                                                       "mean_dn",
                                                       "saturated_share",
                                                       "black_share",
-                                                      "pixel_hash"};
+                                                      "pixel_hash",
+                                                      "verdict",
+                                                      "temperature_c"};
 
 constexpr std::int64_t kMin64 = std::numeric_limits<std::int64_t>::min();
 constexpr std::int64_t kMax64 = std::numeric_limits<std::int64_t>::max();
@@ -112,6 +114,11 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["saturated_share"] = finite(e.saturated_share);
   json["black_share"] = finite(e.black_share);
   json["pixel_hash"] = e.pixel_hash;
+  json["verdict"] = to_string(e.verdict);
+  json["temperature_c"] = nullptr;
+  if (e.temperature_c) {
+    json["temperature_c"] = finite(*e.temperature_c);
+  }
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
@@ -153,6 +160,12 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   e.saturated_share = value["saturated_share"].number(0.0, 1.0);
   e.black_share = value["black_share"].number(0.0, 1.0);
   e.pixel_hash = value["pixel_hash"].text();
+  if (value.has("verdict")) {  // sessions of version 0.1 have neither
+    e.verdict = static_cast<FrameVerdict>(value["verdict"].choice(frame_verdict_words()));
+  }
+  if (value.has("temperature_c") && value["temperature_c"].dump() != "null") {
+    e.temperature_c = value["temperature_c"].number(-300.0, 2000.0);
+  }
   return e;
 }
 

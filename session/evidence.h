@@ -1,11 +1,13 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 
 #include "core/rig.h"
+#include "session/frame_verdict.h"
 
 /// @file
 /// What is stored with every frame so that anyone can check, years later, that it saw its light
@@ -47,6 +49,10 @@ struct FrameEvidence {
   double saturated_share = 0.0;  ///< of active pixels at the white level
   double black_share = 0.0;      ///< of active pixels at or below the black level
   std::string pixel_hash;        ///< content_hash of the active pixels' bytes
+  /// Not good in a committed frame: it was taken again as often as the plan allows and stayed
+  /// so.
+  FrameVerdict verdict = FrameVerdict::good;
+  std::optional<double> temperature_c;  ///< the controller's, read after the exposure
 
   friend bool operator==(const FrameEvidence&, const FrameEvidence&) = default;
 };

@@ -626,6 +626,38 @@ Result<void> SessionWriter::commit(std::span<const PendingFrame> frames) {
   return {};
 }
 
+Result<void> SessionWriter::keep_refused(const PendingFrame& frame, const std::string& reason) {
+  Impl& impl = *impl_;
+  if (!impl.journal) {
+    return fail(Errc::refused, "the session is finished; its journal is closed");
+  }
+  if (auto good = impl.check_frame(frame); !good) {
+    return good;
+  }
+  const std::string description = frame_description_to_json(
+      {impl.info.id, impl.info.plan_hash, frame.shot, frame.attempt, frame.evidence});
+  const std::string name =
+      fs::path(frame_file_name(frame.shot, frame.attempt)).filename().string();
+  const fs::path note = impl.aside() / (name + ".why.txt");
+  const std::string text =
+      fmt::format("{}: {}: {}\n", name, to_string(frame.evidence.verdict), reason);
+  // The reason first: a frame in aside/ never stands there without one.
+  if (auto done = impl.write_renamed(note, std::as_bytes(std::span(text))); !done) {
+    return done;
+  }
+  if (auto done =
+          impl.write_renamed(impl.aside() / name, encode_frame_tiff(frame.pixels, description));
+      !done) {
+    return done;
+  }
+  if (auto done = impl.storage->sync_folder(impl.aside()); !done) {
+    return done;
+  }
+  impl.note_attempt(frame.shot, frame.attempt);
+  const auto id = impl.journal->log("refused", reason_json("aside/" + name, reason));
+  return id ? Result<void>() : pass_on(id);
+}
+
 Result<void> SessionWriter::withdraw(int shot, const std::string& reason) {
   Impl& impl = *impl_;
   HAARLIGHT_EXPECTS(shot >= 0 && static_cast<std::size_t>(shot) < impl.info.shots.size(),

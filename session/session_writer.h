@@ -68,6 +68,10 @@ class SessionWriter {
   /// call may be repeated (after a failed fsync a new file is written).
   [[nodiscard]] Result<void> commit(std::span<const PendingFrame> frames);
 
+  /// Keeps an attempt that the pixel checks refused: its frame goes to aside/ with the reason
+  /// beside it, never to frames/, so that no recovery adopts it. Durable when this returns.
+  [[nodiscard]] Result<void> keep_refused(const PendingFrame& frame, const std::string& reason);
+
   /// Marks a shot pending again (reshoot); old attempts stay on disk and in the journal. A
   /// session.json goes aside first: the session is unfinished until finish() writes a new one.
   [[nodiscard]] Result<void> withdraw(int shot, const std::string& reason);

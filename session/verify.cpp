@@ -209,6 +209,39 @@ void check_strays(const fs::path& folder, const SessionInfo& info, VerifyReport&
   }
 }
 
+/// Attempts that the pixel checks refused, and frames that were taken in spite of them.
+void note_verdicts(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
+  for (const FrameRecord& frame : info.frames) {
+    if (frame.evidence.verdict != FrameVerdict::good) {
+      ++report.n_suspect;
+      report.notes.push_back(fmt::format("{}: {} after attempt {}", frame.file,
+                                         to_string(frame.evidence.verdict), frame.attempt));
+    }
+  }
+  std::set<std::string> refused;
+  std::error_code error;
+  for (fs::directory_iterator it(folder / "aside", error), end; !error && it != end;
+       it.increment(error)) {
+    int shot = 0;
+    int attempt = 0;
+    const std::string name = it->path().filename().string();
+    if (parse_frame_file_name(name, shot, attempt)) {
+      refused.insert(name);
+    }
+  }
+  for (const std::string& name : refused) {
+    std::string why = "no reason is kept";
+    try {
+      why = read_file(folder / "aside" / (name + ".why.txt"), std::uintmax_t{1} << 16U);
+      why = why.substr(0, why.find('\n'));
+      const std::string prefix = name + ": ";
+      why = why.rfind(prefix, 0) == 0 ? why.substr(prefix.size()) : why;
+    } catch (const Error&) {  // said by the note
+    }
+    report.notes.push_back(fmt::format("aside/{}: not used: {}", name, why));
+  }
+}
+
 template <class T>
 T require(Result<T> result) {
   if (!result) {
@@ -257,6 +290,7 @@ VerifyReport verify_session(const fs::path& folder, ProgressStyle style) {
   check_sequence(info, report);
   check_journal(folder, info, report);
   check_strays(folder, info, report);
+  note_verdicts(folder, info, report);
   return report;
 }
 

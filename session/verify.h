@@ -17,7 +17,8 @@ namespace haarlight {
 
 struct VerifyReport {
   int n_shots = 0;
-  int n_frames = 0;  ///< frames that were read and hold
+  int n_frames = 0;   ///< frames that were read and hold
+  int n_suspect = 0;  ///< committed frames whose verdict is not good
   double least_margin_us = std::numeric_limits<double>::infinity();  ///< of measured frames
   std::vector<std::string> problems;  ///< "file: what", a broken promise each
   std::vector<std::string> notes;     ///< worth knowing, nothing broken

@@ -18,6 +18,7 @@ ExitCode run_verify(const std::string& folder, const CommonOptions& common, Repo
   const VerifyReport found = verify_session(folder, common.progress());
   report.add_reached("shots", std::int64_t{found.n_shots});
   report.add_reached("good_frames", std::int64_t{found.n_frames});
+  report.add_reached("suspect_frames", std::int64_t{found.n_suspect});
   report.add_reached("problems", static_cast<std::int64_t>(found.problems.size()));
   report.add_reached("least_margin_us", found.least_margin_us);
   for (const std::string& problem : found.problems) {

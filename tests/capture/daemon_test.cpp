@@ -14,6 +14,7 @@
 #include "core/files.h"
 #include "session/session.h"
 #include "session/storage.h"
+#include "session/verify.h"
 #include "tests/capture/session_truth.h"
 #include "tests/temporary_folder.h"
 
@@ -119,6 +120,28 @@ TEST_F(DaemonTest, CapturesAPlanAndEveryFrameShowsItsOwnLight) {
   expect_true_session(receipt.folder);
   EXPECT_TRUE(light_->is_dark());
   EXPECT_EQ(hands_->n_held, 0);
+}
+
+TEST_F(DaemonTest, AClippedShotIsTakenAgainAndItsAttemptsAreKept) {
+  start();
+  constexpr int kShot = 5;
+  hands_->clipped_tag = kFirstTag + kShot;
+  const RunReceipt receipt =
+      daemon_->run(kPlan + "max_saturated_share = 0.1\nattempts = 3\n", "p.toml");
+  ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
+  expect_true_session(receipt.folder);
+  EXPECT_EQ(daemon_->state().counters.checks_failed, 2U);
+  const Session session = Session::open(receipt.folder);
+  const FrameRecord& frame = session.info().frames[kShot];
+  EXPECT_EQ(frame.attempt, 2);
+  EXPECT_EQ(frame.evidence.verdict, FrameVerdict::saturated);
+  const VerifyReport report = verify_session(receipt.folder);
+  EXPECT_TRUE(report.is_good()) << report.problems.front();
+  EXPECT_EQ(report.n_suspect, 1);
+  EXPECT_THAT(report.notes, ::testing::IsSupersetOf(
+                                {HasSubstr("frames/000005_a2.tif: saturated"),
+                                 HasSubstr("aside/000005_a0.tif: not used: saturated: 0.5"),
+                                 HasSubstr("aside/000005_a1.tif: not used: saturated: 0.5")}));
 }
 
 TEST_F(DaemonTest, ASecondRunIsRefusedWhileOneIsOn) {

@@ -2,10 +2,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include "core/error.h"
 #include "core/files.h"
 #include "session/frame_tiff.h"
+#include "session/verify.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {
@@ -131,6 +133,57 @@ TEST(SessionWriter, TakesAWithdrawnShotAgain) {
   EXPECT_EQ(test::committed_set(s), before);
   EXPECT_EQ(Session::open(s).info().frames[2].attempt, 1);
   EXPECT_TRUE(fs::exists(s / "frames/000002_a0.tif"));
+}
+
+TEST(SessionWriter, KeepsARefusedAttemptAsideAndNeverAdoptsIt) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  DiskStorage storage;
+  const SessionInfo info = test::small_info(3);
+  {
+    auto writer = SessionWriter::create(s, info, "", test::kSmallPlan, 0, storage);
+    ASSERT_TRUE(writer.has_value()) << writer.error().what;
+    const Image<std::uint16_t> pixels = test::small_pixels(1);
+    FrameEvidence evidence = test::small_evidence(info, 1, 0, pixels.view());
+    evidence.verdict = FrameVerdict::saturated;
+    const auto kept = writer->keep_refused({1, 0, evidence, pixels.view()}, "too bright");
+    ASSERT_TRUE(kept.has_value()) << kept.error().what;
+    EXPECT_FALSE(writer->committed()[1]);
+    EXPECT_EQ(writer->next_attempt(1), 1);
+  }
+  // A restart, then a rebuild: it stays where it is.
+  auto writer = SessionWriter::reopen(s, storage);
+  ASSERT_TRUE(writer.has_value()) << writer.error().what;
+  EXPECT_EQ(writer->recovery().n_adopted, 0);
+  EXPECT_EQ(writer->next_attempt(1), 1);
+  ASSERT_TRUE(test::capture_all(*writer, 1).has_value());
+  (void)rebuild_session(s, storage);
+  EXPECT_EQ(test::committed_set(s), expected_set(3));
+  const VerifyReport report = verify_session(s);
+  EXPECT_TRUE(report.is_good()) << report.problems.front();
+  EXPECT_THAT(report.notes,
+              testing::Contains("aside/000001_a0.tif: not used: saturated: too bright"));
+}
+
+TEST(SessionWriter, KeepsNothingHalfWhenTheDiskFails) {
+  TemporaryFolder folder;
+  const fs::path s = folder.path() / "s";
+  DiskStorage storage;
+  const SessionInfo info = test::small_info(2);
+  auto writer = SessionWriter::create(s, info, "", test::kSmallPlan, 0, storage);
+  ASSERT_TRUE(writer.has_value()) << writer.error().what;
+  const Image<std::uint16_t> pixels = test::small_pixels(1);
+  FrameEvidence evidence = test::small_evidence(info, 1, 0, pixels.view());
+  fs::permissions(s / "aside", fs::perms::owner_read | fs::perms::owner_exec);
+  const auto kept = writer->keep_refused({1, 0, evidence, pixels.view()}, "too bright");
+  fs::permissions(s / "aside", fs::perms::owner_all);
+  if (::geteuid() != 0) {  // root may write anywhere
+    EXPECT_FALSE(kept.has_value());
+    EXPECT_TRUE(fs::is_empty(s / "aside"));
+  }
+  evidence.pixel_hash = "another";
+  EXPECT_FALSE(writer->keep_refused({1, 1, evidence, pixels.view()}, "too bright"));
+  ASSERT_TRUE(test::capture_all(*writer, 1).has_value());
 }
 
 TEST(Recovery, AdoptsAGoodFrameWithoutARow) {

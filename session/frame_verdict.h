@@ -1,0 +1,27 @@
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+/// @file
+/// What is wrong with a frame's picture, whatever its light. The sequencer takes a shot again
+/// for it, the evidence keeps it.
+
+namespace haarlight {
+
+enum class FrameVerdict : std::uint8_t {
+  good,
+  no_picture,   ///< every pixel the same word, not clipped: the sensor delivers nothing
+  saturated,    ///< more clipped pixels than the plan allows in its shortest exposure
+  too_dark,     ///< less light than the plan asks for in its longest exposure
+  wrong_level,  ///< not the level that another exposure of the same pattern predicts
+  stale,        ///< a new frame number with the pixels of a frame before
+  duplicate,    ///< the same frame delivered twice
+};
+
+[[nodiscard]] std::string_view to_string(FrameVerdict verdict) noexcept;
+/// The words of all verdicts, in the enumerators' order.
+[[nodiscard]] const std::vector<std::string_view>& frame_verdict_words();
+
+}  // namespace haarlight
