@@ -99,7 +99,8 @@ struct VirtualRig::Impl {
   std::filesystem::path rtu_link;
   std::unique_ptr<UsbLightDevice> usb_device;
   std::unique_ptr<UsbRedirServer> usb_server;
-  std::vector<std::unique_ptr<CameraServer>> cameras;
+  std::vector<std::unique_ptr<CameraServer>> cameras;  ///< null: not on a socket
+  std::unique_ptr<V4l2Output> v4l2_output;
   std::vector<FaultEvent> events;
   std::mutex mutex;
   std::condition_variable_any wake;
@@ -125,19 +126,30 @@ struct VirtualRig::Impl {
     }
     for (std::size_t i = 0; options.has_cameras && i < rig.cameras.size(); ++i) {
       CameraSpec& spec = rig.cameras[i];
-      if (spec.kind != CameraKind::remote) {
-        throw Error(fmt::format("camera {} is not remote", spec.id), rig.file.string(),
-                    "set kind = \"remote\" and device = a socket's path");
-      }
-      if (!options.own_folder.empty()) {
-        spec.device = (options.own_folder / (spec.id + ".sock")).string();
-      }
       LightSource light;
       light.history = [this](std::int64_t t0, std::int64_t t1) {
         return controller.transitions(t0, t1);
       };
       if (rig.sync == SyncMode::camera_leads && i == 0) {
         light.strobe = [this] { controller.strobe(); };
+      }
+      if (i == 0 && !options.v4l2_output.empty()) {
+        V4l2OutputOptions output;
+        output.camera.seed = options.seed;
+        output.camera.lit_electrons = options.lit_electrons;
+        output.record = options.record;
+        spec.device = options.v4l2_output.string();
+        v4l2_output = std::make_unique<V4l2Output>(
+            spec, rig.controller, transports[i], std::move(light), options.v4l2_output, output);
+        cameras.push_back(nullptr);
+        continue;
+      }
+      if (spec.kind != CameraKind::remote) {
+        throw Error(fmt::format("camera {} is not remote", spec.id), rig.file.string(),
+                    "set kind = \"remote\" and device = a socket's path");
+      }
+      if (!options.own_folder.empty()) {
+        spec.device = (options.own_folder / (spec.id + ".sock")).string();
       }
       CameraServerOptions server;
       server.camera.seed = options.seed + i;
@@ -157,6 +169,7 @@ struct VirtualRig::Impl {
 
   ~Impl() {
     fault_thread = std::jthread();  // stops and joins before what it touches goes
+    v4l2_output.reset();
     cameras.clear();
     if (!rtu_link.empty()) {
       std::error_code ignored;
@@ -197,7 +210,7 @@ struct VirtualRig::Impl {
   void run_faults(const std::stop_token& stop) {
     try {
       std::optional<std::int64_t> first;
-      if (cameras.empty()) {
+      if (cameras.empty() || cameras.front() == nullptr) {
         first = std::chrono::steady_clock::now().time_since_epoch() / 1ns;
       }
       while (!first && !(first = cameras.front()->first_frame_ns())) {
@@ -228,7 +241,10 @@ ControllerServer& VirtualRig::controller() { return impl_->controller; }
 UsbLightDevice* VirtualRig::usb_device() { return impl_->usb_device.get(); }
 UsbRedirServer* VirtualRig::usb_server() { return impl_->usb_server.get(); }
 CameraServer& VirtualRig::camera(int i) {
-  return *impl_->cameras.at(static_cast<std::size_t>(i));
+  HAARLIGHT_EXPECTS(impl_->cameras.at(static_cast<std::size_t>(i)) != nullptr,
+                    "a camera that is served on a socket");
+  return *impl_->cameras[static_cast<std::size_t>(i)];
 }
+V4l2Output* VirtualRig::v4l2_output() { return impl_->v4l2_output.get(); }
 
 }  // namespace haarlight

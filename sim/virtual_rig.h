@@ -12,6 +12,7 @@
 #include "sim/fault_script.h"
 #include "sim/usb_device.h"
 #include "sim/usb_redir_server.h"
+#include "sim/v4l2_output.h"
 
 /// @file
 /// The whole virtual rig in one object: controller server, one camera server for each remote
@@ -32,6 +33,10 @@ struct VirtualRigOptions {
   std::filesystem::path usb_redir;
   /// False: only the controller; the cameras are elsewhere and no transport is needed.
   bool has_cameras = true;
+  /// A V4L2 output node that the first camera writes its frames into, instead of serving them
+  /// on a socket; whatever kind the rig file says it is. Faults of frames don't apply to it.
+  std::filesystem::path v4l2_output;
+  std::filesystem::path record;  ///< see V4l2OutputOptions
 };
 
 /// Runs from construction to destruction. Thread-safe. No TBB, no ray caster.
@@ -49,7 +54,10 @@ class VirtualRig {
   /// The rig with the addresses that are really served: hand it to a capture.
   [[nodiscard]] const Rig& rig() const;
   [[nodiscard]] ControllerServer& controller();
+  /// Of a camera that is served on a socket.
   [[nodiscard]] CameraServer& camera(int i);
+  /// Null unless the first camera writes into a V4L2 output node.
+  [[nodiscard]] V4l2Output* v4l2_output();
   /// Null unless the controller is of kind "usb".
   [[nodiscard]] UsbLightDevice* usb_device();
   [[nodiscard]] UsbRedirServer* usb_server();

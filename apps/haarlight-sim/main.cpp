@@ -38,6 +38,8 @@ struct Arguments {
   std::string stack;
   std::string usb_redir;
   std::string commands;
+  std::string v4l2_output;
+  std::string record;
   std::uint64_t seed = 1;
   double lit_electrons = 0.0;
   double doubtful_us = haarlight::VirtualRigOptions{}.doubtful_us;
@@ -83,6 +85,13 @@ void add_options(haarlight::Command program, Arguments& arguments) {
   program.option("--commands", &arguments.commands,
                  "A pipe (mkfifo) to read commands from: unplug, replug, stall, delay ...",
                  {.type = "FIFO"});
+  program.option("--v4l2-output", &arguments.v4l2_output,
+                 "Write the first camera's frames into this V4L2 output node (vivid's, or "
+                 "v4l2loopback's) instead of serving them on a socket",
+                 {.type = "NODE"});
+  program.option("--record", &arguments.record,
+                 "With --v4l2-output: keep every frame written, and the truth about it",
+                 {.type = "DIR"});
   program.flag("--only-controller", &arguments.only_controller,
                "Serve no camera; needs no scene");
   program.flag("--only-transport", &arguments.only_transport,
@@ -205,6 +214,8 @@ int run(const Arguments& arguments) {
   }
   options.usb_redir = arguments.usb_redir;
   options.has_cameras = !arguments.only_controller;
+  options.v4l2_output = arguments.v4l2_output;
+  options.record = arguments.record;
   if (arguments.scene.empty() && options.has_cameras) {
     throw haarlight::Error("no scene", arguments.rig,
                            "give --scene SCENE.toml, or --only-controller", ExitCode::usage);
@@ -228,7 +239,14 @@ int run(const Arguments& arguments) {
   int received = 0;
   sigwait(&ends, &received);
   if (!arguments.quiet) {
-    for (std::size_t i = 0; options.has_cameras && i < rig.cameras.size(); ++i) {
+    std::size_t first_served = 0;
+    if (const haarlight::V4l2Output* output = virtual_rig.v4l2_output()) {
+      const haarlight::V4l2OutputCounts counts = output->counts();
+      fmt::print(stderr, "camera {}: {} frames written ({} of them mixed)\n", rig.cameras[0].id,
+                 counts.n_written, counts.n_mixed);
+      first_served = 1;
+    }
+    for (std::size_t i = first_served; options.has_cameras && i < rig.cameras.size(); ++i) {
       const haarlight::CameraServerCounts counts =
           virtual_rig.camera(static_cast<int>(i)).counts();
       fmt::print(stderr,
