@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "capture/frame_checks.h"
+#include "capture/preview_png.h"
 
 namespace haarlight {
 
@@ -183,6 +184,9 @@ void CameraThread::keep_preview(const Frame& frame) {
   picture.saturated_share =
       static_cast<double>(n_white) /
       static_cast<double>(std::max<std::size_t>(1, picture.grey.pixels().size()));
+  const ImageView<const std::uint16_t> active(pixels.data(), spec_.active_rows, pixels.width(),
+                                              1, pixels.row_stride());
+  picture.codes = make_preview_codes(active, spec_.noise.black_dn, white, step);
   const std::lock_guard lock(preview_mutex_);
   preview_ = std::move(picture);
 }

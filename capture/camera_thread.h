@@ -36,6 +36,7 @@ class FrameStore {
 /// A small 8-bit copy of a recent frame, for people.
 struct PreviewPicture {
   Image<std::uint8_t> grey;
+  Image<std::uint8_t> codes;  ///< with clipping marked, see capture/preview_png.h
   std::uint64_t sequence = 0;
   double saturated_share = 0.0;
 };

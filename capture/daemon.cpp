@@ -176,23 +176,28 @@ class Daemon::Impl {
   [[nodiscard]] int port() const { return server_ == nullptr ? 0 : server_->port(); }
   [[nodiscard]] std::optional<PreviewPicture> preview() const { return camera_->preview(); }
   [[nodiscard]] const DaemonConfig& config() const { return config_; }
+  [[nodiscard]] const RunObserver& observer() const { return observer_; }
   [[nodiscard]] std::size_t n_frames_held() const { return store_.size(); }
   [[nodiscard]] std::uint64_t n_lines_dropped() const { return writer_->n_lines_dropped(); }
   [[nodiscard]] HttpCounters http_counters() const {
     return server_ == nullptr ? HttpCounters{} : server_->counters();
   }
 
-  RunReceipt run(const std::string& plan_text, const std::string& name) {
+  [[nodiscard]] Plan expand(const std::string& plan_text, const std::string& name) const {
     const std::size_t first = plan_text.find_first_not_of(" \t\r\n");
     const bool is_json = first != std::string::npos && plan_text[first] == '{';
     const std::string where = name.empty() ? "the plan" : name;
-    SessionOrder order;
-    if (is_json) {
-      order.plan = plan_from_json(plan_text, where);
-      require_power(order.plan, config_.rig, where);
-    } else {
-      order.plan = expand_plan(parse_plan_file(plan_text, where), config_.rig);
+    if (!is_json) {
+      return expand_plan(parse_plan_file(plan_text, where), config_.rig);
     }
+    Plan plan = plan_from_json(plan_text, where);
+    require_power(plan, config_.rig, where);
+    return plan;
+  }
+
+  RunReceipt run(const std::string& plan_text, const std::string& name) {
+    SessionOrder order;
+    order.plan = expand(plan_text, name);
     take_turn();
     order.id = new_session_name(order.plan.hash);
     order.folder = config_.sessions / order.id;
@@ -419,8 +424,9 @@ class Daemon::Impl {
       return;
     }
     auto shown = patterns_of(*opened->plan);
-    checker_of_session_ = std::make_shared<FrameChecker>(
-        *opened->plan, session_info_of(config_.rig, *opened->plan, opened->id).form);
+    const FrameForm form = session_info_of(config_.rig, *opened->plan, opened->id).form;
+    checker_of_session_ = std::make_shared<FrameChecker>(*opened->plan, form);
+    observer_.begin(kinds_of(*opened->plan), form, opened->next_attempt);
     run_ns_ = 0;
     n_commits_before_ = state.counters.commits;
     {
@@ -458,6 +464,14 @@ class Daemon::Impl {
     do_step(state, event::Run{std::move(shown), {false}, {0}});
   }
 
+  [[nodiscard]] static std::vector<ShotKind> kinds_of(const Plan& plan) {
+    std::vector<ShotKind> kinds;
+    for (const Shot& shot : plan.shots) {
+      kinds.push_back(shot.kind);
+    }
+    return kinds;
+  }
+
   [[nodiscard]] static std::shared_ptr<const std::vector<std::vector<ElementLevel>>>
   patterns_of(const Plan& plan) {
     auto patterns = std::make_shared<std::vector<std::vector<ElementLevel>>>();
@@ -475,9 +489,11 @@ class Daemon::Impl {
     const std::int64_t now_ns = steady_now_ns();
     run_ns_ += state.phase == Phase::running ? now_ns - stepped_ns_ : 0;
     stepped_ns_ = now_ns;
+    observer_.see(now_ns, body);
     StepResult result = step(std::move(state), TimedEvent{now_ns, std::move(body)});
     state = std::move(result.state);
     for (Action& action : result.actions) {
+      observer_.see(now_ns, action);
       perform(std::move(action));
     }
     show(state);
@@ -529,6 +545,9 @@ class Daemon::Impl {
       published_.n_committed = state.n_committed;
     }
     published_.current = state.current;
+    published_.lights = !state.is_light_connected             ? LightsKnown::unknown
+                        : state.is_dark && !state.is_job_open ? LightsKnown::off
+                                                              : LightsKnown::on;
     published_.counters = state.counters;
     const std::uint64_t n_new = state.counters.commits - n_commits_before_;
     const int n_left = static_cast<int>(state.shots.size()) - state.n_committed;
@@ -620,6 +639,7 @@ class Daemon::Impl {
   std::stop_source control_stop_;  ///< nobody reads the inbox any more
   ThreadPulse control_pulse_{"control"};
   ThreadPulse checker_pulse_{"checks"};
+  RunObserver observer_;
 
   mutable std::mutex mutex_;
   DaemonState published_;
@@ -665,6 +685,11 @@ void Daemon::show_preview(std::vector<LightLevel> lit, double exposure_us) {
 }
 void Daemon::request(EventBody request) { impl_->receive(std::move(request)); }
 std::optional<PreviewPicture> Daemon::preview() const { return impl_->preview(); }
+const Rig& Daemon::rig() const { return impl_->config().rig; }
+Plan Daemon::expand(const std::string& plan_text, const std::string& name) const {
+  return impl_->expand(plan_text, name);
+}
+const RunObserver& Daemon::observer() const { return impl_->observer(); }
 std::string Daemon::hanging_thread() const { return impl_->hanging_thread(); }
 
 void Daemon::put_lights_out() const {
@@ -723,6 +748,7 @@ std::string Daemon::metrics() const {
         fmt::format("haarlight_phase{{phase=\"{}\"}} {}\n", to_string(static_cast<Phase>(i)),
                     static_cast<int>(now.phase) == i ? 1 : 0);
   }
+  text += impl_->observer().metrics();
   return text;
 }
 

@@ -10,6 +10,7 @@
 
 #include "capture/camera_thread.h"
 #include "capture/plan.h"
+#include "capture/run_observer.h"
 #include "capture/sequencer.h"
 #include "core/rig.h"
 #include "session/session_writer.h"
@@ -33,6 +34,9 @@ struct DaemonConfig {
   bool resumes = true;               ///< an unfinished session goes on at the start
 };
 
+/// What the controller last said of the lights.
+enum class LightsKnown { unknown, off, on };
+
 /// A moment of the daemon, as GET /v1/state tells it.
 struct DaemonState {
   Phase phase = Phase::boot;
@@ -45,6 +49,7 @@ struct DaemonState {
   std::vector<ShotState> shots;
   int n_committed = 0;
   int current = -1;
+  LightsKnown lights = LightsKnown::unknown;
   double seconds_left = -1.0;  ///< from measured shots; negative: not known yet
   bool is_preview = false;     ///< lights are shown to a person, nothing is captured
   bool is_opening = false;     ///< a session is being made or recovered
@@ -92,6 +97,11 @@ class Daemon {
   /// One of the sequencer's requests: Pause, Resume, Abort, SafeOff, Reshoot.
   void request(EventBody request);
   [[nodiscard]] std::optional<PreviewPicture> preview() const;
+  [[nodiscard]] const Rig& rig() const;
+  /// A plan as run() would take it. @throws Error  the plan's problems
+  [[nodiscard]] Plan expand(const std::string& plan_text, const std::string& name) const;
+  /// What is known of the run's shots.
+  [[nodiscard]] const RunObserver& observer() const;
   /// Prometheus text.
   [[nodiscard]] std::string metrics() const;
 

@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "capture/daemon.h"
+#include "capture/daemon_page.h"
 #include "capture/grey_jpeg.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -76,6 +77,9 @@ Json state_json(const DaemonState& s) {
       {"version", std::string(kVersion)},
       {"phase", std::string(to_string(s.phase))},
       {"step", std::string(to_string(s.step))},
+      {"lights", s.lights == LightsKnown::off  ? "off"
+                 : s.lights == LightsKnown::on ? "on"
+                                               : "unknown"},
       {"is_opening", s.is_opening},
       {"is_preview", s.is_preview},
       {"reasons", std::move(reasons)},
@@ -416,6 +420,7 @@ HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
             .handler = [h](const HttpRequest&) { return h->ask(event::SafeOff{}); },
             .access = Access::write,
             .is_always = true});
+  add_page_routes(site, daemon, sessions);
   if (!web_folder.empty()) {
     site.set_static_files("/", web_folder);
   }

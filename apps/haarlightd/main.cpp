@@ -56,6 +56,21 @@ haarlight::Fd open_signals() {
   return haarlight::Fd(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
 }
 
+/// The page's files: as installed beside the program, or in the sources that it was built from.
+/// Empty when there are none.
+std::filesystem::path find_page() {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
+  for (const char* place : {"../share/haarlight/web", "../../../../web"}) {
+    fs::path page = (folder / place).lexically_normal();
+    if (!error && fs::exists(page / "index.html", error)) {
+      return page;
+    }
+  }
+  return {};
+}
+
 DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& storage) {
   namespace fs = std::filesystem;
   DaemonConfig config;
@@ -75,7 +90,7 @@ DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& stor
   };
   config.make_camera = [spec = rig.cameras.front()] { return haarlight::make_camera(spec); };
   config.storage = &storage;
-  config.web_folder = options.web;
+  config.web_folder = options.web.empty() ? find_page() : fs::path(options.web);
   config.resumes = !options.stays_idle;
   config.rig = std::move(rig);
   return config;
@@ -151,7 +166,9 @@ int run_command_line(int argc, char** argv) {
   program.option("RIG", &options.rig, "Rig file", {.type = "RIG.toml", .is_required = true});
   program.option("--sessions", &options.sessions,
                  "Folder of sessions (default: the rig file's)", {.type = "DIR"});
-  program.option("--web", &options.web, "Folder of the daemon's page", {.type = "DIR"});
+  program.option("--web", &options.web,
+                 "Folder of the daemon's page (default: the one installed with the program)",
+                 {.type = "DIR"});
   program.option("--port", &options.port,
                  "HTTP port (default: the rig file's; 0: any free one)",
                  {.bounds = haarlight::Bounds{0, 65535}});

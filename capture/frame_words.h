@@ -1,0 +1,24 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "session/evidence.h"
+#include "session/session.h"
+
+/// @file
+/// A frame's evidence in plain words, for the page and for `haarlight shot`. Pure.
+
+namespace haarlight {
+
+/// Why a person should look at a committed frame; empty when there is no reason. Nothing here
+/// refuses a frame: that is the clean rule's and frame_checks' work.
+/// @param kind  a dark frame may be black
+[[nodiscard]] std::string doubt_of(const FrameEvidence& evidence, const FrameForm& form,
+                                   ShotKind kind);
+
+/// One sentence a fact: the light's proof, the times, the camera's number, exposure, pixels.
+[[nodiscard]] std::vector<std::string> describe_evidence(const FrameEvidence& evidence,
+                                                         const FrameForm& form);
+
+}  // namespace haarlight

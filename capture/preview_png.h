@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "core/image.h"
+
+/// @file
+/// Small pictures for people with clipping marked exactly: an indexed PNG whose entries
+/// 0 .. 253 are greys (sRGB curve from black to white), 254 is "at or below black" (blue) and
+/// 255 "saturated" (red). Only the .cpp sees zlib. [ISO 15948], indexed colour, no filter.
+
+namespace haarlight {
+
+inline constexpr std::uint8_t kCodeWhitest = 253;
+inline constexpr std::uint8_t kCodeBlack = 254;
+inline constexpr std::uint8_t kCodeSaturated = 255;
+
+/// Every `step`-th pixel of sensor words as codes. A block of step x step words is saturated
+/// when one of its words is, and black when all are: no clipped pixel is overlooked.
+/// @param black  words at or below it are black; @param white  words at or above: saturated
+/// @pre black < white, step >= 1
+[[nodiscard]] Image<std::uint8_t> make_preview_codes(ImageView<const std::uint16_t> words,
+                                                     double black, double white, int step);
+
+/// The step that brings `width` down to at most 640 pixels.
+[[nodiscard]] int preview_step(int width);
+
+/// Share of codes that are saturated.
+[[nodiscard]] double saturated_share_of(ImageView<const std::uint8_t> codes);
+
+/// @throws Error(internal)  zlib refused
+[[nodiscard]] std::string encode_preview_png(ImageView<const std::uint8_t> codes);
+
+}  // namespace haarlight

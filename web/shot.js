@@ -1,0 +1,171 @@
+// One shot: its frame, why it can be trusted, and the button that takes it again.
+
+import {get, getBlob, post, wordsOf} from './daemon.js';
+import {mayFlash} from './dialogs.js';
+import {Picture} from './picture.js';
+import {markOf} from './words.js';
+
+const byId = id => document.getElementById(id);
+const kManyChoices = 24;
+
+export class ShotPanel {
+  /** @param place  words for a light's number; @param shown  called with a shot's story or null */
+  constructor(place, shown) {
+    this.place = place;
+    this.shown = shown;
+    this.picture = new Picture(byId('shot-picture'), byId('shot-clipping'), byId('shot-gain'),
+                               byId('shot-gain-text'));
+    this.session = '';
+    this.shot = -1;
+    this.letter = '';
+    this.turn = 0;
+    byId('reshoot').onclick = () => this.reshoot();
+  }
+
+  /** Shows the first of `shots` of `session`, with buttons for the others. */
+  choose(session, shots) {
+    this.session = session;
+    const box = byId('shot-choice');
+    box.hidden = shots.length < 2;
+    box.replaceChildren();
+    for (const shot of shots.slice(0, kManyChoices)) {
+      const button = document.createElement('button');
+      button.type = 'button';
+      button.textContent = shot;
+      button.setAttribute('aria-label', `shot ${shot}`);
+      button.onclick = () => this.open(shot);
+      box.append(button);
+    }
+    this.open(shots[0]);
+  }
+
+  async open(shot) {
+    this.shot = shot;
+    this.letter = '';
+    for (const button of byId('shot-choice').children) {
+      button.setAttribute('aria-pressed', String(button.textContent === String(shot)));
+    }
+    await this.refresh();
+  }
+
+  /** The map's mark of the shot shown: a new one means new facts. */
+  tell(letter) {
+    if (this.shot >= 0 && letter !== this.letter) {
+      this.letter = letter;
+      this.refresh();
+    }
+  }
+
+  async refresh() {
+    const turn = ++this.turn;
+    const path = `/v1/sessions/${encodeURIComponent(this.session)}/shots/${this.shot}`;
+    let story = null;
+    try {
+      story = await get(`${path}/story`);
+    } catch (error) {
+      if (turn === this.turn) {
+        byId('shot-none').hidden = false;
+        byId('shot-none').textContent = wordsOf(error);
+        byId('shot-view').hidden = true;
+      }
+      return;
+    }
+    if (turn !== this.turn) {
+      return;
+    }
+    this.letter = story.mark;
+    this.story = story;
+    this.write(story);
+    this.shown(story);
+    if (story.words) {
+      try {
+        const blob = await getBlob(`${path}/frame.png?attempt=${story.attempt}`);
+        if (turn === this.turn) {
+          await this.picture.show(blob);
+          this.picture.canvas.setAttribute('aria-label', `The frame of shot ${this.shot}`);
+        }
+      } catch (error) {
+        byId('shot-verdict').textContent += ` The frame cannot be shown: ${wordsOf(error)}`;
+      }
+    } else {
+      this.picture.clear();
+      this.picture.canvas.setAttribute('aria-label', 'No frame yet');
+    }
+  }
+
+  lightWords(story) {
+    const n = story.lights.length;
+    if (n === 0) {
+      return 'all lights off';
+    }
+    if (n === 1) {
+      const [light, level] = story.lights[0];
+      const part = level === 65535 ? '' : ` at ${(level / 655.35).toFixed(1)} %`;
+      return this.place(light) + part;
+    }
+    return `${n} lights together`;
+  }
+
+  write(story) {
+    byId('shot-none').hidden = true;
+    byId('shot-view').hidden = false;
+    const kind = story.kind === 'light' ? '' : `, ${story.kind}`;
+    byId('shot-title').textContent = `Shot ${story.shot}${kind}: ${this.lightWords(story)}`;
+    const verdict = byId('shot-verdict');
+    const mark = markOf(story.mark).name;
+    if (story.mark === 'x') {
+      verdict.className = 'verdict bad';
+      verdict.textContent = `The last try failed: ${story.problem}. It is taken again by itself.`;
+    } else if (!story.words) {
+      verdict.className = 'verdict';
+      verdict.textContent = `No frame yet: ${mark}.`;
+    } else if (story.doubt) {
+      verdict.className = 'verdict doubt';
+      verdict.textContent = `Look at it: ${story.doubt}.`;
+    } else if ('o' === story.mark || 'r' === story.mark) {
+      verdict.className = 'verdict good';
+      verdict.textContent = story.attempt > 0
+        ? `Good, on attempt ${story.attempt + 1}.` : 'Good, on the first attempt.';
+    } else {
+      verdict.className = 'verdict';
+      verdict.textContent = `Now ${mark}; below is its newest frame.`;
+    }
+    byId('shot-words').replaceChildren(...(story.words || []).map(words => {
+      const item = document.createElement('li');
+      item.textContent = words;
+      return item;
+    }));
+    byId('shot-evidence').replaceChildren(...Object.entries(story.evidence || {}).map(
+      ([name, value]) => {
+        const row = document.createElement('tr');
+        for (const text of [name.replaceAll('_', ' '), String(value)]) {
+          row.insertCell().textContent = text;
+        }
+        return row;
+      }));
+    byId('reshoot').disabled = !this.canReshoot;
+  }
+
+  allow(canReshoot) {
+    this.canReshoot = canReshoot;
+    byId('reshoot').disabled = !canReshoot;
+  }
+
+  async reshoot() {
+    if (this.shot < 0 || !this.canReshoot) {
+      return;
+    }
+    const verdict = byId('shot-verdict');
+    if (!await mayFlash(`Shot ${this.shot} is lit and taken again.`, false)) {
+      return;
+    }
+    try {
+      await post('/v1/reshoot', {shots: [this.shot]});
+      verdict.className = 'verdict';
+      verdict.textContent = 'It is taken again.';
+    } catch (error) {
+      verdict.className = 'verdict bad';
+      verdict.textContent = wordsOf(error);
+    }
+  }
+}
