@@ -104,6 +104,10 @@ std::string pixel_words(const FrameEvidence& e, const FrameForm& form) {
 }  // namespace
 
 std::string doubt_of(const FrameEvidence& evidence, const FrameForm& form, ShotKind kind) {
+  if (evidence.verdict != FrameVerdict::good) {
+    return fmt::format("it was taken as often as the plan allows and stayed \"{}\"",
+                       to_string(evidence.verdict));
+  }
   if (evidence.saturated_share > kManySaturated) {
     return fmt::format(
         "{:.2f} % of the pixels are saturated: shorten the exposure, or add a "
@@ -131,6 +135,9 @@ std::vector<std::string> describe_evidence(const FrameEvidence& evidence,
     words.push_back(exposure_words(evidence));
   }
   words.push_back(pixel_words(evidence, form));
+  if (evidence.temperature_c) {
+    words.push_back(fmt::format("The lights were at {:.1f} °C.", *evidence.temperature_c));
+  }
   if (evidence.kind != EvidenceKind::asserted) {
     words.push_back(fmt::format("Mode {}; the camera's stamp means {}.",
                                 to_string(evidence.sync),
