@@ -239,7 +239,8 @@ std::vector<double> ConfigTable::matrix(std::string_view key, std::size_t rows,
   node_->known.emplace(key);
   std::vector<double> values;
   const toml::node* found = node_->table->get(key);
-  bool is_good = found != nullptr && found->is_array() && found->as_array()->size() == rows;
+  bool is_good =
+      found != nullptr && found->is_array() && (rows == 0 || found->as_array()->size() == rows);
   if (is_good) {
     for (const toml::node& row : *found->as_array()) {
       is_good = is_good && row.is_array() && row.as_array()->size() == cols;
@@ -257,7 +258,8 @@ std::vector<double> ConfigTable::matrix(std::string_view key, std::size_t rows,
     problem(key,
             fmt::format("{}{} is {}", node_->path, key,
                         found == nullptr ? "missing" : "not a matrix of finite numbers"),
-            fmt::format("write {} rows of {} numbers, [[...], ...]", rows, cols));
+            rows == 0 ? fmt::format("write rows of {} numbers, [[...], ...]", cols)
+                      : fmt::format("write {} rows of {} numbers, [[...], ...]", rows, cols));
     values.assign(rows * cols, 0.0);
   }
   return values;

@@ -44,7 +44,8 @@ class ConfigTable {
   /// Exactly `count` numbers, or any count from 1 up when `count` is 0.
   std::vector<double> numbers(std::string_view key, std::size_t count);
   std::vector<std::string> texts(std::string_view key);
-  /// Rows of numbers, `rows` x `cols`, returned row by row.
+  /// Rows of numbers, `rows` x `cols`, returned row by row; any number of rows when `rows` is
+  /// 0.
   std::vector<double> matrix(std::string_view key, std::size_t rows, std::size_t cols);
   /// One of the listed words; the index is returned.
   std::size_t choice(std::string_view key, const std::vector<std::string_view>& words);

@@ -9,6 +9,8 @@
 #include "core/config_table.h"
 #include "core/error.h"
 #include "core/files.h"
+#include "core/log.h"
+#include "core/measured_rig.h"
 
 namespace haarlight {
 
@@ -22,6 +24,7 @@ constexpr std::array<std::string_view, 2> kShutterWords{"rolling", "global"};
 constexpr std::array<std::string_view, 5> kBayerWords{"none", "rggb", "bggr", "grbg", "gbrg"};
 constexpr std::array<std::string_view, 3> kCameraWords{"v4l2", "remote", "replay"};
 constexpr std::array<std::string_view, 3> kControllerWords{"modbus_tcp", "modbus_rtu", "usb"};
+constexpr std::uintmax_t kMaxRigText = 16U << 20U;
 constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
 constexpr double kMaxLengthMm = 1e6;
@@ -187,6 +190,8 @@ CameraSpec read_camera(ConfigTable& t) {
     camera.noise.full_well_e = noise->number("full_well", {.min = 1.0, .max = 1e12});
     camera.noise.black_dn = noise->number("black", {.min = 0.0, .max = 65535.0});
   }
+  camera.exposure_delay_frames =
+      static_cast<int>(t.integer_or("exposure_delay_frames", 0, {.min = 0, .max = 100}));
   return camera;
 }
 
@@ -328,16 +333,41 @@ std::vector<LightElement> light_elements(const Rig& rig) {
 }
 
 Rig parse_rig(const std::string& text, const std::string& name) {
-  ConfigTable root = ConfigTable::parse_text(text, name);
+  const RigText parts = split_rig_text(text);
+  ConfigTable root = ConfigTable::parse_text(parts.written, name);
   Rig rig = read_tables(root);
   rig.file = name;
   rig.text = text;
   rig.hash = content_hash(text);
+  if (!parts.measured.empty()) {
+    const std::string measured_name = measured_path(name).string();
+    apply_measured(parse_measured(parts.measured, measured_name), measured_name, rig);
+  }
   return rig;
 }
 
+Rig read_rig_as_written(const std::filesystem::path& path) {
+  return parse_rig(split_rig_text(read_file(path, kMaxRigText)).written, path.string());
+}
+
 Rig read_rig(const std::filesystem::path& path) {
-  return parse_rig(read_file(path, 16U << 20U), path.string());
+  RigText text = split_rig_text(read_file(path, kMaxRigText));
+  const std::filesystem::path measured = measured_path(path);
+  std::error_code ignored;
+  if (!std::filesystem::exists(measured, ignored)) {
+    // A session's rig.toml carries its measured part with it.
+    return parse_rig(text.written + text.measured, path.string());
+  }
+  if (!text.measured.empty()) {
+    throw Error("the rig file carries measured values, and there is a measured file beside it",
+                path.string(), "keep one of the two: move " + measured.string() + " away");
+  }
+  text.measured = read_file(measured, kMaxRigText);
+  Rig rig = parse_rig(join_rig_text(text, measured.string()), path.string());
+  const std::string changes = describe_changes(parse_rig(text.written, path.string()), rig);
+  log_info(fmt::format("{} of {} wins over the rig file: {}", measured.string(),
+                       rig.measured->date, changes.empty() ? "nothing differs" : changes));
+  return rig;
 }
 
 std::string_view to_string(SyncMode mode) noexcept {

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +17,8 @@
 /// key is documented in docs/rig-file.md. Lengths in mm, world frame (right-handed, z up).
 
 namespace haarlight {
+
+struct MeasuredRig;
 
 /// A rows x cols array of square LEDs. Light k of the rig = face offset + row * cols + col, col
 /// along +u, row along +v, faces in file order.
@@ -84,6 +87,8 @@ struct CameraSpec {
   CameraModel model;  ///< of the active area
   BayerPattern bayer = BayerPattern::none;
   SensorNoise noise;
+  /// Frames that begin after an exposure was set and still have the old one.
+  int exposure_delay_frames = 0;
 };
 
 enum class ControllerKind { modbus_tcp, modbus_rtu, usb };
@@ -125,8 +130,9 @@ struct Rig {
   StorageSpec storage;
   HttpSpec http;
   std::filesystem::path file;  ///< where it was read from
-  std::string text;            ///< the file's bytes, as stored with a session
+  std::string text;            ///< written and measured file, as stored with a session
   std::string hash;            ///< content_hash(text)
+  std::shared_ptr<const MeasuredRig> measured;  ///< what was merged over; null: nothing
 
   [[nodiscard]] int n_lights() const;
 };
@@ -150,9 +156,12 @@ struct LightElement {
 [[nodiscard]] LightElement light_element(const Rig& rig, int k);
 [[nodiscard]] std::vector<LightElement> light_elements(const Rig& rig);
 
-/// Reads and checks a rig file.
-/// @throws Error  every problem with file:line and its cure
+/// Reads and checks a rig file, and puts the values of NAME.measured.toml beside it over it
+/// (core/measured_rig.h), saying so in the log.
+/// @throws Error  every problem with file:line and its cure; a stale measured file
 [[nodiscard]] Rig read_rig(const std::filesystem::path& path);
+/// The same without the measured file: for what measures, and for a simulator.
+[[nodiscard]] Rig read_rig_as_written(const std::filesystem::path& path);
 /// The same from text, as a session stores it; `name` stands in for the file's name in errors.
 [[nodiscard]] Rig parse_rig(const std::string& text, const std::string& name);
 
