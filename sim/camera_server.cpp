@@ -237,7 +237,11 @@ class CameraServer::Impl {
         [[maybe_unused]] const ssize_t got = ::read(cut_.get(), &ignored, sizeof ignored);
         drop_client();
       } else if (fds[3].revents != 0) {
-        hear_client();
+        // Frames whose time has come begin before what the client says now.
+        run_sensor(now_ns());
+        if (client_.is_open()) {
+          hear_client();
+        }
       }
       if (fds[2].revents != 0) {
         accept_client();
@@ -289,6 +293,7 @@ class CameraServer::Impl {
   void stop_streaming() {
     is_streaming_ = false;
     running_.clear();
+    asked_us_.clear();
     strobes_.clear();
     outgoing_.clear();
     swapped_.reset();
@@ -421,9 +426,9 @@ class CameraServer::Impl {
 
   // ---- the sensor ----
 
-  [[nodiscard]] std::int64_t period_ns() const {
+  [[nodiscard]] std::int64_t period_ns(double exposure_us) const {
     // Exposure and the next one cannot overlap on one row.
-    return std::max(std::llround(1e9 / fps_), std::llround(exposure_us_ * 1e3) + 20'000);
+    return std::max(std::llround(1e9 / fps_), std::llround(exposure_us * 1e3) + 20'000);
   }
 
   void run_sensor(std::int64_t now) {
@@ -437,7 +442,7 @@ class CameraServer::Impl {
     while (is_streaming_ && !running_.empty() && running_.front().ready_ns <= now) {
       const Running frame = running_.front();
       running_.pop_front();
-      if (now - frame.ready_ns > 3 * period_ns()) {
+      if (now - frame.ready_ns > 3 * period_ns(frame.exposure.exposure_us)) {
         count(&CameraServerCounts::n_overrun);
         continue;
       }
@@ -458,14 +463,19 @@ class CameraServer::Impl {
       const double z = standard_normal(hash_key(options_.fault_seed, 11, frame.sequence));
       jitter_us = std::clamp(z, -3.0, 3.0) * options_.faults.jitter_us;
     }
-    frame.exposure = {next_start_ns_ + std::llround(jitter_us * 1e3), exposure_us_, gain_db_};
+    asked_us_.push_back(exposure_us_);
+    if (static_cast<int>(asked_us_.size()) > options_.exposure_delay_frames + 1) {
+      asked_us_.pop_front();
+    }
+    const double exposure_us = asked_us_.front();
+    frame.exposure = {next_start_ns_ + std::llround(jitter_us * 1e3), exposure_us, gain_db_};
     const std::int64_t end = camera_.end_ns(frame.exposure);
-    frame.ready_ns = std::max(end, camera_.stamp_ns(frame.exposure)) + kTransferNs;
+    frame.ready_ns = camera_.read_out_ns(frame.exposure) + kTransferNs;
     running_.push_back(frame);
     if (light_.strobe) {
       strobes_.push_back(end);
     }
-    next_start_ns_ += period_ns();
+    next_start_ns_ += period_ns(exposure_us);
   }
 
   [[nodiscard]] FrameFault fault_of(std::uint64_t sequence) const {
@@ -619,6 +629,7 @@ class CameraServer::Impl {
   std::uint64_t next_sequence_ = 0;
   std::int64_t next_start_ns_ = kFar;
   std::deque<Running> running_;
+  std::deque<double> asked_us_;  // at the start of the latest frames
   std::deque<std::int64_t> strobes_;
   std::deque<Outgoing> outgoing_;
   std::optional<Outgoing> swapped_;

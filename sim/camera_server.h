@@ -36,6 +36,8 @@ struct CameraServerOptions {
   /// lost (a gap in the sequence), so that the committed pixels don't depend on the host's
   /// speed. 0 = deliver it.
   double doubtful_us = 2000.0;
+  int exposure_delay_frames =
+      0;  ///< frames begun after an exposure was set, still with the old
 };
 
 struct CameraServerCounts {

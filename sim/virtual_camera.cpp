@@ -111,6 +111,11 @@ VirtualCamera::VirtualCamera(const CameraSpec& spec, ControllerSpec controller,
         fmt::format("{} rows of {} pixels cannot hold the tag", n_tag_rows, spec.frame_width),
         "virtual camera", "give 8 rows below active_area, or none");
   }
+  const auto n_lights = static_cast<std::size_t>(transport.n_lights());
+  HAARLIGHT_EXPECTS(options_.light_power.empty() || options_.light_power.size() == n_lights,
+                    "a power for each light");
+  HAARLIGHT_EXPECTS(options_.wiring.empty() || options_.wiring.size() == n_lights,
+                    "a wire for each light");
   if (options_.lit_electrons == 0.0) {
     options_.lit_electrons = 0.5 * spec.noise.full_well_e;
   }
@@ -131,6 +136,11 @@ std::int64_t VirtualCamera::history_begin_ns(const Exposure& exposure) const {
 std::int64_t VirtualCamera::end_ns(const Exposure& exposure) const {
   const double skew = spec_.shutter == Shutter::rolling ? spec_.skew_us : 0.0;
   return exposure.start_ns + ns_from_us(exposure.exposure_us + skew);
+}
+
+std::int64_t VirtualCamera::read_out_ns(const Exposure& exposure) const {
+  return std::max(end_ns(exposure),
+                  exposure.start_ns + ns_from_us(exposure.exposure_us + spec_.read_us));
 }
 
 std::int64_t VirtualCamera::stamp_ns(const Exposure& exposure) const {
@@ -174,9 +184,13 @@ std::vector<VirtualCamera::Element> VirtualCamera::mean_drives(const LightHistor
   for (std::size_t i = 0; i < n_states; ++i) {
     for (const ElementLevel& lit : *history.states[i].pattern) {
       if (lit.element < transport_->n_lights()) {
-        std::vector<double>& of_element = levels[lit.element];
+        const auto k = static_cast<std::size_t>(lit.element);
+        const int led = options_.wiring.empty() ? lit.element : options_.wiring[k];
+        const auto place = static_cast<std::size_t>(led);
+        std::vector<double>& of_element = levels[led];
         of_element.resize(n_states, 0.0);
-        of_element[i] = lit.level / 65535.0;
+        of_element[i] = lit.level / 65535.0 *
+                        (options_.light_power.empty() ? 1.0 : options_.light_power[place]);
       }
     }
   }

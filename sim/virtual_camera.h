@@ -31,6 +31,10 @@ struct VirtualCameraOptions {
   /// 0 = half the full well.
   double lit_electrons = 0.0;
   bool has_noise = true;
+  /// Of each light, 1 = as rendered, 0 = dead; empty: all 1.
+  std::vector<double> light_power;
+  /// Element k lights the LED wiring[k]; empty: its own.
+  std::vector<int> wiring;
 };
 
 /// One frame to be taken.
@@ -59,6 +63,8 @@ class VirtualCamera {
   /// The span of light history that a frame needs.
   [[nodiscard]] std::int64_t history_begin_ns(const Exposure& exposure) const;
   [[nodiscard]] std::int64_t end_ns(const Exposure& exposure) const;  ///< of the last row
+  /// Of the readout: neither the last row's exposure nor the first row's reading come later.
+  [[nodiscard]] std::int64_t read_out_ns(const Exposure& exposure) const;
   /// What its timestamp says.
   [[nodiscard]] std::int64_t stamp_ns(const Exposure& exposure) const;
 

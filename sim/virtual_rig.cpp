@@ -124,6 +124,7 @@ struct VirtualRig::Impl {
       usb_device = std::make_unique<UsbLightDevice>(std::move(device), controller);
       usb_server = std::make_unique<UsbRedirServer>(*usb_device, options.usb_redir);
     }
+    const Rig true_rig = apply_truth(options.truth, rig);
     for (std::size_t i = 0; options.has_cameras && i < rig.cameras.size(); ++i) {
       CameraSpec& spec = rig.cameras[i];
       LightSource light;
@@ -154,12 +155,16 @@ struct VirtualRig::Impl {
       CameraServerOptions server;
       server.camera.seed = options.seed + i;
       server.camera.lit_electrons = options.lit_electrons;
+      server.camera.light_power = true_light_power(options.truth, rig.n_lights());
+      server.camera.wiring = true_wiring(options.truth, rig.n_lights());
+      server.exposure_delay_frames = true_rig.cameras[i].exposure_delay_frames;
       server.n_buffers = options.n_buffers;
       server.faults = options.faults.frames;
       server.fault_seed = options.seed + 1000 + i;
       server.doubtful_us = options.doubtful_us;
-      cameras.push_back(std::make_unique<CameraServer>(spec, rig.controller, transports[i],
-                                                       std::move(light), spec.device, server));
+      cameras.push_back(std::make_unique<CameraServer>(true_rig.cameras[i], true_rig.controller,
+                                                       transports[i], std::move(light),
+                                                       spec.device, server));
     }
     events = timetable(options.faults);
     if (!events.empty()) {

@@ -10,6 +10,7 @@
 #include "sim/camera_server.h"
 #include "sim/controller_server.h"
 #include "sim/fault_script.h"
+#include "sim/truth.h"
 #include "sim/usb_device.h"
 #include "sim/usb_redir_server.h"
 #include "sim/v4l2_output.h"
@@ -27,6 +28,8 @@ struct VirtualRigOptions {
   FaultScript faults;
   int n_buffers = 8;
   double doubtful_us = 2000.0;  ///< see CameraServerOptions
+  /// What the rig truly is, where that differs from the rig file.
+  SimTruth truth;
   /// Choose a free port and sockets in this folder instead of the rig file's addresses.
   std::filesystem::path own_folder;
   /// Where a controller of kind "usb" is plugged in: see UsbRedirServer.

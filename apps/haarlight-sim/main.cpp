@@ -23,6 +23,7 @@
 #include "sim/rig_commands.h"
 #include "sim/transport.h"
 #include "sim/transport_stack.h"
+#include "sim/truth.h"
 #include "sim/virtual_rig.h"
 
 namespace {
@@ -33,6 +34,7 @@ struct Arguments {
   std::string rig;
   std::string scene;
   std::string faults;
+  std::string truth;
   std::string ready_file;
   std::string cache;
   std::string stack;
@@ -58,6 +60,9 @@ void add_options(haarlight::Command program, Arguments& arguments) {
   program.option("--scene", &arguments.scene, "What stands in the rig", {.type = "SCENE.toml"});
   program.option("--faults", &arguments.faults, "What goes wrong, and when",
                  {.type = "F.toml"});
+  program.option("--truth", &arguments.truth,
+                 "What the rig truly is, where that differs from the rig file",
+                 {.type = "T.toml"});
   program.option("--seed", &arguments.seed, "Of noise and faults", {.shows_default = true});
   program.option("--lit-electrons", &arguments.lit_electrons,
                  "Electrons of a lit pixel of the plane; 0 = half the full well",
@@ -204,13 +209,16 @@ int run(const Arguments& arguments) {
   if (arguments.quiet) {
     haarlight::set_log_level(haarlight::LogLevel::error);
   }
-  const haarlight::Rig rig = haarlight::read_rig(arguments.rig);
+  const haarlight::Rig rig = haarlight::read_rig_as_written(arguments.rig);
   haarlight::VirtualRigOptions options;
   options.seed = arguments.seed;
   options.lit_electrons = arguments.lit_electrons;
   options.doubtful_us = arguments.doubtful_us;
   if (!arguments.faults.empty()) {
     options.faults = haarlight::read_fault_script(arguments.faults);
+  }
+  if (!arguments.truth.empty()) {
+    options.truth = haarlight::read_truth(arguments.truth, rig);
   }
   options.usb_redir = arguments.usb_redir;
   options.has_cameras = !arguments.only_controller;

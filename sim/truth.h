@@ -1,0 +1,51 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/rig.h"
+
+/// @file
+/// What a virtual rig truly is where that differs from its rig file: what commissioning has to
+/// find. Written as TOML, see docs/simulator.md.
+
+namespace haarlight {
+
+/// Everything that is set replaces the rig file's value.
+struct CameraTruth {
+  std::string id;
+  std::optional<TimestampMeaning> timestamp;
+  std::optional<Shutter> shutter;
+  std::optional<double> skew_us;
+  std::optional<double> read_us;
+  std::optional<int> exposure_delay_frames;
+  std::optional<SensorNoise> noise;
+};
+
+struct SimTruth {
+  std::optional<double> latch_us;
+  std::optional<double> rise_us;
+  std::optional<double> fall_us;
+  std::vector<CameraTruth> cameras;
+  std::vector<int> dead;
+  std::vector<std::pair<int, double>> dim;   ///< light, relative power
+  std::vector<std::pair<int, int>> swapped;  ///< each shines from the other's place
+};
+
+/// @throws Error  every problem with file:line and its cure; lights or cameras that the rig
+/// does not have
+[[nodiscard]] SimTruth read_truth(const std::filesystem::path& path, const Rig& rig);
+[[nodiscard]] SimTruth parse_truth(const std::string& text, const std::string& name,
+                                   const Rig& rig);
+
+/// The rig as it truly is.
+[[nodiscard]] Rig apply_truth(const SimTruth& truth, Rig rig);
+/// By place: of the LED where light k should be. Empty when all are 1.
+[[nodiscard]] std::vector<double> true_light_power(const SimTruth& truth, int n_lights);
+/// Element k lights the LED at place wiring[k]. Empty when each lights its own.
+[[nodiscard]] std::vector<int> true_wiring(const SimTruth& truth, int n_lights);
+
+}  // namespace haarlight
