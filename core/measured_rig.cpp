@@ -32,11 +32,7 @@ std::string toml_text(std::string_view text) {
   return out + '"';
 }
 
-std::string number(double value) {
-  const std::string text = fmt::format("{:.9g}", value);
-  // TOML reads 1e+06 as a real and 12 as an integer; both are numbers to us.
-  return text;
-}
+std::string number(double value) { return fmt::format("{:.9g}", value); }
 
 void put(std::string& out, std::string_view key, const std::optional<Measured>& m) {
   if (m) {
