@@ -2,6 +2,7 @@
 #include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/register_light_array.h"
+#include "firmware_iface/usb_bus.h"
 
 /// @file
 /// The light arrays there are: one case a kind.
@@ -27,9 +28,7 @@ Result<std::unique_ptr<RegisterBus>> make_bus(const ControllerSpec& spec) {
       return make_modbus_rtu_bus(*address, spec.unit);
     }
     case ControllerKind::usb:
-      return fail(Errc::unsupported,
-                  "controller kind \"usb\": no USB driver in this version; its place is "
-                  "firmware_iface/usb_bus.h. Use \"modbus_tcp\" or \"modbus_rtu\"");
+      return make_usb_bus(spec.address);
   }
   return fail(Errc::unsupported, "unknown controller kind");
 }

@@ -269,25 +269,26 @@ UsbAnswer UsbLightDevice::carry_out() {
   }
   WireExchange exchanged = controller_.exchange(request->pdu);
   usb::Frame reply{usb::FrameKind::reply, request->sequence, std::move(exchanged.pdu)};
-  const std::optional<WireFault> fault =
-      exchanged.fault ? std::optional(exchanged.fault->kind) : std::nullopt;
-  if (reply.pdu.empty() || fault == WireFault::drop_reply) {
+  const auto is_hit = [&exchanged](WireFault kind) {
+    return exchanged.fault.has_value() && exchanged.fault->kind == kind;
+  };
+  if (reply.pdu.empty() || is_hit(WireFault::drop_reply)) {
     return {};
   }
-  if (fault == WireFault::close) {
+  if (is_hit(WireFault::close)) {
     return {UsbStatus::gone, {}};
   }
-  if (fault == WireFault::wrong_transaction) {
+  if (is_hit(WireFault::wrong_transaction)) {
     ++reply.sequence;
   }
-  if (fault == WireFault::wrong_unit) {
+  if (is_hit(WireFault::wrong_unit)) {
     reply.kind = usb::FrameKind::request;
   }
   std::vector<std::uint8_t> bytes = usb::encode_frame(reply, config_.max_packet);
-  if (fault == WireFault::half_reply) {
+  if (is_hit(WireFault::half_reply)) {
     bytes.resize(bytes.size() / 2);
   }
-  if (fault == WireFault::garbage_reply) {
+  if (is_hit(WireFault::garbage_reply)) {
     for (std::size_t i = 0; i < bytes.size(); ++i) {
       bytes[i] = static_cast<std::uint8_t>(0xA5U ^ (i * 37U));
     }

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "firmware_iface/register_bus.h"
+
+/// @file
+/// The registers over USB: docs/usb-protocol.md is the wire, usb_link.h the device.
+
+namespace haarlight {
+
+struct UsbTiming {
+  /// From a request's first byte to the last one of its answer.
+  std::chrono::milliseconds turnaround{250};
+  /// Finding the device by its serial number and claiming it.
+  std::chrono::milliseconds open{1500};
+};
+
+/// A late answer carries another sequence number and is thrown away; so settle() only clears
+/// stalls and asks the controller to forget what it did not send yet.
+/// @param serial  of the device; whichever socket it is in
+[[nodiscard]] std::unique_ptr<RegisterBus> make_usb_bus(std::string serial,
+                                                        UsbTiming timing = {});
+
+/// Turns everything off by the control endpoint, beside a program (or a hanging thread) that
+/// holds the registers' interface.
+/// Faults: device_gone, device_busy (no permission), timeout, protocol, io.
+[[nodiscard]] Result<void> usb_all_off(const std::string& serial, UsbTiming timing = {});
+
+}  // namespace haarlight
