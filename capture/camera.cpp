@@ -4,6 +4,7 @@
 
 #include "capture/remote_camera.h"
 #include "capture/replay_camera.h"
+#include "capture/v4l2_camera.h"
 #include "core/error.h"
 
 namespace haarlight {
@@ -38,9 +39,7 @@ Result<std::unique_ptr<Camera>> make_camera(const CameraSpec& spec) {
     case CameraKind::replay:
       return std::make_unique<ReplayCamera>();
     case CameraKind::v4l2:
-      return fail(Errc::unsupported, "camera \"" + spec.id +
-                                         "\": this version has no V4L2 driver yet; use kind = "
-                                         "\"remote\" with a bridge (docs/remote-camera.md)");
+      return std::make_unique<V4l2Camera>();
   }
   throw_contract_violation("CameraKind", "a known kind", __FILE__, __LINE__);
 }

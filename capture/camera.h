@@ -8,11 +8,12 @@
 
 #include "core/error.h"
 #include "core/image.h"
+#include "core/pixel_format.h"
 #include "core/rig.h"
 
 /// @file
 /// A camera as the capture thread sees it. One thread owns one camera. Implementations:
-/// remote_camera (a socket), replay_camera (a session); a V4L2 one has its place beside them.
+/// remote_camera (a socket), replay_camera (a session), v4l2_camera (a device of this machine).
 
 namespace haarlight {
 
@@ -21,12 +22,18 @@ inline constexpr std::uint32_t kFrameError =
     1U << 0U;  ///< the driver marked the buffer as damaged
 inline constexpr std::uint32_t kFrameShort = 1U << 1U;      ///< fewer bytes than a frame
 inline constexpr std::uint32_t kFrameMonotonic = 1U << 2U;  ///< the stamp is CLOCK_MONOTONIC
+/// The driver says that it stamps the start of the exposure (else the end of the frame). What
+/// the stamp truly means is measured.
+inline constexpr std::uint32_t kFrameStampedAtStart = 1U << 3U;
+// Why kFrameError is set, where the driver did not set it.
+inline constexpr std::uint32_t kFrameStampJump = 1U << 4U;  ///< the stamp is not believable
+inline constexpr std::uint32_t kFrameSequenceRestart = 1U << 5U;  ///< the driver counts anew
 
 struct FrameInfo {
   std::uint64_t sequence = 0;     ///< counts frames of the sensor; a gap is a lost frame
   std::int64_t timestamp_ns = 0;  ///< CLOCK_MONOTONIC; meaning as the rig file says
   std::uint32_t flags = 0;
-  double exposure_us = 0.0;  ///< as in force for this frame
+  double exposure_us = 0.0;  ///< as in force for this frame; 0: not known
   double gain_db = 0.0;
 };
 
@@ -62,6 +69,7 @@ struct CameraSetup {
   double fps = 0.0;
   double exposure_us = 0.0;
   double gain_db = 0.0;
+  PixelUse use = PixelUse::measurement;  ///< what the frames are good for
   std::string identity;  ///< model and serial number, compared after a reconnection
 };
 

@@ -21,6 +21,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
+#include "core/pixel_format.h"
 #include "http/json_text.h"
 #include "http/server.h"
 
@@ -195,7 +196,18 @@ class Daemon::Impl {
     return plan;
   }
 
+  /// Lossy pictures are shown, not stored.
+  void require_raw_frames() const {
+    const CameraSpec& camera = config_.rig.cameras.front();
+    if (pixel_use(camera) == PixelUse::preview) {
+      throw Error(fmt::format("camera \"{}\": \"{}\" pictures are for looking only", camera.id,
+                              camera.format),
+                  config_.rig.file.string(), "choose a raw format (docs/cameras.md)");
+    }
+  }
+
   RunReceipt run(const std::string& plan_text, const std::string& name) {
+    require_raw_frames();
     SessionOrder order;
     order.plan = expand(plan_text, name);
     take_turn();
@@ -213,6 +225,7 @@ class Daemon::Impl {
       throw Error("there is no session \"" + id + "\" to go on with", config_.sessions.string(),
                   "GET /v1/sessions lists them");
     }
+    require_raw_frames();
     take_turn();
     std::error_code ignored;
     fs::remove(config_.sessions / id / kAbortMark, ignored);

@@ -3,6 +3,7 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstdlib>
+#include <vector>
 
 #include <jpeglib.h>
 
@@ -54,7 +55,49 @@ bool compress(ImageView<const std::uint8_t> grey, int quality, JpegBuffer& out) 
   return true;
 }
 
+/// `row` holds one row of samples; both buffers belong to the caller.
+bool decompress(std::span<const std::byte> source, ImageView<std::uint16_t> words,
+                JSAMPLE* row) {
+  jpeg_decompress_struct info{};
+  JumpError error{};
+  info.err = jpeg_std_error(&error.base);
+  error.base.error_exit = leave;
+  error.base.output_message = [](j_common_ptr) {};
+  if (setjmp(error.jump) != 0) {  // NOLINT(cert-err52-cpp): libjpeg knows no other way
+    jpeg_destroy_decompress(&info);
+    return false;
+  }
+  jpeg_create_decompress(&info);
+  jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(source.data()), source.size());
+  bool is_good = jpeg_read_header(&info, TRUE) == JPEG_HEADER_OK &&
+                 info.image_width == static_cast<JDIMENSION>(words.width()) &&
+                 info.image_height == static_cast<JDIMENSION>(words.height());
+  if (is_good) {
+    info.out_color_space = JCS_GRAYSCALE;
+    jpeg_start_decompress(&info);
+    while (info.output_scanline < info.output_height) {
+      const int y = static_cast<int>(info.output_scanline);
+      jpeg_read_scanlines(&info, &row, 1);
+      for (int x = 0; x < words.width(); ++x) {
+        words(y, x) = row[x];
+      }
+    }
+    jpeg_finish_decompress(&info);
+    is_good = error.base.num_warnings == 0;
+  }
+  jpeg_destroy_decompress(&info);
+  return is_good;
+}
+
 }  // namespace
+
+bool decode_grey_jpeg(std::span<const std::byte> source, ImageView<std::uint16_t> words) {
+  if (source.empty() || words.is_empty()) {
+    return false;
+  }
+  std::vector<JSAMPLE> row(static_cast<std::size_t>(words.width()));
+  return decompress(source, words, row.data());
+}
 
 std::string encode_grey_jpeg(ImageView<const std::uint8_t> grey, int quality) {
   HAARLIGHT_EXPECTS(!grey.is_empty() && grey.channels() == 1, "a grey picture");

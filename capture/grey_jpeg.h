@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string>
 
 #include "core/image.h"
@@ -14,5 +16,11 @@ namespace haarlight {
 /// @throws Error(internal)  libjpeg refused
 [[nodiscard]] std::string encode_grey_jpeg(ImageView<const std::uint8_t> grey,
                                            int quality = 85);
+
+/// Decodes the grey of a JPEG picture, such as a frame of motion JPEG (whose Huffman tables may
+/// be missing), into words 0..255.
+/// @return  false: no picture, a damaged one, or not of the view's size
+[[nodiscard]] bool decode_grey_jpeg(std::span<const std::byte> source,
+                                    ImageView<std::uint16_t> words);
 
 }  // namespace haarlight

@@ -13,6 +13,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
+#include "core/pixel_format.h"
 #include "http/json_text.h"
 
 namespace haarlight {
@@ -54,7 +55,8 @@ SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string&
       .stored_height = camera.frame_height,
       .channels = 1,
       .sample = SampleType::u16,
-      .transfer = Transfer::linear,
+      .transfer =
+          pixel_use(camera) == PixelUse::measurement ? Transfer::linear : Transfer::unknown,
       .bayer = camera.bayer,
       .black_level = camera.noise.black_dn,
       .white_level = static_cast<double>((1U << static_cast<unsigned>(camera.bits)) - 1U)};

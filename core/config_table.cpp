@@ -109,6 +109,31 @@ ConfigTable ConfigTable::parse_text(std::string_view text, const std::string& na
 
 bool ConfigTable::has(std::string_view key) const { return node_->table->contains(key); }
 
+std::vector<std::string> ConfigTable::keys() const {
+  std::vector<std::pair<toml::source_position, std::string>> found;
+  for (const auto& [key, value] : *node_->table) {
+    found.emplace_back(key.source().begin, std::string(key.str()));
+  }
+  std::sort(found.begin(), found.end(),
+            [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<std::string> names;
+  names.reserve(found.size());
+  for (auto& [position, name] : found) {
+    names.push_back(std::move(name));
+  }
+  return names;
+}
+
+bool ConfigTable::is_text(std::string_view key) const {
+  const toml::node* found = node_->table->get(key);
+  return found != nullptr && found->is_string();
+}
+
+bool ConfigTable::is_flag(std::string_view key) const {
+  const toml::node* found = node_->table->get(key);
+  return found != nullptr && found->is_boolean();
+}
+
 std::string ConfigTable::where(std::string_view key) const {
   const toml::node* found = key.empty() ? nullptr : node_->table->get(key);
   const auto line =

@@ -36,6 +36,11 @@ class ConfigTable {
   [[nodiscard]] static ConfigTable parse_text(std::string_view text, const std::string& name);
 
   [[nodiscard]] bool has(std::string_view key) const;
+  /// Every key of this table in file order, for tables whose keys a person chooses. Each must
+  /// still be read.
+  [[nodiscard]] std::vector<std::string> keys() const;
+  [[nodiscard]] bool is_text(std::string_view key) const;
+  [[nodiscard]] bool is_flag(std::string_view key) const;
 
   // A key that must be there.
   double number(std::string_view key, Range range = {});

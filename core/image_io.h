@@ -13,8 +13,8 @@
 
 namespace haarlight {
 
-/// How the numbers of a file stand for light.
-enum class Transfer { linear, srgb };
+/// How the numbers of a file stand for light; unknown: through a curve of the camera's own.
+enum class Transfer { linear, srgb, unknown };
 
 /// A picture as the file has it.
 struct PictureFile {

@@ -11,6 +11,7 @@
 #include "core/files.h"
 #include "core/log.h"
 #include "core/measured_rig.h"
+#include "core/pixel_format.h"
 
 namespace haarlight {
 
@@ -28,6 +29,8 @@ constexpr std::uintmax_t kMaxRigText = 16U << 20U;
 constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
 constexpr double kMaxLengthMm = 1e6;
+// USB cameras need one or two frames, sensors behind a pipeline up to three.
+constexpr int kUsualExposureDelay = 3;
 
 template <std::size_t N>
 std::vector<std::string_view> words(const std::array<std::string_view, N>& list) {
@@ -117,6 +120,70 @@ ShadowPlane read_plane(ConfigTable& t) {
   return plane;
 }
 
+std::vector<ControlSetting> read_controls(ConfigTable& t) {
+  std::vector<ControlSetting> controls;
+  for (const std::string& name : t.keys()) {
+    ControlSetting control;
+    control.name = name;
+    if (t.is_text(name)) {
+      control.entry = t.text(name);
+    } else if (t.is_flag(name)) {
+      control.value = t.flag_or(name, false) ? 1 : 0;
+    } else {
+      control.value = t.integer(name, {.min = -0x1p31, .max = 0x1p31});
+    }
+    controls.push_back(std::move(control));
+  }
+  return controls;
+}
+
+/// What a V4L2 camera's format says stands for keys that are missing, and against others.
+void read_v4l2(ConfigTable& t, CameraSpec& camera) {
+  V4l2Settings& v4l2 = camera.v4l2;
+  v4l2.n_buffers = static_cast<int>(t.integer_or("buffers", 8, {.min = 2, .max = 32}));
+  v4l2.serial = t.text_or("serial", "");
+  v4l2.exposure_control = t.text_or("exposure_control", "");
+  v4l2.exposure_unit_us = t.number_or("exposure_unit_us", 0.0, {.min = 1e-6, .max = 1e6});
+  v4l2.gain_unit_db = t.number_or("gain_unit_db", 0.0, {.min = 1e-6, .max = 100.0});
+  if (!t.has("exposure_delay_frames")) {
+    camera.exposure_delay_frames = kUsualExposureDelay;
+  }
+  if (auto controls = t.table("controls")) {
+    v4l2.controls = read_controls(*controls);
+  }
+  const PixelFormat* format = find_pixel_format(camera.format);
+  if (format == nullptr) {
+    std::vector<std::string> known;
+    std::string list;
+    for (const PixelFormat& each : pixel_formats()) {
+      known.emplace_back(each.fourcc);
+      list += fmt::format("{}\"{}\"", list.empty() ? "" : ", ", each.fourcc);
+    }
+    const std::string near = nearest_word(camera.format, known);
+    t.problem(
+        "format", fmt::format("\"{}\" is no pixel format that haarlight reads", camera.format),
+        (near.empty() ? "" : fmt::format("did you mean \"{}\"? ", near)) + "Known: " + list);
+    return;
+  }
+  camera.format = format->fourcc;
+  const bool may_be_fewer = format->bits == 16;
+  if (!t.has("bits")) {
+    camera.bits = format->bits;
+  } else if (camera.bits != format->bits && !(may_be_fewer && camera.bits < 16)) {
+    t.problem("bits",
+              fmt::format("bits = {}, but {} has {}", camera.bits, format->name, format->bits),
+              "leave bits out");
+  }
+  if (!t.has("bayer")) {
+    camera.bayer = format->bayer;
+  } else if (camera.bayer != format->bayer) {
+    t.problem("bayer",
+              fmt::format("bayer = \"{}\", but the format is {}", to_string(camera.bayer),
+                          format->name),
+              "leave bayer out");
+  }
+}
+
 CameraSpec read_camera(ConfigTable& t) {
   CameraSpec camera;
   camera.id = t.text("id");
@@ -192,6 +259,9 @@ CameraSpec read_camera(ConfigTable& t) {
   }
   camera.exposure_delay_frames =
       static_cast<int>(t.integer_or("exposure_delay_frames", 0, {.min = 0, .max = 100}));
+  if (camera.kind == CameraKind::v4l2) {
+    read_v4l2(t, camera);
+  }
   return camera;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -68,6 +69,23 @@ struct SensorNoise {
   double black_dn = 0.0;
 };
 
+/// A control of a V4L2 camera and what it is to be set to.
+struct ControlSetting {
+  std::string name;        ///< as `v4l2-ctl -L` spells it: "gain", "power_line_frequency"
+  std::int64_t value = 0;  ///< in the control's own units; true is 1
+  std::string entry;       ///< of a menu, by its name; empty: by value
+};
+
+/// What only a V4L2 camera has.
+struct V4l2Settings {
+  int n_buffers = 8;              ///< asked of the driver, which may give another number
+  std::string serial;             ///< the device's own; empty: any, then the one found first
+  std::string exposure_control;   ///< empty: exposure_time_absolute or exposure; "none": fixed
+  double exposure_unit_us = 0.0;  ///< a step of that control; 0: 100 for exposure_time_absolute
+  double gain_unit_db = 0.0;      ///< a step of the gain control; 0: gain_db is only noted
+  std::vector<ControlSetting> controls;  ///< in file order
+};
+
 struct CameraSpec {
   std::string id;
   CameraKind kind = CameraKind::remote;
@@ -89,6 +107,7 @@ struct CameraSpec {
   SensorNoise noise;
   /// Frames that begin after an exposure was set and still have the old one.
   int exposure_delay_frames = 0;
+  V4l2Settings v4l2;
 };
 
 enum class ControllerKind { modbus_tcp, modbus_rtu, usb };

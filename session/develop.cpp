@@ -36,10 +36,10 @@ constexpr float kDeadShare = 0.02F;  // of the flat's mean: less light than this
 /// sRGB curve undone. Saturated samples are those at or above white.
 class Lineariser {
  public:
-  explicit Lineariser(const FrameForm& form)
+  Lineariser(const FrameForm& form, Transfer transfer)
       : black_(static_cast<float>(form.black_level)),
         white_(static_cast<float>(form.white_level)),
-        is_srgb_(form.transfer == Transfer::srgb) {
+        is_srgb_(transfer == Transfer::srgb) {
     if (is_srgb_ && form.sample != SampleType::f32) {
       table_.resize(form.sample == SampleType::u8 ? 256U : 65536U);
       for (std::size_t i = 0; i < table_.size(); ++i) {
@@ -398,10 +398,28 @@ std::vector<float> develop_band(const Job& job, const Lineariser& linear,
   return interleave(pictures, y0 - from, y1 - y0);
 }
 
+/// The curve of the samples, an unknown one only under the name that the user gave it.
+Transfer transfer_of(const Session& session, const DevelopOptions& options) {
+  const Transfer transfer = session.info().form.transfer;
+  if (transfer != Transfer::unknown) {
+    return transfer;
+  }
+  if (!options.unknown_as) {
+    throw Error(
+        "its samples went through a curve of the camera's own (YUYV, NV12 and the like): they "
+        "are not linear in light",
+        session.folder().string(),
+        "capture in a raw format (docs/cameras.md), or name the curve that develop or compress "
+        "is to undo: --transfer srgb or --transfer linear");
+  }
+  return *options.unknown_as;
+}
+
 /// Everything that the stack's values depend on.
-std::string cache_key(const Session& session, Demosaic method) {
+std::string cache_key(const Session& session, Demosaic method, Transfer transfer) {
   SessionInfo info = session.info();
   info.created.clear();
+  info.form.transfer = transfer;
   return content_hash(
       fmt::format("{}\n{}\n{}", kRecipe, to_string(method), session_info_to_json(info)));
 }
@@ -424,6 +442,7 @@ std::unique_ptr<LightStack> open_cached(const fs::path& file) {
 
 LightStack develop(const Session& session, const DevelopOptions& options) {
   const FrameForm& form = session.info().form;
+  const Transfer transfer = transfer_of(session, options);
   Job job;
   job.session = &session;
   const bool is_mosaic = form.bayer != BayerPattern::none && !options.keep_bayer &&
@@ -431,7 +450,8 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   job.demosaic = is_mosaic ? options.demosaic : Demosaic::none;
   const fs::path folder =
       options.cache_folder.empty() ? session.folder() / "cache" : options.cache_folder;
-  const fs::path file = folder / fmt::format("stack-{}.hls", cache_key(session, job.demosaic));
+  const fs::path file =
+      folder / fmt::format("stack-{}.hls", cache_key(session, job.demosaic, transfer));
   if (options.use_cache) {
     if (const auto cached = open_cached(file)) {
       return std::move(*cached);
@@ -442,7 +462,7 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   job.shape.height = form.height;
   job.shape.channels = job.demosaic != Demosaic::none ? 3 : form.channels;
   job.shape.n_lights = static_cast<int>(session.info().lights.size());
-  const Lineariser linear(form);
+  const Lineariser linear(form, transfer);
   const Corrections corrections = make_corrections(session, job.plan, linear);
   const bool needs_margin = job.demosaic != Demosaic::none || !corrections.is_bad.empty();
   job.margin = needs_margin ? 2 * kDemosaicMargin : 0;

@@ -2,7 +2,9 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 
+#include "core/image_io.h"
 #include "core/progress.h"
 #include "session/demosaic.h"
 #include "session/light_stack.h"
@@ -18,7 +20,9 @@ struct DevelopOptions {
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   Demosaic demosaic = Demosaic::bilinear;
   bool keep_bayer = false;  ///< the same as Demosaic::none
-  bool use_cache = true;    ///< false: make it again even if the cached one fits
+  /// What stands in for a curve that nobody knows (Transfer::unknown); empty: refused.
+  std::optional<Transfer> unknown_as{};
+  bool use_cache = true;  ///< false: make it again even if the cached one fits
   /// Empty: SESSION/cache. Name a folder for a read-only archive.
   std::filesystem::path cache_folder{};
   ProgressStyle progress = ProgressStyle::none;
@@ -32,7 +36,9 @@ struct DevelopOptions {
 /// Values: T = ((DN - black) / (white - black)) / (exposure in s * 10^(gain/20) * level/65535 *
 /// relative power); an exposure of 0 (an import) counts as 1 s. Two sessions of one rig are
 /// thus in the same units whatever their exposures.
-/// @throws Error  a light without a frame, a frame that does not fit, NaN (by name), disk full
+/// @throws Error  samples through an unknown curve (a camera's YUYV) unless `unknown_as` names
+///                one; a light without a frame, a frame that does not fit, NaN (by name), disk
+///                full
 [[nodiscard]] LightStack develop(const Session& session, const DevelopOptions& options = {});
 
 }  // namespace haarlight

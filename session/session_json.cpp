@@ -26,7 +26,7 @@ constexpr std::size_t kMaxCount = std::size_t{1} << 24U;
 const std::vector<std::string_view> kKinds = {"measured", "asserted", "replayed"};
 const std::vector<std::string_view> kShotKinds = {"light", "dark", "flat", "sentinel"};
 const std::vector<std::string_view> kSamples = {"u8", "u16", "f32"};
-const std::vector<std::string_view> kTransfers = {"linear", "srgb"};
+const std::vector<std::string_view> kTransfers = {"linear", "srgb", "unknown"};
 const std::vector<std::string_view> kBayers = {"none", "rggb", "bggr", "grbg", "gbrg"};
 
 template <class Enum>

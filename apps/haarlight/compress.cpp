@@ -21,6 +21,7 @@ struct CompressArguments {
   std::optional<double> worst_pixel;
   std::string plate;
   std::string basis = "haar";
+  std::string transfer;
 };
 
 ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& common,
@@ -30,6 +31,9 @@ ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& c
   options.relative_l2 = arguments.max_error;
   if (arguments.worst_pixel) {
     options.worst_pixel = *arguments.worst_pixel;
+  }
+  if (!arguments.transfer.empty()) {
+    options.unknown_as = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
   }
   options.basis = arguments.basis == "haar" ? BasisKind::haar : BasisKind::direct;
   options.memory_bytes = common.memory_bytes;
@@ -89,6 +93,10 @@ void add_compress(Command root, Invocation& invocation) {
   verb.option("--basis", &arguments->basis,
               "haar: lights in square grids of 2, 4, 8, ... a side; direct: any lights",
               {.choices = {"haar", "direct"}, .shows_default = true});
+  verb.option(
+      "--transfer", &arguments->transfer,
+      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
+      {.choices = {"srgb", "linear"}});
   verb.footer(
       "Examples:\n"
       "  haarlight compress sessions/airplane -o airplane.hlb --max-error 0.01\n"

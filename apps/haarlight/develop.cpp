@@ -20,6 +20,7 @@ struct DevelopArguments {
   std::string demosaic = "bilinear";
   std::string exr;
   std::string cache;
+  std::string transfer;
 };
 
 std::uint64_t write_pictures(const LightStack& stack, const fs::path& folder, bool force,
@@ -47,6 +48,9 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   options.progress = common.progress();
   options.use_cache = !common.force;
   options.cache_folder = arguments.cache;
+  if (!arguments.transfer.empty()) {
+    options.unknown_as = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
+  }
   if (arguments.demosaic != "bilinear") {
     options.demosaic = arguments.demosaic == "none" ? Demosaic::none : Demosaic::edge_aware;
   }
@@ -81,6 +85,10 @@ void add_develop(Command root, Invocation& invocation) {
   verb.option("--cache", &arguments->cache,
               "Keep the result here instead of SESSION/cache (a read-only session)",
               {.type = "DIR"});
+  verb.option(
+      "--transfer", &arguments->transfer,
+      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
+      {.choices = {"srgb", "linear"}});
   verb.footer(
       "Values are linear shares of the camera's range a second at full drive and unit power.\n"
       "The result is a cache that compress and relight use; --force makes it again.\n"

@@ -3,8 +3,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <limits>
+#include <optional>
 #include <string>
 
+#include "core/image_io.h"
 #include "core/progress.h"
 #include "relight/basis/basis_file.h"
 #include "relight/basis/stack_source.h"
@@ -25,6 +27,8 @@ struct CompressOptions {
   BasisKind basis = BasisKind::haar;
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   ProgressStyle progress = ProgressStyle::none;
+  /// As DevelopOptions::unknown_as, where a session is developed on the way.
+  std::optional<Transfer> unknown_as{};
 };
 
 /// Where the stack comes from and what lit it.

@@ -80,6 +80,7 @@ OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateC
       DevelopOptions develop_options;
       develop_options.memory_bytes = options.memory_bytes;
       develop_options.progress = options.progress;
+      develop_options.unknown_as = options.unknown_as;
       plate.stack = std::make_unique<LightStack>(develop(*plate.session, develop_options));
       plate.source = std::make_unique<LightStackSource>(*plate.stack);
       plate.kind = "captured";
@@ -129,6 +130,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   DevelopOptions develop_options;
   develop_options.memory_bytes = options.memory_bytes;
   develop_options.progress = options.progress;
+  develop_options.unknown_as = options.unknown_as;
   const LightStack stack = develop(session, develop_options);
   const LightStackSource stack_source(stack);
   const OpenPlate plate = open_plate(session, stack_source.dims(), choice, options);

@@ -284,13 +284,5 @@ TEST_F(RemoteCameraTest, FramesBeforeTheAnswerToAnExposureAreKept) {
   EXPECT_EQ(frame->info().sequence, 5U);
 }
 
-TEST(MakeCamera, V4l2SaysThatItIsNotThereYet) {
-  CameraSpec spec;
-  spec.kind = CameraKind::v4l2;
-  const auto camera = make_camera(spec);
-  ASSERT_FALSE(camera.has_value());
-  EXPECT_EQ(camera.error().code, Errc::unsupported);
-}
-
 }  // namespace
 }  // namespace haarlight

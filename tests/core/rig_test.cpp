@@ -104,5 +104,44 @@ TEST(Rig, RefusesAnEndOfFrameStampWithoutAReadout) {
   EXPECT_THAT(message_of(text), HasSubstr("a readout is never free"));
 }
 
+/// The small rig with a V4L2 camera of 12-bit Bayer samples, and more keys for it.
+std::string v4l2_rig_text(const std::string& keys) {
+  std::string text = with(small_rig_text(), "kind = \"remote\"", "kind = \"v4l2\"\n" + keys);
+  text = with(text, "format = \"Y16 \"\n", "format = \"BG12\"\n");
+  text = with(text, "bits = 14\n", "");
+  return with(text, "bayer = \"none\"\n", "");
+}
+
+TEST(Rig, AV4l2FormatBringsItsBitsAndBayerPhase) {
+  const Rig rig = parse_rig(v4l2_rig_text("serial = \"A1\"\nbuffers = 6\ngain_unit_db = 0.1\n"
+                                          "controls = { gain = 12, power_line_frequency = "
+                                          "\"Disabled\", focus_auto = false }\n"),
+                            "rig.toml");
+  const CameraSpec& camera = rig.cameras[0];
+  EXPECT_EQ(camera.bits, 12);
+  EXPECT_EQ(camera.bayer, BayerPattern::bggr);
+  EXPECT_EQ(camera.v4l2.serial, "A1");
+  EXPECT_EQ(camera.v4l2.n_buffers, 6);
+  ASSERT_EQ(camera.v4l2.controls.size(), 3U);
+  EXPECT_EQ(camera.v4l2.controls[0].name, "gain");
+  EXPECT_EQ(camera.v4l2.controls[0].value, 12);
+  EXPECT_EQ(camera.v4l2.controls[1].entry, "Disabled");
+  EXPECT_EQ(camera.v4l2.controls[2].value, 0);
+}
+
+TEST(Rig, AV4l2FormatContradictedOrUnknownIsNamed) {
+  EXPECT_THAT(message_of(v4l2_rig_text("bits = 10\n")), HasSubstr("leave bits out"));
+  EXPECT_THAT(message_of(v4l2_rig_text("bayer = \"rggb\"\n")), HasSubstr("leave bayer out"));
+  EXPECT_THAT(message_of(with(v4l2_rig_text(""), "\"BG12\"", "\"GRAY\"")),
+              HasSubstr("did you mean \"GREY\""));
+}
+
+TEST(Rig, OnlyA16BitContainerMayHoldFewerBits) {
+  const Rig rig =
+      parse_rig(with(v4l2_rig_text("bits = 12\n"), "\"BG12\"", "\"Y16\""), "rig.toml");
+  EXPECT_EQ(rig.cameras[0].bits, 12);
+  EXPECT_EQ(rig.cameras[0].format, "Y16 ");
+}
+
 }  // namespace
 }  // namespace haarlight

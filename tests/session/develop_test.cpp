@@ -388,5 +388,25 @@ TEST(Demosaic, EdgeAwareBeatsBilinearAtEdgesAsDocumented) {
   EXPECT_LT(bilinear, 0.03) << bilinear << " " << edge_aware;
 }
 
+TEST(Develop, ACurveThatNobodyKnowsIsRefusedUnlessItIsNamed) {
+  const TemporaryFolder folder;
+  SessionInfo info = make_info(4, 3, 1);
+  add_shot(info, ShotKind::light, {{0, 65535}}, 1000.0);
+  info.form.transfer = Transfer::unknown;
+  const Session session = make(folder.path() / "s", info);
+  try {
+    (void)develop(session);
+    FAIL() << "developed";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("not linear"));
+    EXPECT_THAT(error.cure(), HasSubstr("--transfer"));
+  }
+  const LightStack linear = develop(session, {.unknown_as = Transfer::linear});
+  const LightStack srgb = develop(session, {.unknown_as = Transfer::srgb});
+  const float share = linear.light_image(0)(1, 1) * 1e-3F;
+  EXPECT_NEAR(srgb.light_image(0)(1, 1) * 1e-3F, linear_from_srgb(share), 1e-6);
+  EXPECT_THROW((void)develop(session), Error);  // a cached one does not count as a name
+}
+
 }  // namespace
 }  // namespace haarlight

@@ -1,0 +1,36 @@
+#include "capture/frame_order.h"
+
+namespace haarlight {
+
+namespace {
+
+// A stamp is taken before the frame is handed out; drivers that estimate the device's clock may
+// be ahead by a fraction of a frame.
+constexpr std::int64_t kAheadNs = 20'000'000;
+
+}  // namespace
+
+FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
+                                      std::int64_t now_ns) {
+  Verdict verdict;
+  if (!last_raw_) {
+    sequence_ = raw;
+  } else {
+    const std::uint32_t step = raw - *last_raw_;
+    const bool is_forward = step != 0 && step < 0x8000'0000U;
+    verdict.is_restart = !is_restarted_ && !is_forward;
+    // One number is left out: nobody knows how many frames are missing.
+    sequence_ += is_restarted_ || !is_forward ? 2 : step;
+  }
+  last_raw_ = raw;
+  is_restarted_ = false;
+  verdict.sequence = sequence_;
+  verdict.is_stamp_jump = (last_stamp_ns_ && stamp_ns <= *last_stamp_ns_) ||
+                          stamp_ns > now_ns + kAheadNs || stamp_ns < now_ns - patience_ns_;
+  if (!verdict.is_stamp_jump) {
+    last_stamp_ns_ = stamp_ns;
+  }
+  return verdict;
+}
+
+}  // namespace haarlight

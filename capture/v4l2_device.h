@@ -1,0 +1,202 @@
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "core/files.h"
+
+/// @file
+/// A V4L2 node as typed calls: the only file that knows linux/videodev2.h. What is decided with
+/// them is v4l2_camera's. Every call is one ioctl (repeated on EINTR) on a non-blocking
+/// descriptor; its fault names the ioctl and the node.
+
+namespace haarlight {
+
+/// Where nodes and their properties are found; a test has its own.
+struct V4l2Places {
+  std::filesystem::path devices = "/dev";
+  std::filesystem::path sysfs = "/sys";
+};
+
+/// Who a device is. Two nodes of one device differ by index.
+struct V4l2Identity {
+  std::string card;  ///< model, as the driver says
+  std::string driver;
+  std::string bus_info;  ///< where it is plugged in
+  std::string serial;    ///< of the USB device; empty where it has none
+  int index = 0;         ///< of the node among its device's
+  friend bool operator==(const V4l2Identity&, const V4l2Identity&) = default;
+};
+
+struct V4l2Size {
+  int width = 0;  ///< the least one where max_width is larger
+  int height = 0;
+  int max_width = 0;
+  int max_height = 0;
+  int step_width = 1;
+  int step_height = 1;
+  std::vector<double> fps;    ///< offered, or empty: the driver does not tell
+  bool is_fps_range = false;  ///< any rate between the two in `fps`
+  [[nodiscard]] bool holds(int w, int h) const;
+};
+
+struct V4l2Format {
+  std::string fourcc;
+  std::string description;
+  std::vector<V4l2Size> sizes;  ///< empty: the driver does not tell
+};
+
+enum class V4l2ControlKind { integer, boolean, menu, other };
+
+struct V4l2MenuEntry {
+  std::int64_t value = 0;
+  std::string name;
+};
+
+struct V4l2Control {
+  std::uint32_t id = 0;
+  std::string name;  ///< as `v4l2-ctl -L` spells it: lower case, underscores
+  V4l2ControlKind kind = V4l2ControlKind::other;
+  std::int64_t min = 0;
+  std::int64_t max = 0;
+  std::int64_t step = 1;
+  std::int64_t default_value = 0;
+  std::int64_t value = 0;  ///< when it was listed
+  bool is_settable = true;
+  bool is_inactive = false;
+  std::vector<V4l2MenuEntry> entries;
+};
+
+/// What the driver set for S_FMT.
+struct V4l2StreamFormat {
+  std::string fourcc;
+  int width = 0;
+  int height = 0;
+  std::size_t stride = 0;  ///< bytes a row, padding included
+  std::size_t size = 0;    ///< bytes a buffer
+  bool is_progressive = true;
+};
+
+/// A filled buffer.
+struct V4l2Filled {
+  int index = 0;
+  std::span<const std::byte> bytes;  ///< what the driver says it filled
+  std::uint32_t sequence = 0;
+  std::int64_t timestamp_ns = 0;
+  bool is_error = false;
+  bool is_monotonic = false;         ///< the stamp is CLOCK_MONOTONIC
+  bool is_stamped_at_start = false;  ///< else at the end of the frame
+};
+
+/// A change that the driver told of.
+struct V4l2Event {
+  enum class Kind { none, control, source, other };
+  Kind kind = Kind::none;
+  std::uint32_t control = 0;  ///< id
+  std::int64_t value = 0;
+};
+
+/// What a wait ended with.
+struct V4l2Ready {
+  bool has_frame = false;
+  bool has_event = false;
+  bool has_error = false;  ///< not streaming any more, broken, or gone
+};
+
+/// An open capture node. Move-only; closing unmaps. One thread.
+class V4l2Device {
+ public:
+  /// Faults: device_gone (no such node), device_busy, refused (no right to open it),
+  /// unsupported (no capture by memory-mapped streaming).
+  [[nodiscard]] static Result<V4l2Device> open(const std::filesystem::path& node,
+                                               const V4l2Places& places);
+  ~V4l2Device();
+  V4l2Device(V4l2Device&& other) noexcept;
+  V4l2Device& operator=(V4l2Device&& other) noexcept;
+  V4l2Device(const V4l2Device&) = delete;
+  V4l2Device& operator=(const V4l2Device&) = delete;
+
+  [[nodiscard]] const std::string& node() const noexcept { return node_; }
+  [[nodiscard]] const V4l2Identity& identity() const noexcept { return identity_; }
+
+  /// Everything the device lists; a driver that lists nothing gives an empty list.
+  [[nodiscard]] Result<std::vector<V4l2Format>> formats() const;
+  [[nodiscard]] Result<std::vector<V4l2Control>> controls() const;
+  /// Fault device_gone when it is.
+  [[nodiscard]] Result<void> check_presence() const;
+
+  /// Sets the format, bytes a row left to the driver; what it set.
+  [[nodiscard]] Result<V4l2StreamFormat> set_format(const std::string& fourcc, int width,
+                                                    int height);
+  /// Asks for a rate; the rate set, or 0 where the driver knows none.
+  [[nodiscard]] Result<double> set_fps(double fps);
+  [[nodiscard]] Result<std::int64_t> control(std::uint32_t id) const;
+  [[nodiscard]] Result<void> set_control(std::uint32_t id, std::int64_t value);
+  /// Asks to be told of changes; false where the driver cannot tell.
+  [[nodiscard]] Result<bool> watch_control(std::uint32_t id);
+  [[nodiscard]] Result<bool> watch_source();
+  /// The oldest untold change, kind none when there is none.
+  [[nodiscard]] Result<V4l2Event> take_event();
+
+  /// Asks for buffers, maps what the driver gives and queues all of them; how many.
+  [[nodiscard]] Result<int> make_buffers(int n);
+  [[nodiscard]] std::size_t buffer_bytes() const noexcept;  ///< of the smallest
+  [[nodiscard]] Result<void> stream_on();
+  /// Leaves streaming; every buffer comes back unfilled. Fault ignored by callers that close.
+  [[nodiscard]] Result<void> stream_off();
+  [[nodiscard]] Result<void> queue(int index);
+  [[nodiscard]] Result<void> queue_all();
+  /// Until `deadline` at most. Fault timeout, io.
+  [[nodiscard]] Result<V4l2Ready> wait(std::chrono::steady_clock::time_point deadline) const;
+  /// A filled buffer, without waiting: fault timeout when there is none.
+  [[nodiscard]] Result<V4l2Filled> dequeue();
+
+ private:
+  struct Mapping {
+    void* data = nullptr;
+    std::size_t size = 0;
+  };
+  V4l2Device(Fd fd, std::string node) : fd_(std::move(fd)), node_(std::move(node)) {}
+  void unmap() noexcept;
+  [[nodiscard]] Result<void> call(unsigned long request, void* argument,
+                                  const char* name) const;
+  [[nodiscard]] Result<V4l2Size> describe_size(V4l2Size size, std::uint32_t fourcc) const;
+  [[nodiscard]] Result<std::vector<V4l2MenuEntry>> menu_of(const V4l2Control& control,
+                                                           bool has_names) const;
+  [[nodiscard]] Result<void> map_buffer(int index);
+
+  Fd fd_;
+  std::string node_;
+  V4l2Identity identity_;
+  bool is_multiplanar_ = false;
+  std::uint32_t n_planes_ = 1;
+  std::vector<Mapping> mappings_;
+};
+
+/// The fault's code for an errno of a V4L2 call.
+[[nodiscard]] Errc errc_of_v4l2(int error) noexcept;
+
+/// A control's name as `v4l2-ctl -L` spells it. Pure.
+[[nodiscard]] std::string control_key(std::string_view driver_name);
+
+// Control ids that decisions are made about, as in linux/v4l2-controls.h.
+namespace control_id {
+inline constexpr std::uint32_t kAutoWhiteBalance = 0x0098090c;
+inline constexpr std::uint32_t kExposure = 0x00980911;
+inline constexpr std::uint32_t kAutoGain = 0x00980912;
+inline constexpr std::uint32_t kGain = 0x00980913;
+inline constexpr std::uint32_t kPowerLineFrequency = 0x00980918;
+inline constexpr std::uint32_t kExposureAuto = 0x009a0901;
+inline constexpr std::uint32_t kExposureAbsolute = 0x009a0902;
+inline constexpr std::uint32_t kExposurePriority = 0x009a0903;
+inline constexpr std::uint32_t kFocusAuto = 0x009a090c;
+inline constexpr std::uint32_t kAnalogueGain = 0x009e0903;
+}  // namespace control_id
+
+}  // namespace haarlight

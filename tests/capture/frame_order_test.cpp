@@ -1,0 +1,86 @@
+#include "capture/frame_order.h"
+
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+namespace haarlight {
+namespace {
+
+constexpr std::int64_t kPatienceNs = 10'000'000'000;
+constexpr std::int64_t kFrameNs = 33'000'000;
+
+TEST(FrameOrder, CountsOnOverTheWrapOf32Bits) {
+  FrameOrder order(kPatienceNs);
+  std::int64_t t = 1'000'000'000'000;
+  std::uint64_t last = 0;
+  for (const std::uint32_t raw : {0xFFFF'FFFEU, 0xFFFF'FFFFU, 0U, 1U}) {
+    t += kFrameNs;
+    const FrameOrder::Verdict verdict = order.judge(raw, t, t);
+    EXPECT_FALSE(verdict.is_restart) << raw;
+    EXPECT_TRUE(last == 0 || verdict.sequence == last + 1) << raw;
+    last = verdict.sequence;
+  }
+  EXPECT_EQ(last, 0x1'0000'0001U);
+}
+
+TEST(FrameOrder, AGapKeepsItsLength) {
+  FrameOrder order(kPatienceNs);
+  EXPECT_EQ(order.judge(7, 1, 1).sequence, 7U);
+  EXPECT_EQ(order.judge(12, 2, 2).sequence, 12U);
+}
+
+TEST(FrameOrder, ACountThatGoesBackOrStandsIsToldOnceAndLeavesAGap) {
+  FrameOrder order(kPatienceNs);
+  (void)order.judge(100, 1, 1);
+  for (const std::uint32_t raw : {100U, 3U}) {
+    const std::uint64_t before = order.judge(raw, 2, 2).sequence;
+    const FrameOrder::Verdict next = order.judge(raw + 1, 3, 3);
+    EXPECT_FALSE(next.is_restart);
+    EXPECT_EQ(next.sequence, before + 1);
+  }
+}
+
+TEST(FrameOrder, AStreamBegunAnewContinuesAfterAGapWithoutAComplaint) {
+  FrameOrder order(kPatienceNs);
+  (void)order.judge(41, 1, 1);
+  order.restart();
+  const FrameOrder::Verdict verdict = order.judge(0, 2, 2);
+  EXPECT_FALSE(verdict.is_restart);
+  EXPECT_EQ(verdict.sequence, 43U);
+  EXPECT_EQ(order.judge(1, 3, 3).sequence, 44U);
+}
+
+TEST(FrameOrder, AStampOfThePastTheFutureOrLongAgoIsAJumpAndIsForgotten) {
+  FrameOrder order(kPatienceNs);
+  const std::int64_t t = 1'000'000'000'000;
+  EXPECT_FALSE(order.judge(0, t, t + 1).is_stamp_jump);
+  EXPECT_TRUE(order.judge(1, t, t + kFrameNs).is_stamp_jump);      // the same again
+  EXPECT_TRUE(order.judge(2, t - 1, t + kFrameNs).is_stamp_jump);  // back
+  EXPECT_TRUE(order.judge(3, t + 1'000'000'000, t + kFrameNs).is_stamp_jump);
+  EXPECT_TRUE(order.judge(4, t + 1, t + kPatienceNs + 2).is_stamp_jump);
+  EXPECT_FALSE(order.judge(5, t + kFrameNs, t + kFrameNs).is_stamp_jump);
+}
+
+RC_GTEST_PROP(FrameOrder, SequencesGrowAndTellEveryGapWhateverTheDriverCounts,
+              (std::uint32_t first)) {
+  const auto steps = *rc::gen::container<std::vector<std::uint32_t>>(rc::gen::oneOf(
+      rc::gen::inRange<std::uint32_t>(1, 5), rc::gen::arbitrary<std::uint32_t>()));
+  FrameOrder order(kPatienceNs);
+  std::uint32_t raw = first;
+  std::int64_t t = kPatienceNs;
+  std::uint64_t last = order.judge(raw, t, t).sequence;
+  for (const std::uint32_t step : steps) {
+    raw += step;
+    t += kFrameNs;
+    const FrameOrder::Verdict verdict = order.judge(raw, t, t);
+    RC_ASSERT(verdict.sequence > last);
+    const bool is_forward = step > 0 && step < 0x8000'0000U;
+    RC_ASSERT(verdict.is_restart == !is_forward);
+    RC_ASSERT(verdict.sequence - last == (is_forward ? step : 2U));
+    RC_ASSERT(!verdict.is_stamp_jump);
+    last = verdict.sequence;
+  }
+}
+
+}  // namespace
+}  // namespace haarlight
