@@ -15,6 +15,7 @@
 #include "capture/daemon_http.h"
 #include "capture/frame_checks.h"
 #include "capture/light_thread.h"
+#include "capture/measured_camera.h"
 #include "capture/timing.h"
 #include "capture/work_queue.h"
 #include "capture/writer_thread.h"
@@ -118,7 +119,8 @@ class Daemon::Impl {
     }
     auto send = [this](EventBody body) { receive(std::move(body)); };
     auto lights = require_device(config_.make_light(), config_.rig);
-    auto camera = require_device(config_.make_camera(), config_.rig);
+    auto camera = require_measured_identity(require_device(config_.make_camera(), config_.rig),
+                                            config_.rig);
     writer_ = std::make_unique<WriterThread>(
         WriterThreadConfig{.rig = config_.rig,
                            .storage = config_.storage,

@@ -1,0 +1,120 @@
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "capture/commission.h"
+#include "core/error.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr double kLongest = 0.9;  // of the frame period
+constexpr double kTop = 0.5;      // of white: what the brightest light may reach
+constexpr double kGuardUs = 200.0;
+constexpr int kDarkFrames = 6;
+
+/// Per-pixel mean of dark pictures.
+Image<float> mean_dark(CommissionBench& bench) {
+  (void)bench.show({});
+  bench.settle();
+  const int rows = bench.spec().active_rows;
+  Image<float> mean(rows, bench.spec().frame_width, 1);
+  for (int i = 0; i < kDarkFrames; ++i) {
+    const ArrivedFrame arrived = bench.next_frame();
+    for (int y = 0; y < rows; ++y) {
+      const auto row = arrived.frame.pixels().row(y);
+      for (std::size_t x = 0; x < row.size(); ++x) {
+        mean.view().row(y)[x] += static_cast<float>(row[x]) / static_cast<float>(kDarkFrames);
+      }
+    }
+  }
+  return mean;
+}
+
+LightResponse respond(ImageView<const std::uint16_t> picture, ImageView<const float> dark,
+                      double gain_e_per_dn, double dark_variance) {
+  double sum = 0.0;
+  double variance = 0.0;
+  double x_sum = 0.0;
+  double y_sum = 0.0;
+  for (int y = 0; y < dark.height(); ++y) {
+    const auto words = picture.row(y);
+    const auto base = dark.row(y);
+    double row_sum = 0.0;
+    for (std::size_t x = 0; x < words.size(); ++x) {
+      const double signal = static_cast<double>(words[x]) - static_cast<double>(base[x]);
+      row_sum += signal;
+      x_sum += signal * (static_cast<double>(x) + 0.5);
+    }
+    sum += row_sum;
+    y_sum += row_sum * (y + 0.5);
+  }
+  const double n = static_cast<double>(dark.height()) * dark.width();
+  variance = std::max(0.0, sum) / gain_e_per_dn + n * dark_variance * (1.0 + 1.0 / kDarkFrames);
+  LightResponse r;
+  r.signal = sum / n;
+  r.sigma = std::sqrt(variance) / n;
+  if (sum > 0.0) {
+    r.x = x_sum / sum;
+    r.y = y_sum / sum;
+    // Light and noise spread over a picture of this size.
+    const double spread = std::hypot(dark.width(), dark.height()) / std::sqrt(24.0);
+    r.centroid_sigma = spread * std::sqrt(variance) / sum;
+  }
+  return r;
+}
+
+}  // namespace
+
+LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
+                           double gain_e_per_dn, const CommissionOptions& options) {
+  const double wanted = kTop * bench.white() / std::max(timing.count_per_us, 1e-12);
+  const double exposure =
+      bench.set_exposure(std::clamp(wanted, 20.0, kLongest * bench.period_us()));
+  bench.settle();
+  const Image<float> dark = mean_dark(bench);
+  // Scatter of single dark pixels, from one more picture.
+  double dark_variance = 0.0;
+  {
+    const ArrivedFrame arrived = bench.next_frame();
+    for (int y = 0; y < dark.height(); ++y) {
+      const auto row = arrived.frame.pixels().row(y);
+      for (std::size_t x = 0; x < row.size(); ++x) {
+        const double d =
+            static_cast<double>(row[x]) - static_cast<double>(dark.view().row(y)[x]);
+        dark_variance += d * d / (1.0 + 1.0 / kDarkFrames);
+      }
+    }
+    dark_variance /= static_cast<double>(dark.height()) * dark.width();
+  }
+  const StepModel& m = timing.fit.model;
+  const double slope = std::round(timing.line.slope);
+  const double offset = m.offset_us.front() + slope * (exposure - m.exposures_us.front());
+  // First row's exposure begins when the light of this step, and the last one's end, is done.
+  const double wait_us =
+      offset + std::max(m.rise_us, m.fall_us) + kGuardUs + std::max(0.0, -m.skew_us);
+  const int n = bench.rig().n_lights();
+  std::vector<LightResponse> responses;
+  for (int k = 0; k < n; ++k) {
+    const LatchReceipt receipt = bench.show({{k, registers::kMaxLevel}});
+    for (;;) {
+      const ArrivedFrame arrived = bench.next_frame();
+      const double after =
+          static_cast<double>(arrived.frame.info().timestamp_ns - receipt.t_ack_ns) / 1e3;
+      if (after >= wait_us) {
+        responses.push_back(
+            respond(arrived.frame.pixels(), dark.view(), gain_e_per_dn, dark_variance));
+        break;
+      }
+    }
+    if (options.progress && (k % 8 == 7 || k + 1 == n)) {
+      options.progress("lights", (k + 1.0) / n);
+    }
+  }
+  (void)bench.show({});
+  return survey_lights(bench.rig(), bench.camera_index(), responses);
+}
+
+}  // namespace haarlight

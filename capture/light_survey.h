@@ -1,0 +1,54 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "core/measured_rig.h"
+#include "core/rig.h"
+
+/// @file
+/// Which LEDs are dead, dim or wired to another's place, from one picture under each alone.
+/// Pure. Notes and measured errors: docs/numerics/commissioning.md.
+///
+/// What a light should give is the Lambertian point source's irradiance of the shadow plane as
+/// the camera sees it, times a quadratic surface over (row, column) of its face fitted to the
+/// good lights: so a floor that is not matt, or a light box near one wall, is not mistaken for
+/// dim LEDs. A power that varies smoothly over the face is therefore taken for optics.
+
+namespace haarlight {
+
+/// One light's picture less the dark one.
+struct LightResponse {
+  double signal = 0.0;  ///< mean of all pixels, counts
+  double sigma = 0.0;   ///< of it
+  double x = 0.0;       ///< centroid of the light in the picture, pixels
+  double y = 0.0;
+  double centroid_sigma = 0.0;  ///< pixels, each way
+};
+
+struct SurveyOptions {
+  double dead_below = 0.05;  ///< of the expected signal
+  double dim_below = 0.7;
+};
+
+struct LightSurvey {
+  std::vector<int> dead;
+  std::vector<int> dim;          ///< dim, not dead
+  std::vector<int> unseen;       ///< expected signal below 10 sigma: no verdict
+  std::vector<int> miswired;     ///< shines from the place of ...
+  std::vector<int> miswired_to;  ///< ... this light
+  std::vector<double> power;     ///< relative; 0 = dead or unseen
+  double power_sigma = 0.0;      ///< median over the good lights: counting noise and fit
+  bool can_see_wiring = false;   ///< a light's place shows in the picture
+};
+
+/// @param responses  one a light of the rig
+/// @param camera     index of the camera that looked
+[[nodiscard]] LightSurvey survey_lights(const Rig& rig, int camera,
+                                        std::span<const LightResponse> responses,
+                                        const SurveyOptions& options = {});
+
+/// Expected mean signal of each light over the picture, up to a factor.
+[[nodiscard]] std::vector<double> expected_signals(const Rig& rig, int camera);
+
+}  // namespace haarlight

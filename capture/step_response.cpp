@@ -1,0 +1,393 @@
+#include "capture/step_response.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include <Eigen/Dense>
+
+#include "core/error.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr double kHuber = 2.0;    // in sigmas: 95 % of clean samples stay quadratic
+constexpr double kMinRamp = 1.0;  // us: below it a ramp cannot be told from a jump
+constexpr double kMaxRamp = 1e6;  // us
+constexpr int kGroups = 20;       // of the jackknife
+constexpr int kMaxIterations = 60;
+constexpr double kConverged = 1e-4;   // us, of every parameter
+constexpr double kPartialLow = 0.15;  // levels taken as the linear part when starting
+constexpr double kPartialHigh = 0.85;
+
+double ramp_integral(double u, double ramp) {
+  if (u <= 0.0) {
+    return 0.0;
+  }
+  return u < ramp ? u * u / (2.0 * ramp) : u - 0.5 * ramp;
+}
+
+double ramp_level(double u, double ramp) {
+  if (u <= 0.0) {
+    return 0.0;
+  }
+  return u < ramp ? u / ramp : 1.0;
+}
+
+/// d/dT of ramp_integral.
+double ramp_integral_slope(double u, double ramp) {
+  if (u <= 0.0) {
+    return 0.0;
+  }
+  return u < ramp ? -u * u / (2.0 * ramp * ramp) : -0.5;
+}
+
+double median(std::vector<double> values) {
+  HAARLIGHT_EXPECTS(!values.empty(), "values to take the median of");
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Which parameter of the vector is what: offsets first, then skew, rise, fall.
+struct Layout {
+  std::vector<double> exposures;
+  std::optional<double> slope;
+
+  [[nodiscard]] Eigen::Index n_offsets() const {
+    return slope ? 1 : static_cast<Eigen::Index>(exposures.size());
+  }
+  [[nodiscard]] Eigen::Index size() const { return n_offsets() + 3; }
+  [[nodiscard]] Eigen::Index offset_index(std::size_t exposure) const {
+    return slope ? 0 : static_cast<Eigen::Index>(exposure);
+  }
+  [[nodiscard]] double offset(const Eigen::VectorXd& p, std::size_t exposure) const {
+    return p[offset_index(exposure)] + (slope ? *slope * exposures[exposure] : 0.0);
+  }
+  [[nodiscard]] std::size_t exposure_index(double exposure_us) const {
+    return static_cast<std::size_t>(
+        std::lower_bound(exposures.begin(), exposures.end(), exposure_us) - exposures.begin());
+  }
+};
+
+struct Point {
+  StepSample sample;
+  std::size_t exposure = 0;
+};
+
+/// Residual (level - model) and its derivatives at one sample.
+struct Linear {
+  double residual = 0.0;
+  double slope_x = 0.0;     // of the model
+  double slope_ramp = 0.0;  // of the model
+  double sigma = 1.0;
+};
+
+Linear linearise(const Layout& layout, const Eigen::VectorXd& p, const Point& point) {
+  const StepSample& s = point.sample;
+  const Eigen::Index m = layout.n_offsets();
+  const double e = s.exposure_us;
+  const double ramp = s.rises ? p[m + 1] : p[m + 2];
+  const double x = s.after_us + s.row * p[m] + e - layout.offset(p, point.exposure);
+  const double sign = s.rises ? 1.0 : -1.0;
+  const double share = (ramp_integral(x, ramp) - ramp_integral(x - e, ramp)) / e;
+  Linear out;
+  out.residual = s.level - (s.rises ? share : 1.0 - share);
+  out.slope_x = sign * (ramp_level(x, ramp) - ramp_level(x - e, ramp)) / e;
+  out.slope_ramp = sign * (ramp_integral_slope(x, ramp) - ramp_integral_slope(x - e, ramp)) / e;
+  out.sigma = std::hypot(s.sigma, out.slope_x * s.jitter_us);
+  return out;
+}
+
+double huber_cost(double z) {
+  const double a = std::abs(z);
+  return a <= kHuber ? 0.5 * z * z : kHuber * (a - 0.5 * kHuber);
+}
+
+double total_cost(const Layout& layout, const Eigen::VectorXd& p,
+                  const std::vector<Point>& points, int skip_group) {
+  double cost = 0.0;
+  for (const Point& point : points) {
+    if (skip_group >= 0 && point.sample.step % kGroups == skip_group) {
+      continue;
+    }
+    // The sigma follows the parameters, so its logarithm belongs to the cost.
+    const Linear l = linearise(layout, p, point);
+    cost += huber_cost(l.residual / l.sigma) + std::log(l.sigma);
+  }
+  return cost;
+}
+
+void clamp_ramps(Eigen::VectorXd& p) {
+  const Eigen::Index n = p.size();
+  p[n - 2] = std::clamp(p[n - 2], kMinRamp, kMaxRamp);
+  p[n - 1] = std::clamp(p[n - 1], kMinRamp, kMaxRamp);
+}
+
+Eigen::VectorXd minimise(const Layout& layout, Eigen::VectorXd p,
+                         const std::vector<Point>& points, int skip_group) {
+  const Eigen::Index m = layout.n_offsets();
+  const Eigen::Index n = layout.size();
+  double damping = 1e-3;
+  double cost = total_cost(layout, p, points, skip_group);
+  Eigen::VectorXd row = Eigen::VectorXd::Zero(n);
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
+    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(n);
+    for (const Point& point : points) {
+      if (skip_group >= 0 && point.sample.step % kGroups == skip_group) {
+        continue;
+      }
+      const Linear l = linearise(layout, p, point);
+      if (l.slope_x == 0.0 && l.slope_ramp == 0.0) {
+        continue;  // far from the step
+      }
+      row.setZero();
+      row[layout.offset_index(point.exposure)] = -l.slope_x;
+      row[m] = l.slope_x * point.sample.row;
+      row[point.sample.rises ? m + 1 : m + 2] = l.slope_ramp;
+      const double z = std::abs(l.residual / l.sigma);
+      const double weight = (z <= kHuber ? 1.0 : kHuber / z) / (l.sigma * l.sigma);
+      normal.noalias() += weight * row * row.transpose();
+      gradient.noalias() += weight * l.residual * row;
+    }
+    // A parameter that no sample touches stays where it is.
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (normal(i, i) <= 0.0) {
+        normal(i, i) = 1.0;
+      }
+    }
+    bool is_better = false;
+    double moved = 0.0;
+    for (int attempt = 0; attempt < 12 && !is_better; ++attempt) {
+      Eigen::MatrixXd damped = normal;
+      damped.diagonal() *= 1.0 + damping;
+      Eigen::VectorXd next = p + damped.ldlt().solve(gradient);
+      if (!next.allFinite()) {
+        damping *= 10.0;
+        continue;
+      }
+      clamp_ramps(next);
+      const double next_cost = total_cost(layout, next, points, skip_group);
+      if (next_cost <= cost) {
+        moved = (next - p).cwiseAbs().maxCoeff();
+        p = next;
+        cost = next_cost;
+        damping = std::max(damping * 0.2, 1e-9);
+        is_better = true;
+      } else {
+        damping *= 10.0;
+      }
+    }
+    if (!is_better || moved < kConverged) {
+      break;
+    }
+  }
+  return p;
+}
+
+/// Where to begin: in the linear part D = (ts - t_l) + E - x + row skew with x = E times the
+/// share seen. The median over samples of each exposure; the skew from pairs of rows of one
+/// frame.
+std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Point>& points) {
+  struct Seen {
+    double row;
+    double z;  // D - row skew
+  };
+  std::vector<std::vector<Seen>> of_exposure(layout.exposures.size());
+  std::map<std::pair<int, double>, std::vector<Seen>> of_frame;
+  for (const Point& point : points) {
+    const StepSample& s = point.sample;
+    if (s.level <= kPartialLow || s.level >= kPartialHigh) {
+      continue;
+    }
+    const double x = s.exposure_us * (s.rises ? s.level : 1.0 - s.level);
+    const Seen seen{s.row, s.after_us + s.exposure_us - x};
+    of_exposure[point.exposure].push_back(seen);
+    of_frame[{s.step, s.after_us}].push_back(seen);
+  }
+  std::vector<double> skews;
+  for (const auto& [frame, seen] : of_frame) {
+    const auto [low, high] = std::minmax_element(
+        seen.begin(), seen.end(), [](const Seen& a, const Seen& b) { return a.row < b.row; });
+    if (high->row > low->row) {
+      skews.push_back(-(high->z - low->z) / (high->row - low->row));
+    }
+  }
+  const double skew = skews.empty() ? 0.0 : median(skews);
+  Eigen::VectorXd p = Eigen::VectorXd::Zero(layout.size());
+  std::vector<double> tied;
+  for (std::size_t j = 0; j < of_exposure.size(); ++j) {
+    std::vector<double> offsets;
+    for (const Seen& seen : of_exposure[j]) {
+      offsets.push_back(seen.z + seen.row * skew);
+    }
+    if (offsets.empty()) {
+      return std::nullopt;
+    }
+    const double offset = median(offsets);
+    if (layout.slope) {
+      tied.push_back(offset - *layout.slope * layout.exposures[j]);
+    } else {
+      p[static_cast<Eigen::Index>(j)] = offset;
+    }
+  }
+  if (layout.slope) {
+    p[0] = median(tied);
+  }
+  p[layout.n_offsets()] = skew;
+  p[layout.n_offsets() + 1] = p[layout.n_offsets() + 2] = 0.02 * layout.exposures.front();
+  return p;
+}
+
+StepModel model_of(const Layout& layout, const Eigen::VectorXd& p) {
+  StepModel model;
+  model.exposures_us = layout.exposures;
+  for (std::size_t j = 0; j < layout.exposures.size(); ++j) {
+    model.offset_us.push_back(layout.offset(p, j));
+  }
+  const Eigen::Index m = layout.n_offsets();
+  model.skew_us = p[m];
+  model.rise_us = p[m + 1];
+  model.fall_us = p[m + 2];
+  return model;
+}
+
+Eigen::VectorXd vector_of(const Layout& layout, const StepModel& model) {
+  Eigen::VectorXd p = Eigen::VectorXd::Zero(layout.size());
+  for (std::size_t j = 0; j < layout.exposures.size(); ++j) {
+    const std::size_t i =
+        std::min(layout.exposure_index(layout.exposures[j]), model.offset_us.size() - 1);
+    p[layout.offset_index(j)] =
+        model.offset_us[i] - (layout.slope ? *layout.slope * layout.exposures[j] : 0.0);
+  }
+  const Eigen::Index m = layout.n_offsets();
+  p[m] = model.skew_us;
+  p[m + 1] = model.rise_us;
+  p[m + 2] = model.fall_us;
+  clamp_ramps(p);
+  return p;
+}
+
+}  // namespace
+
+double lit_share(double x_us, double exposure_us, double ramp_us) {
+  HAARLIGHT_EXPECTS(exposure_us > 0.0 && ramp_us >= 0.0, "a positive exposure, a ramp >= 0");
+  return (ramp_integral(x_us, ramp_us) - ramp_integral(x_us - exposure_us, ramp_us)) /
+         exposure_us;
+}
+
+std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
+                                 const StepFitOptions& options) {
+  Layout layout;
+  layout.slope = options.slope;
+  for (const StepSample& s : samples) {
+    HAARLIGHT_EXPECTS(s.exposure_us > 0.0 && s.sigma > 0.0 && s.step >= 0,
+                      "samples with an exposure, a sigma and a step");
+    layout.exposures.push_back(s.exposure_us);
+  }
+  std::sort(layout.exposures.begin(), layout.exposures.end());
+  layout.exposures.erase(std::unique(layout.exposures.begin(), layout.exposures.end()),
+                         layout.exposures.end());
+  std::vector<Point> points;
+  points.reserve(samples.size());
+  std::vector<int> steps_seen;
+  StepFit fit;
+  for (const StepSample& s : samples) {
+    points.push_back({s, layout.exposure_index(s.exposure_us)});
+    if (s.level > 0.02 && s.level < 0.98) {
+      ++fit.n_partial;
+      steps_seen.push_back(s.step);
+    }
+  }
+  std::sort(steps_seen.begin(), steps_seen.end());
+  fit.n_steps =
+      static_cast<int>(std::unique(steps_seen.begin(), steps_seen.end()) - steps_seen.begin());
+  if (fit.n_steps < 4) {
+    return std::nullopt;
+  }
+  std::optional<Eigen::VectorXd> start =
+      options.start ? std::optional(vector_of(layout, *options.start)) : guess(layout, points);
+  if (!start) {
+    return std::nullopt;
+  }
+  const Eigen::VectorXd p = minimise(layout, *start, points, -1);
+  fit.model = model_of(layout, p);
+  std::vector<double> normalised;
+  for (const Point& point : points) {
+    const Linear l = linearise(layout, p, point);
+    if (l.slope_x != 0.0) {
+      normalised.push_back(std::abs(l.residual / l.sigma));
+    }
+  }
+  fit.scatter = normalised.empty() ? 0.0 : 1.4826 * median(normalised);
+  // Delete-a-group jackknife: var = (g - 1) / g  sum (p_i - mean)^2 over the groups that exist.
+  std::vector<StepModel> parts;
+  for (int group = 0; group < kGroups; ++group) {
+    if (std::any_of(steps_seen.begin(), steps_seen.begin() + fit.n_steps,
+                    [&](int step) { return step % kGroups == group; })) {
+      parts.push_back(model_of(layout, minimise(layout, p, points, group)));
+    }
+  }
+  const auto spread = [&](auto value) {
+    double mean = 0.0;
+    for (const StepModel& part : parts) {
+      mean += value(part) / static_cast<double>(parts.size());
+    }
+    double sum = 0.0;
+    for (const StepModel& part : parts) {
+      sum += (value(part) - mean) * (value(part) - mean);
+    }
+    const auto g = static_cast<double>(parts.size());
+    return std::sqrt(sum * (g - 1.0) / g);
+  };
+  for (std::size_t j = 0; j < layout.exposures.size(); ++j) {
+    fit.offset_sigma_us.push_back(spread([j](const StepModel& m) { return m.offset_us[j]; }));
+  }
+  fit.skew_sigma_us = spread([](const StepModel& m) { return m.skew_us; });
+  fit.rise_sigma_us = spread([](const StepModel& m) { return m.rise_us; });
+  fit.fall_sigma_us = spread([](const StepModel& m) { return m.fall_us; });
+  // Jitter of the steps rounds the corners as a longer ramp would, and shifts their middle.
+  std::vector<double> jitters;
+  jitters.reserve(points.size());
+  for (const Point& point : points) {
+    jitters.push_back(point.sample.jitter_us);
+  }
+  const double jitter = median(jitters);
+  const auto blur = [jitter](double ramp) {
+    return std::sqrt(ramp * ramp + 12.0 * jitter * jitter) - ramp;
+  };
+  const double rise_blur = blur(fit.model.rise_us);
+  const double fall_blur = blur(fit.model.fall_us);
+  fit.rise_sigma_us = std::hypot(fit.rise_sigma_us, rise_blur);
+  fit.fall_sigma_us = std::hypot(fit.fall_sigma_us, fall_blur);
+  for (double& sigma : fit.offset_sigma_us) {
+    sigma = std::hypot(sigma, 0.25 * (rise_blur + fall_blur));
+  }
+  return fit;
+}
+
+OffsetLine offset_line(const StepFit& fit) {
+  const std::vector<double>& e = fit.model.exposures_us;
+  HAARLIGHT_EXPECTS(e.size() >= 2, "two exposures or more");
+  // Weighted least squares; a floor of 1 us keeps a lucky sigma from ruling.
+  double sw = 0.0;
+  double sx = 0.0;
+  double sy = 0.0;
+  double sxx = 0.0;
+  double sxy = 0.0;
+  for (std::size_t j = 0; j < e.size(); ++j) {
+    const double s = std::max(fit.offset_sigma_us[j], 1.0);
+    const double w = 1.0 / (s * s);
+    sw += w;
+    sx += w * e[j];
+    sy += w * fit.model.offset_us[j];
+    sxx += w * e[j] * e[j];
+    sxy += w * e[j] * fit.model.offset_us[j];
+  }
+  const double det = sw * sxx - sx * sx;
+  return {(sw * sxy - sx * sy) / det, std::sqrt(sw / det)};
+}
+
+}  // namespace haarlight

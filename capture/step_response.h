@@ -1,0 +1,84 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+/// @file
+/// What rows that expose while a light steps say about time. Pure. Notes, sources and measured
+/// errors: docs/numerics/commissioning.md.
+///
+/// A light is switched by a request that the host knows between its sending and its
+/// acknowledgement; the middle is t_l. The LED follows after `latch`, then ramps linearly over
+/// T. A frame's stamp ts is its first row's exposure start plus d, which the stamp's meaning
+/// gives: 0, E, or E + t_read. A row at `row` (0 first .. 1 last) starts row * skew later. With
+///
+///     x = (ts - t_l) + row skew + E - D,      D = d + latch
+///
+/// the time from the LED's first change to the end of that row's exposure, the row sees the
+/// share
+///
+///     G(x) = (H(x) - H(x - E)) / E,   H(u) = 0, u^2 / 2T, u - T/2   for u < 0, < T, >= T
+///
+/// of a rising step, 1 - G of a falling one. A fit of all rows gives D for each exposure time,
+/// skew, and both ramps.
+
+namespace haarlight {
+
+/// One row (or thin band of rows) of one frame near one step. Times in microseconds.
+struct StepSample {
+  int step = 0;  ///< samples of one step share its error; groups of the jackknife
+  bool rises = true;
+  double after_us = 0.0;   ///< ts - t_l
+  double jitter_us = 0.0;  ///< 1 sigma of t_l: (round trip) / (2 sqrt 3)
+  double exposure_us = 0.0;
+  double row = 0.0;     ///< 0 .. 1
+  double level = 0.0;   ///< 0 = dark, 1 = lit
+  double sigma = 0.01;  ///< of level
+};
+
+/// G(x) above; 0 <= G <= 1. @param ramp_us  T >= 0
+[[nodiscard]] double lit_share(double x_us, double exposure_us, double ramp_us);
+
+struct StepModel {
+  std::vector<double> exposures_us;  ///< rising
+  std::vector<double> offset_us;     ///< D of each
+  double skew_us = 0.0;
+  double rise_us = 0.0;
+  double fall_us = 0.0;
+};
+
+struct StepFit {
+  StepModel model;
+  // Standard uncertainties by a delete-a-group jackknife over steps; and what the jitter of the
+  // steps adds to a ramp, sqrt(T^2 + 12 jitter^2) - T, which the fit cannot tell from T.
+  std::vector<double> offset_sigma_us;
+  double skew_sigma_us = 0.0;
+  double rise_sigma_us = 0.0;
+  double fall_sigma_us = 0.0;
+  int n_steps = 0;
+  int n_partial = 0;     ///< samples that saw part of a step: those that say something
+  double scatter = 0.0;  ///< robust rms of (level - model) / sigma; 1 = as expected
+};
+
+struct StepFitOptions {
+  /// D = D0 + slope E with one D0 for all exposures; nothing: D of each exposure free.
+  std::optional<double> slope;
+  std::optional<StepModel> start;  ///< else found from the samples
+};
+
+/// Robust (Huber) Levenberg-Marquardt. Cost: O(samples) an iteration, 20 jackknife groups.
+/// @return  nothing when the samples say too little: fewer than 4 steps partially seen, or an
+///          exposure without any
+[[nodiscard]] std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
+                                               const StepFitOptions& options = {});
+
+/// The straight line offset = c + slope E through the offsets of a free fit.
+struct OffsetLine {
+  double slope = 0.0;
+  double slope_sigma = 0.0;
+};
+/// @pre two exposures or more
+[[nodiscard]] OffsetLine offset_line(const StepFit& fit);
+
+}  // namespace haarlight

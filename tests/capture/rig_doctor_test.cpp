@@ -1,0 +1,282 @@
+#include "capture/rig_doctor.h"
+
+#include <chrono>
+#include <thread>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "capture/remote_camera_protocol.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/measured_rig.h"
+#include "sim/virtual_rig.h"
+#include "tests/sim/made_transport.h"
+#include "tests/temporary_folder.h"
+
+namespace haarlight {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using testing::TemporaryFolder;
+
+void put(const fs::path& file, const std::string& text) {
+  fs::create_directories(file.parent_path());
+  write_file_atomically(file, text);
+}
+
+const DoctorLine& line_of(const std::vector<DoctorLine>& lines, const std::string& subject) {
+  static const DoctorLine kNone{"no such line", Finding::wrong, "", "", ""};
+  for (const DoctorLine& line : lines) {
+    if (line.subject == subject) {
+      return line;
+    }
+  }
+  ADD_FAILURE() << "no line about " << subject;
+  return kNone;
+}
+
+class Doctor : public ::testing::Test {
+ protected:
+  Doctor()
+      : rig_(read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml")),
+        controller_(server_options(rig_)) {
+    rig_.controller.address = controller_.tcp_address();
+    options_.root = folder_.path();
+    options_.other_ports.clear();
+    options_.disk_test_bytes = 1U << 20U;
+  }
+
+  static ControllerServerOptions server_options(const Rig& rig) {
+    ControllerServerOptions options;
+    options.controller = controller_config(rig);
+    options.unit = 3;
+    options.has_rtu = true;
+    options.baud = 0;
+    return options;
+  }
+
+  [[nodiscard]] int port() const {
+    const std::string address = controller_.tcp_address();
+    return std::stoi(address.substr(address.rfind(':') + 1));
+  }
+
+  TemporaryFolder folder_;
+  Rig rig_;
+  ControllerServer controller_;
+  DoctorOptions options_;
+};
+
+TEST_F(Doctor, FindsTheRightController) {
+  rig_.controller.unit = 3;
+  const auto lines = examine_controller(rig_, options_);
+  EXPECT_TRUE(is_healthy(lines));
+  EXPECT_THAT(line_of(lines, "controller").found, HasSubstr("64 elements"));
+  EXPECT_THAT(line_of(lines, "controller state").found, HasSubstr("dark"));
+}
+
+TEST_F(Doctor, FindsTheUnitThatAnswers) {
+  rig_.controller.unit = 1;
+  const auto lines = examine_controller(rig_, options_);
+  EXPECT_EQ(line_of(lines, "controller").finding, Finding::wrong);
+  EXPECT_THAT(line_of(lines, "controller").cure, HasSubstr("write unit = 3"));
+}
+
+TEST_F(Doctor, FindsThePortThatAnswers) {
+  rig_.controller.unit = 3;
+  rig_.controller.address = "127.0.0.1:1";
+  options_.other_ports = {2, port()};
+  const auto lines = examine_controller(rig_, options_);
+  EXPECT_EQ(line_of(lines, "controller").finding, Finding::wrong);
+  EXPECT_THAT(line_of(lines, "controller").cure,
+              HasSubstr(fmt::format("write address = \"127.0.0.1:{}\"", port())));
+  options_.other_ports = {2};
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller").cure,
+              HasSubstr("switched on"));
+  rig_.controller.address = "nowhere";
+  EXPECT_FALSE(is_healthy(examine_controller(rig_, options_)));
+}
+
+TEST_F(Doctor, SaysWhenTheElementsAreOthers) {
+  rig_.controller.unit = 3;
+  rig_.faces[0].rows = 4;
+  const auto lines = examine_controller(rig_, options_);
+  EXPECT_THAT(line_of(lines, "controller").cure, HasSubstr("describes 32 lights"));
+}
+
+TEST_F(Doctor, SaysWhenItIsNotTheControllerThatWasMeasured) {
+  rig_.controller.unit = 3;
+  MeasuredRig measured;
+  measured.controller = MeasuredController{};
+  measured.controller->identity = "haarlight-sim, serial 77";
+  rig_.measured = std::make_shared<const MeasuredRig>(measured);
+  const auto lines = examine_controller(rig_, options_);
+  EXPECT_THAT(line_of(lines, "controller").found, HasSubstr("measured was"));
+}
+
+TEST_F(Doctor, NamesAnOpenInterlockAndALitArray) {
+  rig_.controller.unit = 3;
+  controller_.set_interlock_open(true);
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "controller state").cure,
+              HasSubstr("close the interlock"));
+}
+
+TEST_F(Doctor, ReadsTheSerialLine) {
+  rig_.controller.kind = ControllerKind::modbus_rtu;
+  rig_.controller.unit = 3;
+  rig_.controller.address = controller_.rtu_address();
+  const fs::path tty = fs::canonical(controller_.rtu_path());
+  auto lines = examine_controller(rig_, options_);
+  EXPECT_TRUE(is_healthy(lines));
+  const fs::path timer =
+      folder_ / ("sys/bus/usb-serial/devices/" + tty.filename().string() + "/latency_timer");
+  put(timer, "16\n");
+  lines = examine_controller(rig_, options_);
+  EXPECT_TRUE(is_healthy(lines));
+  EXPECT_EQ(line_of(lines, "latency timer").finding, Finding::warning);
+  EXPECT_THAT(line_of(lines, "latency timer").cure, HasSubstr("tee"));
+  put(timer, "1\n");
+  EXPECT_EQ(line_of(examine_controller(rig_, options_), "latency timer").finding,
+            Finding::good);
+  // Unplugged: what is there instead is offered.
+  controller_.unplug_rtu();
+  put(folder_ / "dev/serial/by-id/usb-FTDI_A50285BI-if00-port0", "");
+  rig_.controller.address = "/dev/serial/by-id/usb-gone:115200";
+  lines = examine_controller(rig_, options_);
+  EXPECT_EQ(line_of(lines, "serial line").finding, Finding::wrong);
+  EXPECT_THAT(line_of(lines, "serial line").cure, HasSubstr("usb-FTDI_A50285BI-if00-port0"));
+}
+
+TEST_F(Doctor, ListsControllersOnUsb) {
+  rig_.controller.kind = ControllerKind::usb;
+  rig_.controller.address = "HL0042";
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plug it in"));
+  const fs::path devices = folder_ / "sys/bus/usb/devices";
+  put(devices / "1-2/serial", "HL0043\n");
+  put(devices / "1-2/busnum", "1\n");
+  put(devices / "1-2/devnum", "7\n");
+  put(devices / "1-2:1.0/bInterfaceClass", "ff\n");
+  put(devices / "1-2:1.0/bInterfaceSubClass", "48\n");
+  put(devices / "1-2:1.0/bInterfaceProtocol", "4c\n");
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").found, HasSubstr("HL0043"));
+  rig_.controller.address = "HL0043";
+  // Its node is not there: it cannot be opened, and no rule is installed.
+  DoctorLine line = line_of(examine_controller(rig_, options_), "USB");
+  EXPECT_THAT(line.found, HasSubstr("dev/bus/usb/001/007"));
+  EXPECT_THAT(line.cure, HasSubstr("install 99-haarlight.rules"));
+  put(folder_ / "etc/udev/rules.d/99-haarlight.rules", "");
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plugdev"));
+}
+
+TEST_F(Doctor, JudgesTheClock) {
+  const fs::path source =
+      folder_ / "sys/devices/system/clocksource/clocksource0/current_clocksource";
+  put(source, "tsc\n");
+  EXPECT_EQ(examine_clock(options_).at(0).finding, Finding::good);
+  put(source, "hpet\n");
+  EXPECT_EQ(examine_clock(options_).at(0).finding, Finding::warning);
+}
+
+TEST_F(Doctor, TellsADaemonFromAnotherProgram) {
+  bool is_held = true;
+  EXPECT_EQ(examine_daemon(rig_, options_, is_held).at(0).finding, Finding::good);
+  EXPECT_FALSE(is_held);
+  options_.fetch = [](const std::string&) { return std::string("{\"phase\": \"idle\"}"); };
+  EXPECT_EQ(examine_daemon(rig_, options_, is_held).at(0).finding, Finding::warning);
+  EXPECT_TRUE(is_held);
+  options_.fetch = [](const std::string&) { return std::string("<html>printer</html>"); };
+  EXPECT_EQ(examine_daemon(rig_, options_, is_held).at(0).finding, Finding::wrong);
+  EXPECT_FALSE(is_held);
+}
+
+TEST_F(Doctor, JudgesTheDisk) {
+  rig_.storage.folder = (folder_ / "sessions/not/yet/made").string();
+  EXPECT_EQ(examine_storage(rig_, options_).at(0).finding, Finding::good);
+  EXPECT_TRUE(fs::is_empty(folder_.path())) << "nothing is left behind";
+  rig_.storage.reserve_mb = 1e9;
+  EXPECT_EQ(examine_storage(rig_, options_).at(0).finding, Finding::wrong);
+  rig_.storage.folder = "/dev/null/sessions";
+  EXPECT_THAT(examine_storage(rig_, options_).at(0).cure, HasSubstr("storage.folder"));
+}
+
+TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
+  const fs::path file = folder_ / "r.toml";
+  write_file_atomically(file, rig_.text);
+  EXPECT_EQ(examine_measured(file).at(0).finding, Finding::warning);
+  MeasuredRig measured;
+  measured.date = "2026-11-21T11:00:00Z";
+  measured.tool = "test";
+  measured.controller = MeasuredController{};
+  measured.controller->with = describe_controller(rig_.controller);
+  measured.controller->latch_us = Measured{812.0, 20.0, 100};
+  write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
+  EXPECT_EQ(examine_measured(file).at(0).finding, Finding::good);
+  EXPECT_THAT(examine_measured(file).at(0).found, HasSubstr("latch 812 us"));
+  measured.controller->with = "something else";
+  write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
+  EXPECT_EQ(examine_measured(file).at(0).finding, Finding::wrong);
+}
+
+/// The server needs a moment to notice that its last client has left.
+DoctorLine examine_when_free(const Rig& rig, const DoctorOptions& options) {
+  for (int attempt = 0;; ++attempt) {
+    DoctorLine line = examine_camera(rig, 0, options).at(0);
+    if (attempt == 100 || line.cure.find("another program") == std::string::npos) {
+      return line;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+}
+
+TEST(DoctorCamera, ExaminesAServedCamera) {
+  const TemporaryFolder folder;
+  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
+  std::vector<Transport> transports;
+  transports.push_back(testing::flat_transport(folder, 64, 48, std::vector<float>(64, 1.0F)));
+  VirtualRigOptions options;
+  options.own_folder = folder.path();
+  options.doubtful_us = 0.0;
+  const VirtualRig served(rig, transports, options);
+  const Rig& addressed = served.rig();
+  DoctorOptions doctor;
+  doctor.camera_frames = 12;
+  auto line = examine_when_free(addressed, doctor);
+  EXPECT_NE(line.finding, Finding::wrong) << line.found;
+  EXPECT_THAT(line.found, HasSubstr("64 x 56"));
+
+  Rig other = addressed;
+  other.cameras[0].frame_width = 32;
+  line = examine_when_free(other, doctor);
+  EXPECT_EQ(line.finding, Finding::wrong);
+  EXPECT_THAT(line.cure, HasSubstr("size"));
+
+  other = addressed;
+  other.cameras[0].fps = 480.0;
+  line = examine_when_free(other, doctor);
+  EXPECT_EQ(line.finding, Finding::warning);
+  EXPECT_THAT(line.cure, HasSubstr("write fps"));
+
+  other = addressed;
+  MeasuredRig measured;
+  measured.cameras.emplace_back();
+  measured.cameras[0].id = "main";
+  measured.cameras[0].identity = "another camera";
+  other.measured = std::make_shared<const MeasuredRig>(measured);
+  line = examine_when_free(other, doctor);
+  EXPECT_EQ(line.finding, Finding::wrong);
+  EXPECT_THAT(line.found, HasSubstr("stale"));
+
+  other = addressed;
+  other.cameras[0].device = (folder / "gone.sock").string();
+  line = examine_when_free(other, doctor);
+  EXPECT_EQ(line.finding, Finding::wrong);
+  EXPECT_THAT(line.cure, HasSubstr("start the camera's program"));
+  write_file_atomically(folder / "file", std::string_view("x"));
+  other.cameras[0].device = (folder / "file").string();
+  EXPECT_THAT(examine_camera(other, 0, doctor).at(0).found, HasSubstr("no socket"));
+}
+
+}  // namespace
+}  // namespace haarlight
