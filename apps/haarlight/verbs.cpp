@@ -16,6 +16,7 @@ void add_resume(Command root, Invocation& invocation);
 void add_abort(Command root, Invocation& invocation);
 void add_all_off(Command root, Invocation& invocation);
 void add_reshoot(Command root, Invocation& invocation);
+void add_rig(Command root, Invocation& invocation);
 void add_import(Command root, Invocation& invocation);
 void add_verify(Command root, Invocation& invocation);
 void add_rebuild(Command root, Invocation& invocation);
@@ -42,6 +43,7 @@ constexpr AddVerb kVerbs[] = {
     add_abort,
     add_all_off,
     add_reshoot,
+    add_rig,
     add_import,
     add_verify,
     add_rebuild,

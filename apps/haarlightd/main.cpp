@@ -134,10 +134,10 @@ ExitCode put_all_off(const Rig& rig) {
 }
 
 ExitCode run(const Options& options) {
-  const Rig rig = haarlight::read_rig(options.rig);
   if (options.is_all_off) {
-    return put_all_off(rig);
+    return put_all_off(haarlight::read_rig_as_written(options.rig));  // stale values or not
   }
+  const Rig rig = haarlight::read_rig(options.rig);
   haarlight::DiskStorage storage;
   DaemonConfig config = configure(options, rig, storage);
   if (options.is_check_only) {

@@ -19,6 +19,7 @@ RIG = SOURCE / "configs/rigs/small8.toml"
 PLAN = SOURCE / "configs/plans/quick.toml"
 SCENE = SOURCE / "configs/scenes/stairs.toml"
 ROOM = SOURCE / "configs/environments/room.hdr"
+DEVICES = {"rig"}  # verbs that need a rig: examples_test.py and rig_commission_test.py run them
 CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot"}
 
 # For each verb: command lines whose only fault is that the input named "absent..." is not there.
@@ -32,6 +33,7 @@ ABSENT = {
     "abort": ["--token-file absent"],
     "all-off": ["--token-file absent"],
     "reshoot": ["1 --token-file absent"],
+    "rig": ["doctor absent.toml", "commission absent.toml --flash-ok"],
     "import": ["absent --lights photos/dirs.lp -o new", "photos --lights absent.lp -o new",
                "photos --lights photos/dirs.lp --dark absent.png -o new"],
     "verify": ["absent"],
@@ -55,7 +57,7 @@ ABSENT = {
 # there first, and leaves it out for the reports. None: a verb that writes no output.
 WRITES = {
     "check": None, "status": None, "pause": None, "resume": None, "abort": None, "all-off": None,
-    "reshoot": None, "verify": None, "rebuild": None,
+    "reshoot": None, "verify": None, "rebuild": None, "rig": None,
     "plan": ["{rig} {plan} -o taken.json"],
     "capture": ["{plan} -o taken/"],
     "import": ["photos --lights photos/dirs.lp -o taken/"],
@@ -192,7 +194,7 @@ class CommandLine(unittest.TestCase):
     def test_reports_follow_the_schema_and_quiet_verbs_say_nothing_but_results(self):
         lines = [(verb, line) for verb, line in self.lines(WRITES) if verb != "capture"]
         lines += [(verb, f"{verb} {ending}") for verb, ending in READS.items()]
-        self.assertEqual({verb for verb, _ in lines} | CLIENTS | {"capture"}, set(self.verbs))
+        self.assertEqual({verb for verb, _ in lines} | CLIENTS | DEVICES | {"capture"}, set(self.verbs))
         for number, (verb, line) in enumerate(lines):
             line = line.replace("taken", f"out{number}").replace("new", f"beside{number}_")
             report = self.folder / f"report{number}.json"

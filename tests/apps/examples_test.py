@@ -67,6 +67,17 @@ class Examples(unittest.TestCase):
         self.assertEqual(done.returncode, expected, f"{command}\n{done.stdout}{done.stderr}")
         return done
 
+    def begin_simulator(self, rig):
+        """haarlight-sim alone, until the end of the test."""
+        ready = self.folder / "alone.ready"
+        with (self.folder / "alone.log").open("w") as log:
+            served = subprocess.Popen(
+                [self.programs.sim, rig, "--scene", "configs/scenes/empty.toml", "--ready-file", ready,
+                 "--cache", self.folder / "cache"], cwd=self.folder, stdout=log, stderr=log)
+        self.addCleanup(served.wait, timeout=30)
+        self.addCleanup(served.terminate)
+        wait_for(ready.exists, 120, "the simulator")
+
     def phase(self):
         return self.programs.run("status", "--daemon", self.url).stdout.split()[0]
 
@@ -94,6 +105,8 @@ class Examples(unittest.TestCase):
                     self.run_shown(example)
 
         run_examples("check", "plan")
+        self.begin_simulator("configs/rigs/small8.toml")
+        run_examples("rig")
         rig = VirtualRig(self.programs, "configs/rigs/cube32.toml", "configs/scenes/airplane.toml",
                          self.folder, self.url, cwd=self.folder)
         try:
