@@ -28,7 +28,7 @@ namespace haarlight {
 struct CommissionOptions {
   int camera = 0;
   int fine_steps = 80;      ///< switches of the light at each of two exposures
-  int control_trials = 48;  ///< switches of the exposure
+  int control_trials = 40;  ///< switches of the exposure; up to four times that on a busy host
   bool measures_noise = true;
   bool measures_lights = true;
   std::string date;                   ///< ISO 8601, into the measured file

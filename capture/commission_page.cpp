@@ -79,7 +79,8 @@ class Plot {
   [[nodiscard]] std::string svg(std::string_view title, std::string_view x_name,
                                 std::string_view y_name) const {
     std::string out = fmt::format(
-        "<svg viewBox='0 0 {:.0f} {:.0f}' role='img' aria-label='{}'>"
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {:.0f} {:.0f}' role='img' "
+        "font-family='sans-serif' font-size='12' aria-label='{}'>"
         "<rect x='{}' y='{}' width='{}' height='{}' fill='none' stroke='#888'/>",
         kWidth, kHeight, escaped(title), kLeft, kTop, kWidth - kLeft - kRight,
         kHeight - kTop - kBottom);

@@ -18,6 +18,7 @@ constexpr double kUsable = 0.2;          // of the brightest band: darker ones a
 constexpr double kHigh = 0.85;           // of white: no bright pixel above
 constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
+constexpr double kGoodPhaseUs = 80.0;    // 23 us of uncertainty
 constexpr double kSlowAck = 4.0;         // times the median round trip: such a step is left out
 
 double us_between(std::int64_t later, std::int64_t earlier) {
@@ -209,6 +210,8 @@ class ControlRun {
   ControlRun(CommissionBench& bench, double slope, const Lamp& one, const Lamp& two)
       : bench_(bench), slope_(slope), one_(one), two_(two) {}
 
+  /// @param n  at least so many trials; four times that while the moment is known worse than
+  ///           kGoodPhaseUs and matters
   std::vector<ControlTrial> run(int n) {
     (void)bench_.show(one_.pattern);
     (void)bench_.set_exposure(one_.exposure_us);
@@ -217,7 +220,11 @@ class ControlRun {
     const double period = bench_.period_us();
     std::vector<ControlTrial> trials;
     bool is_two = false;
-    for (int i = 0; i < n; ++i) {
+    const auto is_known = [&] {
+      const auto phase = control_phase(trials, period, period);
+      return slope_ == 0.0 || (phase && phase->high_us - phase->low_us < kGoodPhaseUs);
+    };
+    for (int i = 0; i < n || (i < 4 * n && !is_known()); ++i) {
       is_two = !is_two;
       double wanted = std::fmod(i * kGolden, 1.0) * period;  // reference - moment of setting
       if (i >= 6) {

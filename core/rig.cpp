@@ -351,6 +351,20 @@ Rig read_tables(ConfigTable& root) {
   return rig;
 }
 
+/// @param measured_name  stands for the measured part in errors
+Rig parse_parts(const RigText& parts, const std::string& name,
+                const std::string& measured_name) {
+  ConfigTable root = ConfigTable::parse_text(parts.written, name);
+  Rig rig = read_tables(root);
+  rig.file = name;
+  rig.text = parts.written + parts.measured;
+  rig.hash = content_hash(rig.text);
+  if (!parts.measured.empty()) {
+    apply_measured(parse_measured(parts.measured, measured_name), measured_name, rig);
+  }
+  return rig;
+}
+
 }  // namespace
 
 bool Face::is_haar_grid() const {
@@ -403,17 +417,7 @@ std::vector<LightElement> light_elements(const Rig& rig) {
 }
 
 Rig parse_rig(const std::string& text, const std::string& name) {
-  const RigText parts = split_rig_text(text);
-  ConfigTable root = ConfigTable::parse_text(parts.written, name);
-  Rig rig = read_tables(root);
-  rig.file = name;
-  rig.text = text;
-  rig.hash = content_hash(text);
-  if (!parts.measured.empty()) {
-    const std::string measured_name = measured_path(name).string();
-    apply_measured(parse_measured(parts.measured, measured_name), measured_name, rig);
-  }
-  return rig;
+  return parse_parts(split_rig_text(text), name, name + " (its measured part)");
 }
 
 Rig read_rig_as_written(const std::filesystem::path& path) {
@@ -433,7 +437,8 @@ Rig read_rig(const std::filesystem::path& path) {
                 path.string(), "keep one of the two: move " + measured.string() + " away");
   }
   text.measured = read_file(measured, kMaxRigText);
-  Rig rig = parse_rig(join_rig_text(text, measured.string()), path.string());
+  const std::string joined = join_rig_text(text, measured.string());
+  Rig rig = parse_parts(split_rig_text(joined), path.string(), measured.string());
   const std::string changes = describe_changes(parse_rig(text.written, path.string()), rig);
   log_info(fmt::format("{} of {} wins over the rig file: {}", measured.string(),
                        rig.measured->date, changes.empty() ? "nothing differs" : changes));

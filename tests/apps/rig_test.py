@@ -175,7 +175,12 @@ class Rig(unittest.TestCase):
                            ("rise_us", truth["controller"]["rise_us"]),
                            ("fall_us", truth["controller"]["fall_us"]),
                            ("read_us", camera["read_us"])):
-            self.assertAlmostEqual(reached[name], true, delta=max(100.0, 0.01 * true), msg=name)
+            # On a machine too busy for 0.1 ms the command must at least say so.
+            delta = max(100.0, 0.01 * true, 3.0 * reached[f"{name}_sigma"])
+            self.assertAlmostEqual(reached[name], true, delta=delta, msg=name)
+        # What the rule for clean frames needs does not hang on how the sum is divided.
+        self.assertAlmostEqual(reached["latch_us"] + reached["read_us"],
+                               truth["controller"]["latch_us"] + camera["read_us"], delta=100.0)
         for name, true in camera["noise"].items():
             self.assertAlmostEqual(reached[name], true, delta=0.03 * true, msg=name)
         self.assertEqual(reached["dead"], truth["lights"]["dead"])

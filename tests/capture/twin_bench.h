@@ -3,6 +3,7 @@
 #include <cmath>
 #include <deque>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -61,7 +62,8 @@ class TwinBench {
             VirtualCameraOptions{seed, 0.0, true, true_light_power(truth, written.n_lights()),
                                  true_wiring(truth, written.n_lights())}),
         camera_(*this),
-        lights_(make_fake_light_array(controller_, [this] { return tick(); })) {}
+        lights_(make_fake_light_array(
+            controller_, [this] { return tick(); }, [this] { return bus_fault(); })) {}
 
   [[nodiscard]] Camera& camera() { return camera_; }
   /// Another camera on the same sensor, owned by the caller.
@@ -79,9 +81,19 @@ class TwinBench {
   [[nodiscard]] std::int64_t now_ns() const { return now_; }
   /// The camera is unplugged after so many more frames.
   void unplug_camera_after(int frames) { frames_left_ = frames; }
+  /// One request, so many from now, gets no answer; it may have acted.
+  void fail_bus_after(int requests, bool acts) {
+    requests_left_ = requests;
+    fault_acts_ = acts;
+  }
   [[nodiscard]] double lit_watts_peak() const { return peak_watts_; }
 
  private:
+  std::optional<FakeBusFault> bus_fault() {
+    return requests_left_-- == 0 ? std::optional(FakeBusFault{Errc::timeout, fault_acts_})
+                                 : std::nullopt;
+  }
+
   double chance(std::uint64_t stream) {
     return uniform_unit(hash_key(seed_, stream, ++draws_));
   }
@@ -200,6 +212,8 @@ class TwinBench {
   LightController controller_;
   std::uint64_t seed_;
   std::uint64_t draws_ = 0;
+  int requests_left_ = -1;
+  bool fault_acts_ = false;
   int frames_left_ = -1;  // counts down; negative: never
   double peak_watts_ = 0.0;
   VirtualCamera sensor_;

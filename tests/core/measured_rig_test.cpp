@@ -112,7 +112,7 @@ TEST(MeasuredRig, IsRefusedWhenTheRigIsNoLongerTheOneMeasured) {
   EXPECT_THAT(stale_message("rows = 8", "rows = 4"), HasSubstr("stale: the array"));
   EXPECT_THAT(stale_message("id = \"main\"", "id = \"other\""), HasSubstr("the rig has none"));
   EXPECT_THAT(stale_message("rows = 8", "rows = 4"), HasSubstr("rig commission"));
-  EXPECT_THAT(stale_message("rows = 8", "rows = 4"), HasSubstr("r.measured.toml"));
+  EXPECT_THAT(stale_message("rows = 8", "rows = 4"), HasSubstr("r.toml (its measured part)"));
 }
 
 TEST(MeasuredRig, OutlivesChangesThatDoNotTouchIt) {
