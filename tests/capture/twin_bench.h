@@ -116,8 +116,12 @@ class TwinBench {
       exposure_us_ = spec.exposure_us;
       next_start_ns_ = bench_.now_ + 1'000'000;
       words_ = Image<std::uint16_t>(is.frame_height, is.frame_width, 1);
-      return CameraSetup{is.frame_width, is.frame_height, 8, is.fps, spec.exposure_us, 0.0,
-                         "twin"};
+      return CameraSetup{.width = is.frame_width,
+                         .height = is.frame_height,
+                         .n_buffers = 8,
+                         .fps = is.fps,
+                         .exposure_us = spec.exposure_us,
+                         .identity = "twin"};
     }
 
     Result<Frame> next(std::chrono::steady_clock::time_point deadline) override {
