@@ -73,6 +73,13 @@ struct CameraSetup {
   std::string identity;  ///< model and serial number, compared after a reconnection
 };
 
+/// Who starts an exposure.
+enum class TriggerSource {
+  free,      ///< the camera, again and again
+  software,  ///< the host, by Camera::trigger
+  line,      ///< its trigger input: the light controller
+};
+
 class Camera {
  public:
   Camera() = default;
@@ -85,6 +92,18 @@ class Camera {
   [[nodiscard]] virtual Result<Frame> next(std::chrono::steady_clock::time_point deadline) = 0;
   /// Sets the exposure of a later frame; the value read back. Frames tell when it is in force.
   [[nodiscard]] virtual Result<double> set_exposure(double exposure_us) = 0;
+  /// To be called before start; kept until the next call.
+  [[nodiscard]] virtual Result<void> set_trigger(TriggerSource source) {
+    if (source == TriggerSource::free) {
+      return {};
+    }
+    return fail(Errc::unsupported, "this camera runs freely, it takes no trigger");
+  }
+  /// Exposes one frame now, which next() delivers. Nothing happens while the camera is busy
+  /// with the frame before.
+  [[nodiscard]] virtual Result<void> trigger() {
+    return fail(Errc::unsupported, "this camera takes no trigger from the host");
+  }
   /// Leaves streaming and closes the device; never fails, may be repeated.
   virtual void stop() noexcept = 0;
 };

@@ -21,6 +21,19 @@ constexpr std::int64_t kSilenceNs = 500'000'000;  // beside exposure and frames:
 constexpr std::int64_t kPreviewEveryNs = 100'000'000;
 constexpr int kPreviewWidth = 640;
 
+TriggerSource trigger_source(SyncMode sync) {
+  switch (sync) {
+    case SyncMode::free_run:
+    case SyncMode::camera_leads:
+      return TriggerSource::free;
+    case SyncMode::light_leads:
+      return TriggerSource::software;
+    case SyncMode::controller_leads:
+      return TriggerSource::line;
+  }
+  return TriggerSource::free;
+}
+
 }  // namespace
 
 std::uint64_t FrameStore::put(Frame frame) {
@@ -76,6 +89,10 @@ void CameraThread::post(const action::SetExposure& command) {
   (void)commands_.try_push(command);  // unanswered: no frame is accepted, the shot times out
 }
 
+void CameraThread::post(const action::TriggerCamera& command) {
+  (void)commands_.try_push(command);  // lost: the shot times out and is shown again
+}
+
 std::optional<PreviewPicture> CameraThread::preview() const {
   const std::lock_guard lock(preview_mutex_);
   return preview_;
@@ -99,7 +116,12 @@ void CameraThread::do_command(const Command& command) {
   if (const auto* start = std::get_if<action::StartCamera>(&command)) {
     stream_ = start->stream;
     spec_.exposure_us = start->exposure_us;
-    const auto setup = camera_->start(spec_);
+    sync_ = start->sync;
+    const auto triggered = camera_->set_trigger(trigger_source(sync_));
+    const auto setup = triggered
+                           ? camera_->start(spec_)
+                           : Result<CameraSetup>(tl::unexpected<Fault>(triggered.error()));
+    is_frame_due_ = trigger_source(sync_) == TriggerSource::free;
     is_streaming_ = setup.has_value();
     if (!setup) {
       fault(setup.error());
@@ -118,6 +140,17 @@ void CameraThread::do_command(const Command& command) {
     }
     spec_.exposure_us = *value;
     send_(event::ExposureSet{set->request, *value});
+  } else if (std::get_if<action::TriggerCamera>(&command) != nullptr) {
+    if (!is_streaming_) {
+      return;
+    }
+    if (!is_frame_due_) {
+      last_frame_ns_ = steady_now_ns();  // its silence is counted from here
+    }
+    is_frame_due_ = true;
+    if (const auto done = camera_->trigger(); !done) {
+      fault(done.error());
+    }
   } else {
     is_streaming_ = false;
     camera_->stop();
@@ -134,8 +167,8 @@ void CameraThread::take_frame() {
   auto frame = camera_->next(Clock::now() + kSlice);
   if (!frame && frame.error().code == Errc::timeout) {
     const double patience_us = spec_.exposure_us + spec_.skew_us + 3e6 / spec_.fps;
-    if (steady_now_ns() - last_frame_ns_ >
-        kSilenceNs + static_cast<std::int64_t>(patience_us * 1e3)) {
+    if (is_frame_due_ && steady_now_ns() - last_frame_ns_ >
+                             kSilenceNs + static_cast<std::int64_t>(patience_us * 1e3)) {
       fault(Fault{Errc::timeout,
                   fmt::format("no frame for {:.1f} s",
                               1e-9 * static_cast<double>(steady_now_ns() - last_frame_ns_))});
@@ -147,6 +180,7 @@ void CameraThread::take_frame() {
     return;
   }
   last_frame_ns_ = steady_now_ns();
+  is_frame_due_ = trigger_source(sync_) == TriggerSource::free;
   const FrameInfo info = frame->info();
   FrameGlance glance;
   const ImageView<const std::uint16_t> pixels = frame->pixels();

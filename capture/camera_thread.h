@@ -52,13 +52,15 @@ class CameraThread {
   void post(const action::StartCamera& command);
   void post(const action::StopCamera& command);
   void post(const action::SetExposure& command);
+  void post(const action::TriggerCamera& command);
 
   /// The newest, at most ten a second; nothing before the first frame. Thread-safe.
   [[nodiscard]] std::optional<PreviewPicture> preview() const;
   [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
 
  private:
-  using Command = std::variant<action::StartCamera, action::StopCamera, action::SetExposure>;
+  using Command = std::variant<action::StartCamera, action::StopCamera, action::SetExposure,
+                               action::TriggerCamera>;
 
   void run(const std::stop_token& stop);
   void do_command(const Command& command);
@@ -78,6 +80,8 @@ class CameraThread {
   bool is_streaming_ = false;
   std::uint64_t stream_ = 0;
   std::int64_t last_frame_ns_ = 0;
+  bool is_frame_due_ = false;  ///< by itself, or by a trigger of ours
+  SyncMode sync_ = SyncMode::free_run;
   std::int64_t last_preview_ns_ = 0;
   std::jthread thread_;  // last: stops first
 };

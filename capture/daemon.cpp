@@ -76,13 +76,6 @@ void require_drivers(const DaemonConfig& config) {
   const Rig& rig = config.rig;
   (void)require_device(config.make_light(), rig);
   (void)require_device(config.make_camera(), rig);
-  if (rig.sync != SyncMode::free_run) {
-    throw Error(
-        fmt::format("sync mode \"{}\" needs a trigger or strobe line, which remote cameras "
-                    "of this version do not have",
-                    to_string(rig.sync)),
-        rig.file.string(), "set [sync] mode = \"free-run\"");
-  }
 }
 
 std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig, const Plan& plan) {
@@ -99,6 +92,9 @@ std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig, const Plan& 
   out->skew_us = camera.skew_us;
   out->frame_us = 1e6 / camera.fps;
   out->settle_ns = settle_ns(rig.controller);
+  out->strobe_every = rig.strobe_every;
+  // An upload is one call of the light thread: on a serial line not more than some seconds.
+  out->table_depth = rig.controller.kind == ControllerKind::modbus_rtu ? 128 : 1024;
   return out;
 }
 
@@ -131,9 +127,14 @@ class Daemon::Impl {
     camera_ = std::make_unique<CameraThread>(std::move(camera), config_.rig.cameras.front(),
                                              store_, send);
     lights_ = std::make_unique<LightThread>(
-        std::move(lights), LightThreadConfig{.lease = config_.rig.controller.lease,
-                                             .patterns = [this] { return patterns(); },
-                                             .send = send});
+        std::move(lights),
+        LightThreadConfig{.lease = config_.rig.controller.lease,
+                          .poll = step_poll(config_.rig),
+                          .trigger_delay = config_.rig.sync == SyncMode::controller_leads
+                                               ? trigger_delay(config_.rig)
+                                               : std::chrono::microseconds(0),
+                          .patterns = [this] { return patterns(); },
+                          .send = send});
     checker_ = std::jthread([this](const std::stop_token& stop) { check_frames(stop); });
     control_ = std::jthread([this](const std::stop_token& stop) { control(stop); });
     receive(event::Booted{});
@@ -195,6 +196,7 @@ class Daemon::Impl {
     }
     Plan plan = plan_from_json(plan_text, where);
     require_power(plan, config_.rig, where);
+    require_sync(plan, config_.rig, where);
     return plan;
   }
 
@@ -520,10 +522,14 @@ class Daemon::Impl {
           using T = std::decay_t<decltype(a)>;
           if constexpr (std::is_same_v<T, action::ConnectLight> ||
                         std::is_same_v<T, action::ShowShot> ||
+                        std::is_same_v<T, action::UploadTable> ||
+                        std::is_same_v<T, action::ArmBlock> ||
+                        std::is_same_v<T, action::ExtendBlock> ||
                         std::is_same_v<T, action::LightsOff>) {
             lights_->post(a);
           } else if constexpr (std::is_same_v<T, action::StartCamera> ||
                                std::is_same_v<T, action::StopCamera> ||
+                               std::is_same_v<T, action::TriggerCamera> ||
                                std::is_same_v<T, action::SetExposure>) {
             camera_->post(a);
           } else if constexpr (std::is_same_v<T, action::DropFrame>) {
@@ -749,6 +755,12 @@ std::string Daemon::metrics() const {
   count("commit_faults_total", "Commits that failed", c.commit_faults);
   count("controller_reboots_total", "Restarts of the light controller", c.controller_reboots);
   count("suspensions_total", "Times a run was suspended", c.suspensions);
+  count("blocks_total", "Parts of the pattern table armed for the strobe", c.blocks);
+  count("blocks_cut_total", "Parts that ended early for want of free buffers", c.blocks_cut);
+  count("strobe_unproven_total", "Frames that the step counter did not prove",
+        c.strobe_unproven);
+  count("table_mismatches_total", "Steps that showed another tag than the table's",
+        c.table_mismatches);
   count("commits_total", "Frames committed", c.commits);
   count("event_lines_dropped_total", "Event lines lost to a slow disk",
         impl_->n_lines_dropped());

@@ -12,8 +12,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-std::uint64_t number_of(
-    const std::variant<action::ConnectLight, action::ShowShot, action::LightsOff>& job) {
+template <class Job>
+std::uint64_t number_of(const Job& job) {
   return std::visit([](const auto& j) { return j.job; }, job);
 }
 
@@ -39,11 +39,16 @@ void LightThread::enqueue(const Job& job) {
 
 void LightThread::post(const action::ConnectLight& job) { enqueue(job); }
 void LightThread::post(const action::ShowShot& job) { enqueue(job); }
+void LightThread::post(const action::UploadTable& job) { enqueue(job); }
+void LightThread::post(const action::ArmBlock& job) { enqueue(job); }
+void LightThread::post(const action::ExtendBlock& job) { enqueue(job); }
 
 void LightThread::post(const action::LightsOff& job) {
   if (!job.confirm) {
-    const std::deque<Job> overtaken = jobs_.take_if(
-        [](const Job& waiting) { return std::holds_alternative<action::ShowShot>(waiting); });
+    const std::deque<Job> overtaken = jobs_.take_if([](const Job& waiting) {
+      return !std::holds_alternative<action::ConnectLight>(waiting) &&
+             !std::holds_alternative<action::LightsOff>(waiting);
+    });
     for (const Job& waiting : overtaken) {
       config_.send(
           event::LightFault{number_of(waiting), Errc::device_busy, "overtaken by off"});
@@ -56,12 +61,19 @@ void LightThread::run(const std::stop_token& stop) {
   const auto slice =
       std::chrono::milliseconds(std::clamp<std::int64_t>(config_.lease.count() / 8, 10, 250));
   while (!stop.stop_requested()) {
-    const std::optional<Job> job = jobs_.pop(Clock::now() + slice, stop);
+    auto until = Clock::now() + slice;
+    if (block_ != 0) {
+      until = std::min(until, Clock::time_point(std::chrono::nanoseconds(next_read_ns_)));
+    }
+    const std::optional<Job> job = jobs_.pop(until, stop);
     const ThreadPulse::Busy busy(pulse_);
     if (job) {
       do_job(*job);
     }
     keep_lease();
+    if (block_ != 0 && steady_now_ns() >= next_read_ns_) {
+      read_steps();
+    }
   }
   if (is_connected_) {
     (void)lights_->all_off();
@@ -73,11 +85,20 @@ void LightThread::do_job(const Job& job) {
   std::visit(
       [this](const auto& j) {
         using T = std::decay_t<decltype(j)>;
+        if constexpr (std::is_same_v<T, action::ExtendBlock>) {
+          extend(j);
+          return;
+        }
+        block_ = 0;
         if constexpr (std::is_same_v<T, action::ConnectLight>) {
           connect(j);
         } else if constexpr (std::is_same_v<T, action::ShowShot>) {
           show(j);
-        } else {
+        } else if constexpr (std::is_same_v<T, action::UploadTable>) {
+          upload(j);
+        } else if constexpr (std::is_same_v<T, action::ArmBlock>) {
+          arm(j);
+        } else if constexpr (std::is_same_v<T, action::LightsOff>) {
           darken(j);
         }
       },
@@ -93,7 +114,9 @@ void LightThread::connect(const action::ConnectLight& job) {
     return;
   }
   const auto off = lights_->all_off();
-  const auto status = off ? lights_->status() : tl::unexpected<Fault>(off.error());
+  const auto triggers = off ? lights_->set_trigger_delay(config_.trigger_delay)
+                            : Result<void>(tl::unexpected<Fault>(off.error()));
+  const auto status = triggers ? lights_->status() : tl::unexpected<Fault>(triggers.error());
   if (!status) {
     config_.send(event::LightFault{job.job, status.error().code, status.error().what});
     return;
@@ -101,7 +124,7 @@ void LightThread::connect(const action::ConnectLight& job) {
   is_connected_ = true;
   is_dark_ = true;
   renewed_ns_ = steady_now_ns();
-  config_.send(event::LightConnected{job.job, status->boot_id});
+  config_.send(event::LightConnected{job.job, status->boot_id, identity->table_depth});
 }
 
 bool LightThread::confirm(std::uint64_t job, const std::optional<ConfirmRequest>& request) {
@@ -135,6 +158,68 @@ void LightThread::show(const action::ShowShot& job) {
     return;
   }
   config_.send(event::LightShown{job.job, *receipt});
+}
+
+void LightThread::upload(const action::UploadTable& job) {
+  const auto patterns = config_.patterns();
+  std::vector<std::vector<ElementLevel>> wanted;
+  for (const int shot : job.shots) {
+    if (patterns == nullptr || shot < 0 || shot >= static_cast<int>(patterns->size())) {
+      config_.send(event::LightFault{job.job, Errc::refused, "a shot without a pattern"});
+      return;
+    }
+    wanted.push_back((*patterns)[static_cast<std::size_t>(shot)]);
+  }
+  if (const auto done = lights_->upload_table(wanted, job.tags); !done) {
+    config_.send(event::LightFault{job.job, done.error().code, done.error().what});
+    return;
+  }
+  config_.send(event::TableUploaded{job.job});
+}
+
+void LightThread::arm(const action::ArmBlock& job) {
+  is_dark_ = false;
+  const auto receipt =
+      lights_->arm_strobe({.first = job.first, .count = job.count, .divider = job.every});
+  if (!receipt) {
+    config_.send(event::LightFault{job.job, receipt.error().code, receipt.error().what});
+    return;
+  }
+  config_.send(event::BlockArmed{job.job, *receipt});
+  block_ = job.job;
+  next_read_ns_ = steady_now_ns();
+}
+
+void LightThread::extend(const action::ExtendBlock& job) {
+  if (job.job != block_) {
+    return;  // of a block that is over
+  }
+  if (const auto done = lights_->extend_strobe(job.count); !done) {
+    block_ = 0;
+    config_.send(event::LightFault{job.job, done.error().code, done.error().what});
+  }
+}
+
+void LightThread::read_steps() {
+  const std::int64_t t_request_ns = steady_now_ns();
+  const auto status = lights_->status();
+  if (!status) {
+    config_.send(
+        event::LightFault{std::exchange(block_, 0), status.error().code, status.error().what});
+    return;
+  }
+  const std::int64_t t_ack_ns = steady_now_ns();
+  config_.send(event::StepRead{.job = block_,
+                               .t_request_ns = t_request_ns,
+                               .t_ack_ns = t_ack_ns,
+                               .step_counter = status->step_counter,
+                               .tag = status->tag,
+                               .boot_id = status->boot_id,
+                               .is_armed = status->is_armed,
+                               .is_done = status->is_table_done,
+                               .temperature_c = status->temperature_c});
+  const std::int64_t poll_ns = std::chrono::nanoseconds(config_.poll).count();
+  next_read_ns_ = std::max(t_ack_ns, t_request_ns + poll_ns);
 }
 
 void LightThread::darken(const action::LightsOff& job) {

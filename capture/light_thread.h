@@ -21,6 +21,9 @@ namespace haarlight {
 
 struct LightThreadConfig {
   std::chrono::milliseconds lease{2000};
+  std::chrono::microseconds poll{2000};  ///< between two readings of the step counter
+  std::chrono::microseconds trigger_delay{
+      0};  ///< from a latch to the camera's trigger; 0: none
   /// Patterns by shot; of the run in progress.
   std::function<std::shared_ptr<const std::vector<std::vector<ElementLevel>>>()> patterns;
   std::function<void(EventBody)> send;
@@ -37,6 +40,9 @@ class LightThread {
 
   void post(const action::ConnectLight& job);
   void post(const action::ShowShot& job);
+  void post(const action::UploadTable& job);
+  void post(const action::ArmBlock& job);
+  void post(const action::ExtendBlock& job);
   /// Without a confirmation to wait for it goes before all waiting jobs, which are answered by
   /// a fault.
   void post(const action::LightsOff& job);
@@ -46,13 +52,19 @@ class LightThread {
   [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
 
  private:
-  using Job = std::variant<action::ConnectLight, action::ShowShot, action::LightsOff>;
+  using Job = std::variant<action::ConnectLight, action::ShowShot, action::UploadTable,
+                           action::ArmBlock, action::ExtendBlock, action::LightsOff>;
 
   void run(const std::stop_token& stop);
   void do_job(const Job& job);
   void connect(const action::ConnectLight& job);
   void show(const action::ShowShot& job);
+  void upload(const action::UploadTable& job);
+  void arm(const action::ArmBlock& job);
+  void extend(const action::ExtendBlock& job);
   void darken(const action::LightsOff& job);
+  /// Reads the step counter while a block is armed.
+  void read_steps();
   /// False when the light is not what it should be, or the controller did not answer.
   [[nodiscard]] bool confirm(std::uint64_t job, const std::optional<ConfirmRequest>& request);
   void keep_lease();
@@ -67,6 +79,8 @@ class LightThread {
   bool is_connected_ = false;
   bool is_dark_ = true;
   std::int64_t renewed_ns_ = 0;
+  std::uint64_t block_ = 0;  ///< job of the block whose steps are read; 0: none
+  std::int64_t next_read_ns_ = 0;
   std::jthread thread_;  // last: stops first
 };
 

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "core/random.h"
+#include "session/clean_rule.h"
 
 namespace haarlight {
 
@@ -14,7 +15,6 @@ namespace {
 
 constexpr std::int64_t kUs = 1000;
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kNoAnswerNs = 30 * kMs;  // the bus's timeout
 constexpr std::uint64_t kMaxEvents = 2'000'000;
 constexpr std::int64_t kAbortPromiseNs = 201 * kMs;
 
@@ -41,6 +41,16 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
   rig.commit_us = 200.0 + 60000.0 * u() * u();
   rig.stamp_jitter_us = 40.0 * u();
   rig.n_buffers = 3 + static_cast<int>(u() * 8.0);
+  rig.sync = static_cast<SyncMode>(static_cast<int>(u() * 4.0));
+  if (rig.sync == SyncMode::camera_leads) {
+    // The step counter is read a few times a frame.
+    rig.bus_us = std::min(rig.bus_us, 0.2 * frame_us);
+    rig.strobe_every = 1 + static_cast<int>(u() * u() * 3.0);
+    rig.skew_us *= 0.5;
+    rig.table_depth = u() < 0.5 ? 1024 : 1 + static_cast<int>(u() * 8.0);
+    rig.n_buffers += 3;
+  }
+  rig.trigger_us = rig.latch_us + rig.rise_us + 0.5 * rig.bus_us + 200.0;
   rig.faults = {.frame_late = p(0.1),
                 .frame_dropped = p(0.1),
                 .frame_repeated = p(0.1),
@@ -49,6 +59,11 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
                 .frame_damaged = p(0.1),
                 .light_timeout = p(0.1),
                 .light_wrong_echo = p(0.05),
+                .strobe_lost = p(0.05),
+                .strobe_false = p(0.05),
+                .entry_wrong = p(0.02),
+                .poll_slow = p(0.02),
+                .trigger_lost = p(0.1),
                 .check_failed = p(0.1),
                 .commit_full = p(0.1),
                 .controller_reboot_rate = p(1.0),
@@ -69,8 +84,15 @@ std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig
   auto plan = std::make_shared<SequencerPlan>();
   const double frame_us = 1e6 / rig.fps;
   const int n = 1 + static_cast<int>(u() * max_shots);
-  const double e1 = frame_us * (0.05 + 0.5 * u());
-  const double e2 = u() < 0.5 ? e1 : frame_us * (0.05 + 0.5 * u());
+  const double settle_us = rig.latch_us + rig.rise_us + 100.0;
+  // Camera leads: E + skew + settle fits into the frames of a step, with room for the stamps.
+  const double room_us = 0.95 * rig.strobe_every * frame_us - rig.skew_us - settle_us - 200.0;
+  const double most_us = rig.sync == SyncMode::camera_leads
+                             ? std::clamp(room_us, 0.05 * frame_us, 0.9 * frame_us)
+                             : 0.55 * frame_us;
+  const auto exposure = [&] { return 0.05 * frame_us + (most_us - 0.05 * frame_us) * u(); };
+  const double e1 = exposure();
+  const double e2 = u() < 0.5 ? e1 : exposure();
   for (int k = 0; k < n; ++k) {
     plan->shots.push_back({.tag = kFirstTag + static_cast<std::uint32_t>(k),
                            .exposure_us = k < n / 2 ? e1 : e2,
@@ -80,7 +102,9 @@ std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig
   plan->read_us = rig.read_us;
   plan->skew_us = rig.skew_us;
   plan->frame_us = frame_us;
-  plan->settle_ns = static_cast<std::int64_t>((rig.latch_us + rig.rise_us) * 1e3) + 100 * kUs;
+  plan->settle_ns = static_cast<std::int64_t>(settle_us * 1e3);
+  plan->sync = rig.sync;
+  plan->strobe_every = rig.strobe_every;
   plan->max_held = 1 + static_cast<int>(u() * 6.0);
   return plan;
 }
@@ -136,12 +160,25 @@ void ModelRig::perform(const Action& action) {
           return;
         }
         is_connected_ = true;
+        disarm();
         change_light(0, 0);
-        end_job(event::LightConnected{job, boot_id_});
+        end_job(event::LightConnected{job, boot_id_, config_.table_depth});
       });
     });
   } else if (const auto* show_shot = std::get_if<action::ShowShot>(&action)) {
     queue_job([this, a = *show_shot] { light_job(a.job, a.tag, a.confirm); });
+  } else if (const auto* table = std::get_if<action::UploadTable>(&action)) {
+    queue_job([this, a = *table] { upload(a); });
+  } else if (const auto* block = std::get_if<action::ArmBlock>(&action)) {
+    queue_job([this, a = *block] { arm(a); });
+  } else if (const auto* more = std::get_if<action::ExtendBlock>(&action)) {
+    at(now_ns_ + some_ns(config_.bus_us), [this, n = static_cast<std::uint32_t>(more->count)] {
+      if (is_connected_ && n_armed_ > 0 && step_counter_ <= n_armed_) {
+        n_armed_ = std::max(n_armed_, n);
+      }
+    });
+  } else if (std::get_if<action::TriggerCamera>(&action) != nullptr) {
+    at(now_ns_ + some_ns(500.0), [this] { trigger(); });
   } else if (const auto* off = std::get_if<action::LightsOff>(&action)) {
     queue_job([this, a = *off] { light_job(a.job, 0, a.confirm); });
   } else if (const auto* start = std::get_if<action::StartCamera>(&action)) {
@@ -203,146 +240,6 @@ void ModelRig::perform(const Action& action) {
   }
 }
 
-// ---- light
-// -----------------------------------------------------------------------------------
-
-void ModelRig::queue_job(std::function<void()> work) {
-  jobs_.push_back(std::move(work));
-  start_job();
-}
-
-void ModelRig::start_job() {
-  if (is_job_running_ || jobs_.empty()) {
-    return;
-  }
-  is_job_running_ = true;
-  std::function<void()> work = std::move(jobs_.front());
-  jobs_.pop_front();
-  at(now_ns_ + 20 * kUs, std::move(work));
-}
-
-void ModelRig::end_job(std::optional<EventBody> answer) {
-  is_job_running_ = false;
-  if (answer) {
-    send(*std::move(answer));
-  }
-  start_job();
-}
-
-void ModelRig::change_light(std::uint32_t tag, std::int64_t delay_ns) {
-  ++n_latches_;
-  shown_tag_ = tag;
-  const std::int64_t begin_ns = std::max(now_ns_ + delay_ns, light_.back().t_ns);
-  light_.push_back({begin_ns, tag, false});
-  light_.push_back({begin_ns + static_cast<std::int64_t>(config_.rise_us * 1e3), tag, true});
-  if (light_.size() > 400) {
-    light_.erase(light_.begin(), light_.begin() + 200);
-  }
-}
-
-FrameTag ModelRig::truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const {
-  FrameTag truth;
-  bool is_first = true;
-  for (std::size_t i = 0; i < light_.size(); ++i) {
-    const std::int64_t end_ns = i + 1 < light_.size() ? light_[i + 1].t_ns : kNever;
-    if (end_ns <= t0_ns || light_[i].t_ns >= t1_ns) {
-      continue;
-    }
-    truth.is_mixed =
-        truth.is_mixed || !light_[i].is_settled || (!is_first && truth.tag != light_[i].tag);
-    truth.tag = light_[i].tag;
-    is_first = false;
-  }
-  return truth;
-}
-
-void ModelRig::reboot() {
-  ++boot_id_;
-  is_connected_ = false;
-  change_light(0, 0);
-  bus_back_ns_ = now_ns_ + some_ns(800'000.0);
-}
-
-/// Confirm, then latch; every bus exchange takes time and may go wrong.
-void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
-                         std::optional<ConfirmRequest> confirm) {
-  const auto fault = [this, job](Errc code, const char* what) {
-    at(now_ns_ + kNoAnswerNs, [this, job, code, what] {
-      end_job(event::LightFault{job, code, what});
-    });
-  };
-  if (now_ns_ < bus_back_ns_ || !is_connected_) {
-    fault(Errc::device_gone, "connection reset");
-    return;
-  }
-  if (!confirm) {
-    show(job, tag);
-    return;
-  }
-  if (happens(config_.faults.light_timeout)) {
-    fault(Errc::timeout, "status: no answer");
-    return;
-  }
-  const std::int64_t request_ns = now_ns_;
-  const std::int64_t sample_ns = now_ns_ + some_ns(0.5 * config_.bus_us);
-  const std::int64_t answer_ns = sample_ns + some_ns(0.5 * config_.bus_us);
-  at(sample_ns, [=, this] {
-    const std::uint32_t shown = shown_tag_;
-    const std::uint32_t boot = boot_id_;
-    const bool is_up = is_connected_;
-    at(answer_ns, [=, this] {
-      if (!is_up) {
-        fault(Errc::device_gone, "status: connection reset");
-        return;
-      }
-      send(event::LightConfirmed{confirm->frame, request_ns, shown, boot});
-      if (shown == confirm->tag) {
-        show(job, tag);
-      } else {
-        end_job(std::nullopt);
-      }
-    });
-  });
-}
-
-void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
-  const std::int64_t command_ns = now_ns_;
-  const std::int64_t latch_ns = now_ns_ + some_ns(0.5 * config_.bus_us);
-  const std::int64_t ack_ns = latch_ns + some_ns(0.5 * config_.bus_us);
-  const std::int64_t answer_ns = ack_ns + some_ns(0.3 * config_.bus_us);
-  const bool is_lost = happens(config_.faults.light_timeout);
-  const bool is_shown = !is_lost || happens(0.5);
-  const bool is_wrong_echo = happens(config_.faults.light_wrong_echo);
-  at(latch_ns, [=, this] {
-    const bool is_up = is_connected_;
-    if (is_up && !is_lost && tag != 0 && now_ns_ < interlock_closes_ns_) {
-      at(answer_ns, [this, job] {
-        end_job(event::LightFault{job, Errc::device_busy, "latch refused: interlock"});
-      });
-      return;
-    }
-    if (is_up && is_shown && (tag == 0 || now_ns_ >= interlock_closes_ns_)) {
-      change_light(tag, some_ns(config_.latch_us));
-    }
-    if (!is_up || is_lost) {
-      at(now_ns_ + kNoAnswerNs, [this, job] {
-        end_job(event::LightFault{job, Errc::timeout, "latch: no answer"});
-      });
-      return;
-    }
-    at(answer_ns, [=, this] {
-      if (!is_connected_) {
-        end_job(event::LightFault{job, Errc::device_gone, "tag: connection reset"});
-      } else if (tag == 0) {
-        end_job(event::LightDark{job});
-      } else {
-        const std::uint32_t echo = is_wrong_echo ? shown_tag_ + 1 : shown_tag_;
-        end_job(event::LightShown{job, LatchReceipt{command_ns, ack_ns, echo}});
-      }
-    });
-  });
-}
-
 // ---- camera
 // ----------------------------------------------------------------------------------
 
@@ -360,16 +257,38 @@ void ModelRig::start_camera(std::uint64_t stream, double exposure_us) {
   delivered_.clear();
   swapped_.reset();
   send(event::CameraStarted{stream, exposure_us, config_.n_buffers});
-  at(now_ns_ + some_ns(10'000.0), [this, g = generation_] { expose(g); });
+  camera_free_ns_ = 0;
+  lost_frame_ = false_frame_ = 0;
+  const bool is_free =
+      config_.sync == SyncMode::free_run || config_.sync == SyncMode::camera_leads;
+  if (is_free) {
+    at(now_ns_ + some_ns(10'000.0), [this, g = generation_] { expose(g); });
+  }
 }
 
-/// A frame's exposure begins now; it is delivered after its readout. The sensor never stops.
+/// One frame, when the camera is not still busy with the one before.
+void ModelRig::trigger() {
+  if (!is_streaming_ || now_ns_ < camera_free_ns_ || happens(config_.faults.trigger_lost)) {
+    return;
+  }
+  const double busy_us = std::max(next_exposure_us_, exposure_us_) +
+                         std::max(config_.read_us, config_.skew_us) + 50.0;
+  camera_free_ns_ = now_ns_ + static_cast<std::int64_t>(busy_us * 1e3);
+  expose_frame(generation_);
+}
+
+/// The free-running sensor, which never stops.
 void ModelRig::expose(std::uint64_t generation) {
   if (generation != generation_ || !is_streaming_) {
     return;
   }
   const auto frame_ns = static_cast<std::int64_t>(1e9 / config_.fps);
   at(now_ns_ + frame_ns, [this, generation] { expose(generation); });
+  expose_frame(generation);
+}
+
+/// A frame's exposure begins now; it is delivered after its readout.
+void ModelRig::expose_frame(std::uint64_t generation) {
   if (exposure_delay_ > 0 && --exposure_delay_ == 0) {
     exposure_us_ = next_exposure_us_;
   }
@@ -381,6 +300,7 @@ void ModelRig::expose(std::uint64_t generation) {
       start_ns + exposure_ns + static_cast<std::int64_t>(config_.skew_us * 1e3);
   const std::int64_t read_ns =
       start_ns + exposure_ns + static_cast<std::int64_t>(config_.read_us * 1e3);
+  schedule_strobes(sequence, end_ns);
   at(std::max(end_ns, read_ns), [=, this] {
     if (generation != generation_ || !is_streaming_) {
       return;
@@ -503,6 +423,12 @@ void ModelRig::commit_next() {
           commit.evidence.t_exposure_start_ns, commit.evidence.t_exposure_end_ns,
           commit.evidence.t_stable_ns, commit.evidence.t_next_change_ns));
     }
+    FrameEvidence evidence = commit.evidence;
+    evidence.pixel_hash = "of no pixels";
+    if (const std::string why = find_evidence_problem(evidence); !why.empty()) {
+      fail(fmt::format("shot {} committed with evidence that does not hold: {}", commit.shot,
+                       why));
+    }
     const double asked_us = plan_->shots[static_cast<std::size_t>(commit.shot)].exposure_us;
     if (std::abs(frame.info.exposure_us - asked_us) > 0.006 * asked_us) {
       fail(fmt::format("shot {} committed a frame of another exposure", commit.shot));
@@ -538,9 +464,13 @@ void ModelRig::schedule_rates() {
   every(faults.controller_reboot_rate, [this] { reboot(); });
   every(faults.interlock_rate, [this] {
     interlock_closes_ns_ = now_ns_ + some_ns(1'500'000.0);
+    disarm();
     change_light(0, 0);
   });
-  every(faults.lease_lost_rate, [this] { change_light(0, 0); });
+  every(faults.lease_lost_rate, [this] {
+    disarm();
+    change_light(0, 0);
+  });
   every(faults.camera_gone_rate, [this] {
     if (is_streaming_) {
       is_streaming_ = false;

@@ -30,6 +30,11 @@ struct ModelFaults {
   double frame_damaged = 0.0;
   double light_timeout = 0.0;  ///< no answer; the pattern may or may not be shown
   double light_wrong_echo = 0.0;
+  double strobe_lost = 0.0;   ///< the edge at a frame's end does not reach the controller
+  double strobe_false = 0.0;  ///< an edge within a frame, from nowhere
+  double entry_wrong = 0.0;   ///< a table entry holds another shot's pattern
+  double poll_slow = 0.0;     ///< a status takes some frame times (a busy host)
+  double trigger_lost = 0.0;
   double check_failed = 0.0;
   double commit_full = 0.0;  ///< the disk is full for a while
   double controller_reboot_rate = 0.0;
@@ -54,10 +59,14 @@ struct ModelRigConfig {
   double commit_us = 2000.0;  ///< longest
   double stamp_jitter_us = 20.0;
   int n_buffers = 6;
+  SyncMode sync = SyncMode::free_run;
+  int strobe_every = 1;
+  double trigger_us = 0.0;  ///< controller leads: from the latch to the trigger
+  int table_depth = 1024;
   ModelFaults faults;
 };
 
-/// Frame, shots and faults of a seed: every seed another rig.
+/// Frame, sync mode and faults of a seed: every seed another rig.
 [[nodiscard]] ModelRigConfig random_model_rig(std::uint64_t seed);
 /// A small plan for it: up to `max_shots` shots, one or two exposures, some dark.
 [[nodiscard]] std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig,
@@ -137,10 +146,19 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   void change_light(std::uint32_t tag, std::int64_t delay_ns);
   [[nodiscard]] FrameTag truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const;
   void reboot();
+  void disarm();
+  void upload(const action::UploadTable& table);
+  void arm(const action::ArmBlock& block);
+  void poll(std::uint64_t job);
+  /// The camera's edge, or a false one.
+  void strobe();
+  void schedule_strobes(std::uint64_t sequence, std::int64_t end_ns);
 
   // Camera.
   void start_camera(std::uint64_t stream, double exposure_us);
   void expose(std::uint64_t generation);
+  void expose_frame(std::uint64_t generation);
+  void trigger();
   void deliver(const ModelFrame& frame);
 
   // Disk.
@@ -171,6 +189,16 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   std::int64_t bus_back_ns_ = 0;  ///< no answers before
   std::int64_t interlock_closes_ns_ = 0;
   bool is_connected_ = false;
+  // The pattern table.
+  std::vector<std::uint32_t> table_;  ///< tags
+  std::uint32_t n_armed_ = 0;
+  std::uint32_t first_armed_ = 0;
+  std::uint32_t step_counter_ = 0;
+  std::uint32_t n_strobes_ = 0;
+  std::uint32_t every_ = 1;
+  bool is_polling_ = false;
+  std::uint64_t lost_frame_ = 0;   ///< the last one whose strobe was lost; 0: none
+  std::uint64_t false_frame_ = 0;  ///< the last one with a false edge; 0: none
 
   std::uint64_t generation_ = 0;  ///< of the camera's stream; 0 frames of an old one arrive
   std::uint64_t stream_ = 0;      ///< the sequencer's name for it
@@ -180,6 +208,7 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   double exposure_us_ = 0.0;
   double next_exposure_us_ = 0.0;
   int exposure_delay_ = 0;
+  std::int64_t camera_free_ns_ = 0;   ///< triggered: busy before
   std::deque<ModelFrame> delivered_;  ///< what the buffers still hold, newest last
   std::optional<ModelFrame> swapped_;
   std::uint64_t next_frame_ = 1;

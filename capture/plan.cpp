@@ -383,7 +383,34 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig) {
   }
   plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;
   require_power(plan, rig, settings.where);
+  require_sync(plan, rig, settings.where);
   return plan;
+}
+
+void require_sync(const Plan& plan, const Rig& rig, const std::string& where) {
+  if (rig.sync != SyncMode::camera_leads || rig.cameras.empty()) {
+    return;
+  }
+  double longest_us = 0.0;
+  for (const Shot& shot : plan.shots) {
+    longest_us = std::max(longest_us, shot.exposure_us);
+  }
+  const std::string problem = find_strobe_problem(rig, longest_us);
+  if (problem.empty()) {
+    return;
+  }
+  const CameraSpec& camera = rig.cameras.front();
+  const double rest_us = camera.skew_us + 1e-3 * static_cast<double>(settle_ns(rig.controller));
+  const double period_us = 1e6 / camera.fps;
+  const double room_us = rig.strobe_every * period_us - rest_us;
+  std::string cure;
+  if (room_us > 0.0) {
+    cure = fmt::format("expose at most {:.0f} us, ", std::min(room_us, period_us));
+  }
+  cure += fmt::format("set fps = {:.4g} or less, or strobe_every = {} in [sync]",
+                      std::floor(1e8 * rig.strobe_every / (longest_us + rest_us)) / 100.0,
+                      static_cast<int>(std::ceil((longest_us + rest_us) / period_us)));
+  throw Error(problem, where, cure);
 }
 
 void require_power(const Plan& plan, const Rig& rig, const std::string& where) {
@@ -466,6 +493,7 @@ Plan load_plan(const std::filesystem::path& path, const Rig& rig) {
   if (path.extension() == ".json") {
     Plan plan = plan_from_json(read_file(path, 1U << 30U), path.string());
     require_power(plan, rig, path.string());
+    require_sync(plan, rig, path.string());
     return plan;
   }
   return expand_plan(read_plan_file(path), rig);

@@ -92,6 +92,10 @@ struct Plan {
 /// @throws Error  naming shot, face, watts and limit
 void require_power(const Plan& plan, const Rig& rig, const std::string& where);
 
+/// @throws Error  camera leads: an exposure that does not fit, with the arithmetic and the
+/// cures
+void require_sync(const Plan& plan, const Rig& rig, const std::string& where);
+
 /// What a plan will cost.
 struct DryRun {
   int n_shots = 0;

@@ -43,24 +43,32 @@ Errc errc_of(int error) {
   }
 }
 
+/// Sends without waiting; the peer's buffer holds hundreds of headers.
+int send_packet(int fd, const RemoteHeader& header) {
+  const ssize_t n = ::send(fd, &header, sizeof header, MSG_NOSIGNAL | MSG_DONTWAIT);
+  return n == static_cast<ssize_t>(sizeof header) ? 0 : errno;
+}
+
+}  // namespace
+
 /// Pixels mapped read-only, or copied; freed when the last frame that shows them is released.
-class FrameMemory {
+class RemoteFrameMemory {
  public:
-  FrameMemory(const FrameMemory&) = delete;
-  FrameMemory& operator=(const FrameMemory&) = delete;
-  ~FrameMemory() {
+  RemoteFrameMemory(const RemoteFrameMemory&) = delete;
+  RemoteFrameMemory& operator=(const RemoteFrameMemory&) = delete;
+  ~RemoteFrameMemory() {
     if (mapping_ != nullptr) {
       ::munmap(mapping_, size_);
     }
   }
 
   /// Nothing when the memory holds fewer than `bytes`.
-  static std::shared_ptr<FrameMemory> open(const Fd& fd, std::size_t bytes) {
+  static std::shared_ptr<RemoteFrameMemory> open(const Fd& fd, std::size_t bytes) {
     struct stat info {};
     if (::fstat(fd.get(), &info) != 0 || info.st_size < static_cast<off_t>(bytes)) {
       return nullptr;
     }
-    std::shared_ptr<FrameMemory> memory(new FrameMemory);
+    std::shared_ptr<RemoteFrameMemory> memory(new RemoteFrameMemory);
     const int seals = ::fcntl(fd.get(), F_GET_SEALS);
     if (seals >= 0 && (seals & F_SEAL_SHRINK) != 0) {
       void* mapping = ::mmap(nullptr, bytes, PROT_READ, MAP_SHARED, fd.get(), 0);
@@ -84,24 +92,19 @@ class FrameMemory {
     return memory;
   }
 
+  /// Sealed against shrinking and mapped: the same file may be looked at again.
+  [[nodiscard]] bool is_mapped() const { return mapping_ != nullptr; }
+  [[nodiscard]] std::size_t size() const { return size_; }
   [[nodiscard]] const std::uint16_t* words() const {
     return mapping_ != nullptr ? static_cast<const std::uint16_t*>(mapping_) : copy_.data();
   }
 
  private:
-  FrameMemory() = default;
+  RemoteFrameMemory() = default;
   void* mapping_ = nullptr;
   std::size_t size_ = 0;
   std::vector<std::uint16_t> copy_;
 };
-
-/// Sends without waiting; the peer's buffer holds hundreds of headers.
-int send_packet(int fd, const RemoteHeader& header) {
-  const ssize_t n = ::send(fd, &header, sizeof header, MSG_NOSIGNAL | MSG_DONTWAIT);
-  return n == static_cast<ssize_t>(sizeof header) ? 0 : errno;
-}
-
-}  // namespace
 
 RemoteCamera::~RemoteCamera() { stop(); }
 
@@ -132,6 +135,7 @@ Result<CameraSetup> RemoteCamera::start(const CameraSpec& spec) {
   ask.exposure_us = static_cast<float>(spec.exposure_us);
   ask.gain_db = static_cast<float>(spec.gain_db);
   ask.fps = static_cast<float>(spec.fps);
+  ask.sequence = static_cast<std::uint64_t>(trigger_);
   if (auto sent = send(ask); !sent) {
     stop();
     return tl::unexpected<Fault>(sent.error());
@@ -140,6 +144,13 @@ Result<CameraSetup> RemoteCamera::start(const CameraSpec& spec) {
   if (!set) {
     stop();
     return tl::unexpected<Fault>(set.error());
+  }
+  if (set->sequence != ask.sequence) {
+    stop();
+    return fail(
+        Errc::unsupported,
+        fmt::format("{}: it cannot be triggered {}", describe(spec),
+                    trigger_ == TriggerSource::software ? "by the host" : "by its line"));
   }
   if (set->width != ask.width || set->height != ask.height || set->n_buffers < 1) {
     const std::string what =
@@ -197,6 +208,38 @@ Result<double> RemoteCamera::set_exposure(double exposure_us) {
   });
 }
 
+Result<void> RemoteCamera::set_trigger(TriggerSource source) {
+  trigger_ = source;
+  return {};
+}
+
+Result<void> RemoteCamera::trigger() {
+  RemoteHeader header;
+  header.message = static_cast<std::uint16_t>(RemoteMessage::trigger);
+  return send(header);
+}
+
+std::shared_ptr<RemoteFrameMemory> RemoteCamera::map_memory(const Fd& fd, std::size_t bytes) {
+  constexpr std::size_t kMaxMapped = 1024;
+  struct stat info {};
+  if (::fstat(fd.get(), &info) != 0) {
+    return nullptr;
+  }
+  const std::pair<std::uint64_t, std::uint64_t> key(info.st_dev, info.st_ino);
+  if (const auto known = mapped_.find(key);
+      known != mapped_.end() && known->second->size() >= bytes) {
+    return known->second;
+  }
+  std::shared_ptr<RemoteFrameMemory> memory = RemoteFrameMemory::open(fd, bytes);
+  if (memory != nullptr && memory->is_mapped()) {
+    if (mapped_.size() >= kMaxMapped) {
+      mapped_.clear();
+    }
+    mapped_[key] = memory;
+  }
+  return memory;
+}
+
 void RemoteCamera::stop() noexcept {
   if (socket_ != nullptr) {
     RemoteHeader header;
@@ -207,6 +250,7 @@ void RemoteCamera::stop() noexcept {
   }
   socket_.reset();
   queued_.clear();
+  mapped_.clear();
 }
 
 Result<void> RemoteCamera::send(const RemoteHeader& header) {
@@ -298,7 +342,7 @@ Result<RemoteHeader> RemoteCamera::answer_to(RemoteMessage message) {
   }
 }
 
-Result<Frame> RemoteCamera::make_frame(Packet packet) const {
+Result<Frame> RemoteCamera::make_frame(Packet packet) {
   const RemoteHeader& h = packet.header;
   FrameInfo info{.sequence = h.sequence,
                  .timestamp_ns = h.timestamp_ns,
@@ -323,8 +367,8 @@ Result<Frame> RemoteCamera::make_frame(Packet packet) const {
     header.sequence = sequence;
     (void)send_packet(socket->get(), header);
   };
-  std::shared_ptr<FrameMemory> memory =
-      h.bytes >= bytes ? FrameMemory::open(packet.memory, bytes) : nullptr;
+  std::shared_ptr<RemoteFrameMemory> memory =
+      h.bytes >= bytes ? map_memory(packet.memory, bytes) : nullptr;
   if (memory == nullptr) {
     info.flags |= kFrameShort;
     return Frame(info, {}, std::move(release));

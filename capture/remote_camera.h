@@ -1,6 +1,7 @@
 #pragma once
 
 #include <deque>
+#include <map>
 #include <memory>
 
 #include "capture/camera.h"
@@ -14,6 +15,8 @@
 /// released from any thread and may outlive the camera.
 
 namespace haarlight {
+
+class RemoteFrameMemory;
 
 class RemoteCamera final : public Camera {
  public:
@@ -29,6 +32,9 @@ class RemoteCamera final : public Camera {
   [[nodiscard]] Result<Frame> next(std::chrono::steady_clock::time_point deadline) override;
   /// Frames that come before the answer are kept for next().
   [[nodiscard]] Result<double> set_exposure(double exposure_us) override;
+  /// Asked of the server by the next start, which faults when it is not granted.
+  [[nodiscard]] Result<void> set_trigger(TriggerSource source) override;
+  [[nodiscard]] Result<void> trigger() override;
   void stop() noexcept override;
 
  private:
@@ -40,11 +46,16 @@ class RemoteCamera final : public Camera {
   [[nodiscard]] Result<Packet> receive(std::chrono::steady_clock::time_point deadline);
   /// Waits for a kind of answer; frames are queued meanwhile.
   [[nodiscard]] Result<RemoteHeader> answer_to(RemoteMessage message);
-  [[nodiscard]] Result<Frame> make_frame(Packet packet) const;
+  [[nodiscard]] Result<Frame> make_frame(Packet packet);
+  /// Mapped once: a server sends the same few memory files again and again.
+  [[nodiscard]] std::shared_ptr<RemoteFrameMemory> map_memory(const Fd& fd, std::size_t bytes);
 
   std::shared_ptr<Fd> socket_;
   CameraSpec spec_;
   std::deque<Packet> queued_;
+  TriggerSource trigger_ = TriggerSource::free;
+  /// By device and inode, which live as long as the mapping.
+  std::map<std::pair<std::uint64_t, std::uint64_t>, std::shared_ptr<RemoteFrameMemory>> mapped_;
 };
 
 }  // namespace haarlight

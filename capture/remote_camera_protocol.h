@@ -24,6 +24,7 @@ enum class RemoteMessage : std::uint16_t {
   frame = 5,    ///< server: a frame, with a memfd
   release = 6,  ///< client: this sequence's memory is free again
   error = 7,    ///< server: the request was refused; `flags` holds an errno
+  trigger = 8,  ///< client: expose one frame now; no answer but the frame
 };
 
 /// 64 bytes.
@@ -31,6 +32,8 @@ struct RemoteHeader {
   std::uint32_t magic = kRemoteMagic;
   std::uint16_t version = kRemoteVersion;
   std::uint16_t message = 0;
+  /// Of a frame. In `setup`: who starts an exposure, as asked and as set: 0 the camera itself,
+  /// 1 `trigger` messages, 2 its trigger line.
   std::uint64_t sequence = 0;
   std::int64_t timestamp_ns = 0;  ///< CLOCK_MONOTONIC
   std::uint32_t flags = 0;        ///< FrameFlag

@@ -10,9 +10,8 @@
 #include <variant>
 #include <vector>
 
-#include "capture/camera.h"
-#include "firmware_iface/light_array.h"
-#include "session/evidence.h"
+#include "capture/sequencer_messages.h"
+#include "capture/strobe_proof.h"
 
 /// @file
 /// The heart of the daemon as a pure function: step(state, event) -> (state, actions). No
@@ -23,7 +22,8 @@
 /// latch, (2) the camera's stamp puts its exposure after t_stable, (3) the controller, asked
 /// again after the exposure's end, still shows that tag in the same boot, (4) it came in
 /// sequence, with no damage flag, in the exposure asked, and is not a picture seen before, and
-/// (5) the pixel checks pass. The diagram is in capture/README.md.
+/// (5) the pixel checks pass. Where the camera's strobe steps a table, strobe_proof.h takes the
+/// place of (1) to (3). The diagram is in capture/README.md.
 
 namespace haarlight {
 
@@ -61,215 +61,6 @@ inline constexpr std::uint32_t kHeldBack = 1U << 4U;
 enum class ShotState : std::uint8_t { pending, exposing, checking, committing, committed };
 [[nodiscard]] std::string_view to_string(ShotState state) noexcept;
 
-struct SequencedShot {
-  std::uint32_t tag = 0;  ///< what the controller echoes; never 0
-  double exposure_us = 0.0;
-  int pattern_id = 0;
-};
-
-/// Everything that does not change during a run.
-struct SequencerPlan {
-  /// One shot, shown for people: no frame is taken, it ends by itself after a minute.
-  bool is_preview = false;
-  std::vector<SequencedShot> shots;
-  SyncMode sync = SyncMode::free_run;
-  TimestampMeaning timestamp = TimestampMeaning::end_frame;
-  double read_us = 0.0;
-  double skew_us = 0.0;
-  double frame_us = 0.0;       ///< frame period
-  std::int64_t settle_ns = 0;  ///< guard included, see capture/timing.h
-  int max_held = 8;            ///< frames being checked or committed, at most
-};
-
-/// The lowest tag of a plan's shots; shot i has kFirstTag + i.
-inline constexpr std::uint32_t kFirstTag = 1;
-
-struct ConfirmRequest {
-  std::uint64_t frame = 0;
-  std::uint32_t tag = 0;
-  friend bool operator==(const ConfirmRequest&, const ConfirmRequest&) = default;
-};
-
-// ---- actions: what the world is asked to do
-// --------------------------------------------------
-
-namespace action {
-/// Connect (or connect again), all off, answer LightConnected or LightFault.
-struct ConnectLight {
-  std::uint64_t job = 0;
-};
-/// First, with `confirm`: read the status and answer LightConfirmed; go on only when it still
-/// shows that tag. Then latch the shot's pattern, answer LightShown or LightFault.
-struct ShowShot {
-  std::uint64_t job = 0;
-  int shot = 0;
-  std::uint32_t tag = 0;
-  std::optional<ConfirmRequest> confirm;
-};
-/// As ShowShot, but all off; answers LightDark.
-struct LightsOff {
-  std::uint64_t job = 0;
-  std::optional<ConfirmRequest> confirm;
-};
-/// Open, set up and stream (again); answers CameraStarted or CameraFault.
-struct StartCamera {
-  std::uint64_t stream = 0;  ///< named by all that this stream reports
-  double exposure_us = 0.0;
-};
-struct StopCamera {};
-/// Answers ExposureSet or CameraFault.
-struct SetExposure {
-  std::uint64_t request = 0;
-  double exposure_us = 0.0;
-};
-/// Give the frame's buffer back.
-struct DropFrame {
-  std::uint64_t frame = 0;
-};
-/// Pixel checks; answers FrameChecked.
-struct CheckFrame {
-  std::uint64_t frame = 0;
-  int shot = 0;
-  int attempt = 0;
-  FrameEvidence evidence;
-};
-/// To the writer; answers FrameCommitted, or CommitFault once for all that wait.
-struct CommitFrame {
-  std::uint64_t frame = 0;
-  int shot = 0;
-  int attempt = 0;
-  FrameEvidence evidence;
-};
-/// Try the waiting commits and withdrawals again; answers CommitFault or DiskGood, after a
-/// FrameCommitted for each frame.
-struct RetryCommits {};
-/// Forget the waiting commits (the run was aborted); their frames are dropped besides.
-struct ForgetCommits {};
-/// Their frames are wanted no more: new ones follow. Answers CommitFault when the disk cannot.
-struct WithdrawShots {
-  std::vector<int> shots;
-};
-/// The run was given up: it does not go on by itself at the daemon's next start.
-struct MarkAborted {
-  std::string why;
-};
-/// Write session.json; answers SessionFinished or CommitFault.
-struct FinishSession {};
-/// A line for the journal and the event stream. `kind` is one word.
-struct LogEvent {
-  std::string kind;
-  std::string text;
-  int shot = -1;
-};
-}  // namespace action
-
-using Action = std::variant<action::ConnectLight, action::ShowShot, action::LightsOff,
-                            action::StartCamera, action::StopCamera, action::SetExposure,
-                            action::DropFrame, action::CheckFrame, action::CommitFrame,
-                            action::RetryCommits, action::ForgetCommits, action::WithdrawShots,
-                            action::MarkAborted, action::FinishSession, action::LogEvent>;
-
-// ---- events: what the world reports
-// ----------------------------------------------------------
-
-namespace event {
-struct Tick {};
-/// Devices' threads are up; recovery of unfinished sessions begins.
-struct Booted {};
-/// Nothing (more) to recover.
-struct Recovered {};
-/// A session was made or reopened: shoot what is not committed. While all is off by request,
-/// not before a Resume.
-struct Run {
-  std::shared_ptr<const SequencerPlan> plan;
-  std::vector<bool> committed;
-  std::vector<int> next_attempt;
-};
-struct Pause {};
-struct Resume {};
-struct Abort {};
-struct SafeOff {};
-struct Reshoot {
-  std::vector<int> shots;
-};
-struct LightConnected {
-  std::uint64_t job = 0;
-  std::uint32_t boot_id = 0;
-};
-struct LightShown {
-  std::uint64_t job = 0;
-  LatchReceipt receipt;
-};
-struct LightDark {
-  std::uint64_t job = 0;
-};
-/// The status read before the lights changed.
-struct LightConfirmed {
-  std::uint64_t frame = 0;
-  std::int64_t t_request_ns = 0;  ///< just before the status was asked
-  std::uint32_t tag = 0;          ///< shown then
-  std::uint32_t boot_id = 0;
-  std::optional<double> temperature_c{};  ///< of the controller
-};
-/// A job that failed; job 0: the lease could not be renewed.
-struct LightFault {
-  std::uint64_t job = 0;
-  Errc code = Errc::io;
-  std::string what;
-};
-struct CameraStarted {
-  std::uint64_t stream = 0;
-  double exposure_us = 0.0;  ///< as read back
-  int n_buffers = 0;
-};
-struct ExposureSet {
-  std::uint64_t request = 0;
-  double exposure_us = 0.0;  ///< as read back
-};
-struct CameraFault {
-  std::uint64_t stream = 0;
-  Errc code = Errc::io;
-  std::string what;
-};
-struct FrameArrived {
-  std::uint64_t frame = 0;  ///< the world's name for the buffer
-  std::uint64_t stream = 0;
-  FrameInfo info;
-  std::uint64_t pixel_hash = 0;  ///< of the active rows
-  bool must_differ = true;  ///< false: every pixel is clipped, two such frames may coincide
-};
-struct FrameChecked {
-  std::uint64_t frame = 0;
-  int shot = 0;
-  FrameEvidence evidence;                     ///< completed
-  std::string problem;                        ///< empty: good
-  FrameVerdict verdict = FrameVerdict::good;  ///< which kind of problem
-};
-struct FrameCommitted {
-  std::uint64_t frame = 0;
-  int shot = 0;
-};
-struct CommitFault {
-  Errc code = Errc::io;
-  std::string what;
-};
-/// Nothing waits for the disk any more.
-struct DiskGood {};
-struct SessionFinished {};
-}  // namespace event
-
-using EventBody = std::variant<
-    event::Tick, event::Booted, event::Recovered, event::Run, event::Pause, event::Resume,
-    event::Abort, event::SafeOff, event::Reshoot, event::LightConnected, event::LightShown,
-    event::LightDark, event::LightConfirmed, event::LightFault, event::CameraStarted,
-    event::ExposureSet, event::CameraFault, event::FrameArrived, event::FrameChecked,
-    event::FrameCommitted, event::CommitFault, event::DiskGood, event::SessionFinished>;
-
-struct TimedEvent {
-  std::int64_t t_ns = 0;  ///< never before that of the last event
-  EventBody body;
-};
-
 // ---- state
 // -----------------------------------------------------------------------------------
 
@@ -290,11 +81,13 @@ struct SequencerCounters {
   std::uint64_t camera_faults = 0;
   std::uint64_t commit_faults = 0;
   std::uint64_t controller_reboots = 0;
+  std::uint64_t blocks = 0;            ///< camera leads: parts of the table that were armed
+  std::uint64_t blocks_cut = 0;        ///< ended before their table, for want of free buffers
+  std::uint64_t strobe_unproven = 0;   ///< frames whose step counter was not k, k + 1
+  std::uint64_t table_mismatches = 0;  ///< another tag than the table's at that step
   std::uint64_t suspensions = 0;
   std::uint64_t commits = 0;
 };
-
-inline constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
 /// All that the sequencer knows. Plain data; copyable.
 struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted for readers
@@ -340,12 +133,42 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   };
   std::optional<Awaiting> awaiting;
 
+  /// Camera leads: the part of the table that is armed.
+  struct Block {
+    enum class Step { none, exposing, uploading, arming, running };
+    Step step = Step::none;
+    std::uint64_t job = 0;  ///< of its ArmBlock
+    /// What the controller's table holds, by entry; empty: not known.
+    std::vector<int> table;
+    int first = 0;           ///< entry of the table
+    std::vector<int> shots;  ///< armed so far, in order
+    int n_armed = 0;
+    std::vector<bool> is_decided;  ///< has a frame, or was given back; by entry of the block
+    int n_decided = 0;
+    int n_accepted = 0;
+    LatchReceipt armed;
+    std::uint32_t counter = 0;      ///< newest reading
+    std::int64_t done_ns = kNever;  ///< read as stepped past its end
+    std::deque<StepReading> readings;
+    std::optional<double> temperature_c;  ///< newest
+    struct Waiting {
+      event::FrameArrived frame;
+      ExposureWindow window;
+    };
+    std::deque<Waiting> waiting;  ///< frames that wait for the reading after theirs
+  };
+  Block block;
+  int table_depth = 0;  ///< of the controller
+
   // The camera.
   bool is_camera_started = false;
   bool is_camera_starting = false;
   std::uint64_t stream = 0;            ///< the newest
   std::uint64_t exposure_request = 0;  ///< the newest
   bool is_exposure_open = false;       ///< SetExposure not answered yet
+  bool is_exposure_seen = false;       ///< a frame came in the exposure asked
+  std::int64_t trigger_ns = kNever;    ///< light leads: expose then
+  int n_buffers = 0;
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;
   bool has_sequence = false;

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
+#include <string>
 
 #include "core/rig.h"
 
@@ -19,6 +21,20 @@ inline constexpr double kFrameOverheadBytes = 4096.0;
 /// From the acknowledged latch until the light surely stands: latch delay, the slower of rise
 /// and fall, and the guard.
 [[nodiscard]] std::int64_t settle_ns(const ControllerSpec& controller) noexcept;
+
+/// Camera leads: does every light fit the frames that its step lasts?
+///
+///     E + skew + settle + guard <= strobe_every / fps
+///
+/// @return  empty when it does, else the arithmetic with all its numbers, in words
+[[nodiscard]] std::string find_strobe_problem(const Rig& rig, double exposure_us);
+
+/// Camera leads: pause between two readings of the step counter, a fifth of a frame.
+[[nodiscard]] std::chrono::microseconds step_poll(const Rig& rig) noexcept;
+
+/// Controller leads: from a latch to the pulse on the camera's trigger line: the light settles,
+/// and the latch's acknowledgement is surely back.
+[[nodiscard]] std::chrono::microseconds trigger_delay(const Rig& rig) noexcept;
 
 /// Frame times from one latch to the next in the rig's sync mode: the mean over the latch's
 /// phase in the frame. In free-run: the part of a frame that the settling light spoils, until

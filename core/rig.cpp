@@ -330,6 +330,8 @@ Rig read_tables(ConfigTable& root) {
   }
   if (auto sync = root.table("sync")) {
     rig.sync = static_cast<SyncMode>(sync->choice("mode", words(kSyncWords)));
+    rig.strobe_every =
+        static_cast<int>(sync->integer_or("strobe_every", 1, {.min = 1, .max = 8}));
   }
   if (auto storage = root.table("storage")) {
     rig.storage.folder = storage->text_or("folder", rig.storage.folder);

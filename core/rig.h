@@ -146,6 +146,7 @@ struct Rig {
   std::vector<CameraSpec> cameras;
   ControllerSpec controller;
   SyncMode sync = SyncMode::free_run;
+  int strobe_every = 1;  ///< camera leads: the table steps at every n-th strobe
   StorageSpec storage;
   HttpSpec http;
   std::filesystem::path file;  ///< where it was read from

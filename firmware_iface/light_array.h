@@ -36,12 +36,21 @@ struct ControllerStatus {
   double temperature_c = 0.0;
   double supply_a = 0.0;
   bool is_dark = true;
+  bool is_armed = false;       ///< a pattern table
+  bool is_table_done = false;  ///< it was stepped past its last armed entry
 };
 
 /// One element of a pattern and its level; 65535 = drive 1.
 struct ElementLevel {
   int element = 0;
   std::uint16_t level = 65535;
+};
+
+/// A run of the uploaded table that the camera's strobe steps.
+struct StrobeRun {
+  int first = 0;    ///< entry that the first edge shows
+  int count = 0;    ///< entries armed; extend_strobe raises it
+  int divider = 1;  ///< steps at every n-th edge
 };
 
 /// The proof of what is lit.
@@ -84,6 +93,25 @@ class LightArray {
   [[nodiscard]] virtual Result<void> arm_table(registers::StepSource source) {
     static_cast<void>(source);
     return fail(Errc::unsupported, "this light array has no pattern table");
+  }
+  /// Arms a part of the uploaded table for the camera's strobe, dark until the first edge. The
+  /// receipt's times stand for the arming, its tag for dark.
+  [[nodiscard]] virtual Result<LatchReceipt> arm_strobe(const StrobeRun& run) {
+    static_cast<void>(run);
+    return fail(Errc::unsupported, "this light array has no pattern table");
+  }
+  /// Arms entries behind those of the run under way, `count` in all, without going dark.
+  /// Nothing happens when the run is over: status() tells.
+  [[nodiscard]] virtual Result<void> extend_strobe(int count) {
+    static_cast<void>(count);
+    return fail(Errc::unsupported, "this light array has no pattern table");
+  }
+  /// From each latch to a pulse on the camera's trigger line; 0: none.
+  [[nodiscard]] virtual Result<void> set_trigger_delay(std::chrono::microseconds delay) {
+    if (delay.count() == 0) {
+      return {};
+    }
+    return fail(Errc::unsupported, "this light array has no trigger line");
   }
 };
 

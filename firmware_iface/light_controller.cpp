@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "core/error.h"
 #include "firmware_iface/register_codec.h"
@@ -30,11 +31,12 @@ struct ControlRegister {
   std::uint16_t words;
 };
 constexpr ControlRegister kControls[] = {
-    {hold::kTag, 2},        {hold::kExpectedSum, 2}, {hold::kLatch, 1},
-    {hold::kTableStore, 1}, {hold::kStepSource, 1},  {hold::kTableArm, 1},
-    {hold::kStep, 1},       {hold::kLeaseMs, 1},     {hold::kLeaseRenew, 1},
-    {hold::kAllOff, 1},     {hold::kPowerLimit, 2},  {hold::kFaultClear, 2},
-    {hold::kEcho, 2},
+    {hold::kTag, 2},         {hold::kExpectedSum, 2},   {hold::kLatch, 1},
+    {hold::kTableStore, 1},  {hold::kStrobeDivider, 1}, {hold::kTableFirst, 1},
+    {hold::kStepSource, 1},  {hold::kTableArm, 1},      {hold::kStep, 1},
+    {hold::kTableExtend, 1}, {hold::kTriggerDelay, 2},  {hold::kLeaseMs, 1},
+    {hold::kLeaseRenew, 1},  {hold::kAllOff, 1},        {hold::kPowerLimit, 2},
+    {hold::kFaultClear, 2},  {hold::kEcho, 2},
 };
 
 /// Length of the control register that starts at `address`; 0 when none does.
@@ -124,6 +126,9 @@ void LightController::reboot(std::uint32_t boot_id, std::int64_t now_ns) {
   step_source_ = StepSource::host;
   n_armed_ = 0;
   step_counter_ = 0;
+  next_first_ = 0;
+  next_divider_ = 1;
+  trigger_delay_us_ = 0;
   lease_ns_ = std::clamp<std::int64_t>(config_.default_lease.count(), registers::kMinLeaseMs,
                                        registers::kMaxLeaseMs) *
               kNsPerMs;
@@ -327,6 +332,10 @@ Exception LightController::latch() {
   n_armed_ = 0;  // a latch by hand ends a table run
   renew_lease();
   show(pattern, tag_, now_ns_);
+  if (trigger_delay_us_ > 0) {
+    last_trigger_ns_ = now_ns_ + std::int64_t{trigger_delay_us_} * 1000;
+    ++n_triggers_;
+  }
   return Exception::none;
 }
 
@@ -346,17 +355,38 @@ Exception LightController::store(std::uint16_t index) {
   return Exception::none;
 }
 
-Exception LightController::arm(std::uint16_t n_entries) {
-  if (n_entries > table_.size()) {
+bool LightController::is_stored(std::size_t first, std::size_t n) const {
+  return first + n <= table_.size() &&
+         std::all_of(table_.begin() + static_cast<std::ptrdiff_t>(first),
+                     table_.begin() + static_cast<std::ptrdiff_t>(first + n),
+                     [](const TableEntry& entry) { return entry.pattern != nullptr; });
+}
+
+Exception LightController::extend(std::uint16_t n_entries) {
+  // Past its end the table stays dark: a host that is late must not skip entries.
+  const bool is_running = n_armed_ > 0 && step_counter_ <= static_cast<std::uint32_t>(n_armed_);
+  if (!is_running || n_entries <= n_armed_) {
+    return Exception::none;
+  }
+  if (!is_stored(first_armed_, n_entries)) {
     return refuse(Refusal::table_range);
   }
-  for (std::size_t i = 0; i < n_entries; ++i) {
-    if (!table_[i].pattern) {
-      return refuse(Refusal::table_range);  // an entry that was never stored
-    }
+  n_armed_ = n_entries;
+  renew_lease();
+  return Exception::none;
+}
+
+Exception LightController::arm(std::uint16_t n_entries) {
+  const std::size_t first = std::exchange(next_first_, 0);
+  const std::uint32_t divider = std::exchange(next_divider_, 1);
+  if (!is_stored(first, n_entries)) {
+    return refuse(Refusal::table_range);
   }
   refusal_ = Refusal::none;
   go_dark();
+  first_armed_ = first;
+  strobe_divider_ = divider;
+  n_strobes_ = 0;
   n_armed_ = n_entries;
   step_counter_ = 0;
   renew_lease();
@@ -377,7 +407,7 @@ Exception LightController::step() {
     }
     return Exception::none;
   }
-  const TableEntry& entry = table_[index];
+  const TableEntry& entry = table_[first_armed_ + index];
   if (const Refusal why = judge(*entry.pattern, entry.tag); why != Refusal::none) {
     return refuse(why);
   }
@@ -389,7 +419,8 @@ Exception LightController::step() {
 void LightController::strobe(std::int64_t now_ns) {
   advance(now_ns);
   // The camera is no host: its strobe does not renew the lease, and has nobody to refuse to.
-  if (n_armed_ > 0 && step_source_ == StepSource::strobe) {
+  if (n_armed_ > 0 && step_source_ == StepSource::strobe &&
+      n_strobes_++ % strobe_divider_ == 0) {
     [[maybe_unused]] const Exception shown = step();
   }
 }
@@ -539,7 +570,14 @@ std::uint32_t LightController::read_control(std::uint16_t address) const {
     case hold::kStepSource:
       return static_cast<std::uint32_t>(step_source_);
     case hold::kTableArm:
+    case hold::kTableExtend:
       return static_cast<std::uint32_t>(n_armed_);
+    case hold::kStrobeDivider:
+      return next_divider_;
+    case hold::kTableFirst:
+      return static_cast<std::uint32_t>(next_first_);
+    case hold::kTriggerDelay:
+      return trigger_delay_us_;
     case hold::kLeaseMs:
       return static_cast<std::uint32_t>(lease_ns_ / kNsPerMs);
     case hold::kPowerLimit:
@@ -626,6 +664,23 @@ Exception LightController::write_control(std::uint16_t address, std::uint32_t va
     case hold::kTableStore:
       return value == registers::kStoreNothing ? Exception::none
                                                : store(static_cast<std::uint16_t>(value));
+    case hold::kStrobeDivider:
+      if (value < 1 || value > registers::kMaxStrobeDivider) {
+        return Exception::illegal_value;
+      }
+      next_divider_ = value;
+      return Exception::none;
+    case hold::kTableFirst:
+      next_first_ = value;
+      return Exception::none;
+    case hold::kTableExtend:
+      return extend(static_cast<std::uint16_t>(value));
+    case hold::kTriggerDelay:
+      if (value > registers::kMaxTriggerDelayUs) {
+        return Exception::illegal_value;
+      }
+      trigger_delay_us_ = value;
+      return Exception::none;
     case hold::kStepSource:
       if (value > static_cast<std::uint32_t>(StepSource::strobe)) {
         return Exception::illegal_value;

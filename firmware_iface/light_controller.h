@@ -92,6 +92,9 @@ class LightController {
   [[nodiscard]] LightHistory transitions(std::int64_t t0_ns, std::int64_t t1_ns) const {
     return log_.between(t0_ns, t1_ns);
   }
+  /// Pulses on the camera's trigger line since construction, and when the last one comes.
+  [[nodiscard]] std::uint64_t n_triggers() const { return n_triggers_; }
+  [[nodiscard]] std::int64_t last_trigger_ns() const { return last_trigger_ns_; }
   [[nodiscard]] const LightTransition& lit() const { return log_.latest(); }
   /// Seconds at full drive of one element since construction, up to the last call's time.
   [[nodiscard]] double total_on_seconds(int element) const;
@@ -114,6 +117,8 @@ class LightController {
   [[nodiscard]] registers::Exception latch();
   [[nodiscard]] registers::Exception store(std::uint16_t index);
   [[nodiscard]] registers::Exception arm(std::uint16_t n_entries);
+  [[nodiscard]] registers::Exception extend(std::uint16_t n_entries);
+  [[nodiscard]] bool is_stored(std::size_t first, std::size_t n) const;
   [[nodiscard]] registers::Exception step();
   [[nodiscard]] registers::Exception check_expected_sum();
   /// Refusal::none when the pattern may be lit now.
@@ -148,6 +153,15 @@ class LightController {
   registers::StepSource step_source_ = registers::StepSource::host;
   int n_armed_ = 0;
   std::uint32_t step_counter_ = 0;
+  std::size_t first_armed_ = 0;
+  std::uint32_t strobe_divider_ = 1;
+  std::uint32_t n_strobes_ = 0;     ///< edges since the arming
+  std::size_t next_first_ = 0;      ///< for the next arming
+  std::uint32_t next_divider_ = 1;  ///< for the next arming
+  // Trigger line.
+  std::uint32_t trigger_delay_us_ = 0;
+  std::int64_t last_trigger_ns_ = 0;
+  std::uint64_t n_triggers_ = 0;
   // Lease, limits, faults.
   std::int64_t lease_ns_ = 0;
   std::int64_t lease_deadline_ns_ = 0;

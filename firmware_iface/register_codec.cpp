@@ -88,6 +88,8 @@ Result<StatusBlock> decode_status(std::span<const std::uint16_t> words) {
   block.status.tag = long_value(in::kTag);
   block.status.step_counter = long_value(in::kStepCounter);
   block.status.is_dark = (block.bits & registers::kStatusDark) != 0;
+  block.status.is_armed = (block.bits & registers::kStatusArmed) != 0;
+  block.status.is_table_done = (block.bits & registers::kStatusTableDone) != 0;
   if (block.status.is_dark && (block.shown_sum != 0 || long_value(in::kPower) != 0)) {
     return fail(
         Errc::protocol,

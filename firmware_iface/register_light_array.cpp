@@ -570,6 +570,53 @@ Result<void> RegisterLightArray::arm_table(registers::StepSource source) {
   return demand(bus_->write_holding(hold::kStepSource, words), "arming the table");
 }
 
+Result<LatchReceipt> RegisterLightArray::arm_strobe(const StrobeRun& run) {
+  const bool is_sane =
+      run.first >= 0 && run.count > 0 && run.divider >= 1 &&
+      run.divider <= registers::kMaxStrobeDivider &&
+      static_cast<std::size_t>(run.first) + static_cast<std::size_t>(run.count) <=
+          table_.size();
+  if (!is_sane) {
+    return fail(Errc::refused,
+                fmt::format("{}: entries {} .. {} of a table of {}, every {} strobes", name(),
+                            run.first, run.first + run.count - 1, table_.size(), run.divider));
+  }
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  const std::array<std::uint16_t, 4> words = {
+      static_cast<std::uint16_t>(run.divider), static_cast<std::uint16_t>(run.first),
+      static_cast<std::uint16_t>(registers::StepSource::strobe),
+      static_cast<std::uint16_t>(run.count)};
+  LatchReceipt receipt;
+  receipt.t_command_ns = clock_();
+  auto ok = demand(bus_->write_holding(hold::kStrobeDivider, words), "arming the table");
+  receipt.t_ack_ns = clock_();
+  if (!ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  return receipt;
+}
+
+Result<void> RegisterLightArray::extend_strobe(int count) {
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return ok;
+  }
+  const std::array<std::uint16_t, 1> word = {
+      static_cast<std::uint16_t>(std::clamp(count, 0, 65535))};
+  return demand(bus_->write_holding(hold::kTableExtend, word), "extending the table");
+}
+
+Result<void> RegisterLightArray::set_trigger_delay(std::chrono::microseconds delay) {
+  if (auto ok = make_ready(Hurry::patient); !ok) {
+    return ok;
+  }
+  const auto us = static_cast<std::uint32_t>(std::clamp<std::int64_t>(
+      delay.count(), 0, std::int64_t{registers::kMaxTriggerDelayUs} + 1));
+  const std::array<std::uint16_t, 2> words = {high_word(us), low_word(us)};
+  return demand(bus_->write_holding(hold::kTriggerDelay, words), "setting the trigger delay");
+}
+
 Result<LatchReceipt> RegisterLightArray::step_table() {
   if (auto ok = make_ready(Hurry::patient); !ok) {
     return tl::unexpected<Fault>(ok.error());

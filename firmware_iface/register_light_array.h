@@ -54,6 +54,9 @@ class RegisterLightArray final : public LightArray {
                                           std::span<const std::uint32_t> tags) override;
   [[nodiscard]] Result<void> arm_table(registers::StepSource source) override;
   [[nodiscard]] Result<LatchReceipt> step_table() override;
+  [[nodiscard]] Result<LatchReceipt> arm_strobe(const StrobeRun& run) override;
+  [[nodiscard]] Result<void> extend_strobe(int count) override;
+  [[nodiscard]] Result<void> set_trigger_delay(std::chrono::microseconds delay) override;
 
   [[nodiscard]] LinkState link_state() const noexcept { return state_; }
 

@@ -65,9 +65,13 @@ inline constexpr std::uint16_t kTag = 0x0000;
 inline constexpr std::uint16_t kExpectedSum = 0x0002;
 inline constexpr std::uint16_t kLatch = 0x0004;
 inline constexpr std::uint16_t kTableStore = 0x0005;
+inline constexpr std::uint16_t kStrobeDivider = 0x000E;
+inline constexpr std::uint16_t kTableFirst = 0x000F;
 inline constexpr std::uint16_t kStepSource = 0x0010;
 inline constexpr std::uint16_t kTableArm = 0x0011;
 inline constexpr std::uint16_t kStep = 0x0012;
+inline constexpr std::uint16_t kTableExtend = 0x0013;
+inline constexpr std::uint16_t kTriggerDelay = 0x0014;
 inline constexpr std::uint16_t kLeaseMs = 0x0020;
 inline constexpr std::uint16_t kLeaseRenew = 0x0021;
 inline constexpr std::uint16_t kAllOff = 0x0022;
@@ -80,6 +84,9 @@ inline constexpr std::uint16_t kLevels = 0x1000;
 
 /// Value of kLatch and kStep that acts; 0 does nothing, anything else is an illegal value.
 inline constexpr std::uint16_t kAct = 1;
+inline constexpr std::uint16_t kMaxStrobeDivider = 255;
+/// Largest value of kTriggerDelay, us.
+inline constexpr std::uint32_t kMaxTriggerDelayUs = 1000000;
 /// Value of kTableStore that does nothing.
 inline constexpr std::uint16_t kStoreNothing = 0xFFFF;
 
@@ -196,12 +203,25 @@ inline constexpr std::array kRegisterMap = {
                 "1 = show the shadow bank whole, restart the lease; 0 = nothing"},
     RegisterRow{Space::holding_register, holding::kTableStore, 1, "table_store", "",
                 "i = copy shadow bank and tag to table entry i; 0xFFFF = nothing"},
+    RegisterRow{
+        Space::holding_register, holding::kStrobeDivider, 1, "strobe_divider", "",
+        "n = the next table_arm's table steps at every n-th edge of the strobe line, its "
+        "first edge included; 1 to 255, and 1 again after the arming"},
+    RegisterRow{Space::holding_register, holding::kTableFirst, 1, "table_first", "",
+                "entry that the next table_arm begins with; 0 again after the arming"},
     RegisterRow{Space::holding_register, holding::kStepSource, 1, "step_source", "",
                 "0 = steps by the host, 1 = by the camera's strobe line; set before table_arm"},
     RegisterRow{Space::holding_register, holding::kTableArm, 1, "table_arm", "entries",
-                "n = arm entries 0 to n-1, go dark, set step_counter to 0; 0 = disarm"},
+                "n = arm n entries from table_first on, go dark, set step_counter to 0; 0 = "
+                "disarm"},
     RegisterRow{Space::holding_register, holding::kStep, 1, "step", "",
                 "1 = show the next entry, past the last one go dark; restarts the lease"},
+    RegisterRow{Space::holding_register, holding::kTableExtend, 1, "table_extend", "entries",
+                "n = n entries are armed from now on, without going dark; nothing happens when "
+                "it is not more, or when the table was stepped past its end"},
+    RegisterRow{Space::holding_register, holding::kTriggerDelay, 2, "trigger_delay", "us",
+                "from each latch of a pattern to a pulse on the camera's trigger line; 0 = no "
+                "pulse, at most 1000000"},
     RegisterRow{Space::holding_register, holding::kLeaseMs, 1, "lease", "ms",
                 "50 to max_lease; restarts the lease"},
     RegisterRow{Space::holding_register, holding::kLeaseRenew, 1, "lease_renew", "",

@@ -92,6 +92,13 @@ std::string find_evidence_problem(const FrameEvidence& e) {
       return fmt::format("the step counter went from {} to {}, not one on", e.step_before,
                          e.step_after);
     }
+    if (e.t_exposure_start_ns < e.t_stable_ns || e.t_exposure_end_ns > e.t_next_change_ns) {
+      return fmt::format(
+          "exposed {} .. {} ns, outside the time from its strobe's settling to the next "
+          "strobe, "
+          "{} .. {} ns",
+          e.t_exposure_start_ns, e.t_exposure_end_ns, e.t_stable_ns, e.t_next_change_ns);
+    }
     return e.margin_us >= 0.0
                ? std::string()
                : fmt::format("the light did not fit the frame period by {} us", -e.margin_us);

@@ -45,7 +45,7 @@ class Storage {
 };
 
 /// The kernel's files. One thread.
-class DiskStorage final : public Storage {
+class DiskStorage : public Storage {
  public:
   [[nodiscard]] Result<void> write(const std::filesystem::path& path,
                                    std::span<const std::byte> bytes) override;

@@ -74,14 +74,17 @@ sockaddr_un address_of(const std::filesystem::path& path) {
 class FrameMemory {
  public:
   explicit FrameMemory(std::size_t bytes) : size_(bytes) {
-    const Fd writable(::memfd_create("haarlight-frame", MFD_CLOEXEC));
+    const Fd writable(::memfd_create("haarlight-frame", MFD_CLOEXEC | MFD_ALLOW_SEALING));
     if (!writable.is_open() || ::ftruncate(writable.get(), static_cast<off_t>(bytes)) != 0) {
       throw_os_error("memfd_create", "camera server", "free some memory");
     }
     const std::string again = fmt::format("/proc/self/fd/{}", writable.get());
     fd_ = Fd(::open(again.c_str(), O_RDONLY | O_CLOEXEC));
     data_ = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, writable.get(), 0);
-    if (!fd_.is_open() || data_ == MAP_FAILED) {
+    // The client may map what cannot shrink under it.
+    const bool is_sealed =
+        ::fcntl(writable.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW) == 0;
+    if (!fd_.is_open() || data_ == MAP_FAILED || !is_sealed) {
       throw_os_error("mmap of a frame", "camera server", "free some memory");
     }
   }
@@ -141,6 +144,7 @@ class CameraServer::Impl {
         light_(std::move(light)),
         path_(std::move(socket)),
         stop_(::eventfd(0, EFD_CLOEXEC)),
+        pulse_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
         cut_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
     HAARLIGHT_EXPECTS(options.n_buffers >= 1 && options.n_buffers <= 1024, "1 to 1024 buffers");
     exposure_us_ = spec.exposure_us;
@@ -170,6 +174,15 @@ class CameraServer::Impl {
   [[nodiscard]] std::optional<std::int64_t> first_frame_ns() const {
     const std::int64_t first = first_frame_ns_.load();
     return first == 0 ? std::nullopt : std::optional(first);
+  }
+
+  void trigger_line(std::int64_t t_ns) {
+    {
+      const std::lock_guard lock(pulses_mutex_);
+      pulses_.push_back(t_ns);
+    }
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t n = ::write(pulse_.get(), &one, sizeof one);
   }
 
   void cut_client() const {
@@ -224,9 +237,10 @@ class CameraServer::Impl {
     const std::int64_t until = next_event_ns();
     const std::int64_t left = std::max<std::int64_t>(0, until - now_ns());
     const timespec timeout{left / 1'000'000'000, left % 1'000'000'000};
-    std::array<pollfd, 4> fds = {pollfd{stop_.get(), POLLIN, 0}, pollfd{cut_.get(), POLLIN, 0},
+    std::array<pollfd, 5> fds = {pollfd{stop_.get(), POLLIN, 0}, pollfd{cut_.get(), POLLIN, 0},
                                  pollfd{listen_.get(), POLLIN, 0},
-                                 pollfd{client_.get(), POLLIN, 0}};
+                                 pollfd{client_.get(), POLLIN, 0},
+                                 pollfd{pulse_.get(), POLLIN, 0}};
     const int n = ::ppoll(fds.data(), fds.size(), until == kFar ? nullptr : &timeout, nullptr);
     if (n > 0) {
       if (fds[0].revents != 0) {
@@ -246,6 +260,9 @@ class CameraServer::Impl {
       if (fds[2].revents != 0) {
         accept_client();
       }
+      if (fds[4].revents != 0) {
+        take_pulses();
+      }
     }
     run_sensor(now_ns());
     return true;
@@ -254,12 +271,10 @@ class CameraServer::Impl {
   [[nodiscard]] std::int64_t next_event_ns() const {
     std::int64_t next = kFar;
     if (is_streaming_) {
-      next = std::min(next, next_start_ns_);
+      next =
+          std::min(next, next_start_ns_ - (next_start_ns_ == kFar ? 0 : options_.lookahead_ns));
       if (!running_.empty()) {
         next = std::min(next, running_.front().ready_ns);
-      }
-      if (!strobes_.empty()) {
-        next = std::min(next, strobes_.front());
       }
       if (!outgoing_.empty()) {
         next = std::min(next, outgoing_.front().send_ns);
@@ -294,7 +309,6 @@ class CameraServer::Impl {
     is_streaming_ = false;
     running_.clear();
     asked_us_.clear();
-    strobes_.clear();
     outgoing_.clear();
     swapped_.reset();
     buffers_.clear();
@@ -363,6 +377,11 @@ class CameraServer::Impl {
       case RemoteMessage::stop:
         stop_streaming();
         return;
+      case RemoteMessage::trigger:
+        if (trigger_ == TriggerSource::software) {
+          trigger(now_ns());
+        }
+        return;
       case RemoteMessage::release:
         release(header.sequence);
         return;
@@ -392,10 +411,15 @@ class CameraServer::Impl {
     if (std::isfinite(wanted.gain_db) && std::abs(wanted.gain_db) <= 60.0F) {
       gain_db_ = static_cast<double>(wanted.gain_db);
     }
+    trigger_ = wanted.sequence <= static_cast<std::uint64_t>(TriggerSource::line)
+                   ? static_cast<TriggerSource>(wanted.sequence)
+                   : TriggerSource::free;
     if (wanted.fps > 0.0F) {
       fps_ = std::min(spec_.fps, static_cast<double>(wanted.fps));
     }
-    reply(state_header(RemoteMessage::setup));
+    RemoteHeader set = state_header(RemoteMessage::setup);
+    set.sequence = static_cast<std::uint64_t>(trigger_);
+    reply(set);
   }
 
   void start_streaming() {
@@ -408,11 +432,58 @@ class CameraServer::Impl {
     for (int i = 0; i < options_.n_buffers; ++i) {
       buffers_.push_back(Buffer{FrameMemory(bytes), 0, 0});
     }
+    for (Buffer& buffer : buffers_) {
+      fill(buffer);
+    }
     is_streaming_ = true;
     next_sequence_ = 0;
-    next_start_ns_ = now_ns() + 1'000'000;
+    free_from_ns_ = 0;
+    const std::int64_t start_ns = now_ns() + 1'000'000 + options_.lookahead_ns;
+    next_start_ns_ = trigger_ == TriggerSource::free ? start_ns : kFar;
     std::int64_t none = 0;
-    first_frame_ns_.compare_exchange_strong(none, next_start_ns_);
+    first_frame_ns_.compare_exchange_strong(none, start_ns);
+  }
+
+  /// A prepared picture: noise on grey, which no two buffers share.
+  void fill(Buffer& buffer) const {
+    if (!options_.is_prepared) {
+      return;
+    }
+    const std::size_t n = static_cast<std::size_t>(spec_.frame_width) *
+                          static_cast<std::size_t>(spec_.active_rows);
+    const auto key = static_cast<std::uint64_t>(&buffer - buffers_.data());
+    const auto grey = static_cast<unsigned>(1U << static_cast<unsigned>(spec_.bits - 1));
+    for (std::size_t i = 0; i < n; ++i) {
+      buffer.memory.words()[i] = static_cast<std::uint16_t>(
+          grey + (hash_key(key, 31, i / 4) >> (16U * (i % 4))) % 64U);
+    }
+  }
+
+  // ---- triggers ----
+
+  void take_pulses() {
+    std::uint64_t ignored = 0;
+    [[maybe_unused]] const ssize_t got = ::read(pulse_.get(), &ignored, sizeof ignored);
+    std::deque<std::int64_t> pulses;
+    {
+      const std::lock_guard lock(pulses_mutex_);
+      pulses.swap(pulses_);
+    }
+    if (trigger_ == TriggerSource::line) {
+      for (const std::int64_t t_ns : pulses) {
+        trigger(t_ns);
+      }
+    }
+  }
+
+  void trigger(std::int64_t t_ns) {
+    if (!is_streaming_ || t_ns < free_from_ns_) {
+      return;
+    }
+    next_start_ns_ = t_ns;
+    start_frame();
+    next_start_ns_ = kFar;
+    free_from_ns_ = running_.back().ready_ns;
   }
 
   void release(std::uint64_t sequence) {
@@ -432,12 +503,8 @@ class CameraServer::Impl {
   }
 
   void run_sensor(std::int64_t now) {
-    while (is_streaming_ && next_start_ns_ <= now) {
+    while (is_streaming_ && next_start_ns_ <= now + options_.lookahead_ns) {
       start_frame();
-    }
-    while (is_streaming_ && !strobes_.empty() && strobes_.front() <= now) {
-      strobes_.pop_front();
-      light_.strobe();
     }
     while (is_streaming_ && !running_.empty() && running_.front().ready_ns <= now) {
       const Running frame = running_.front();
@@ -473,9 +540,29 @@ class CameraServer::Impl {
     frame.ready_ns = camera_.read_out_ns(frame.exposure) + kTransferNs;
     running_.push_back(frame);
     if (light_.strobe) {
-      strobes_.push_back(end);
+      announce_strobe(frame.sequence, end);
     }
     next_start_ns_ += period_ns(exposure_us);
+  }
+
+  /// The edge at the exposure's end, unless a fault takes it away or puts one before it. Never
+  /// both near each other: that is what the step counter cannot see (capture/strobe_proof.h).
+  void announce_strobe(std::uint64_t sequence, std::int64_t end_ns) {
+    const double u = uniform_unit(hash_key(options_.fault_seed, 13, sequence));
+    const bool may_fail = sequence >= next_strobe_fault_;
+    if (may_fail && u < options_.strobe_lost_share) {
+      next_strobe_fault_ = sequence + 20;
+      count(&CameraServerCounts::n_faults);
+      return;
+    }
+    if (may_fail && u > 1.0 - options_.strobe_false_share) {
+      next_strobe_fault_ = sequence + 20;
+      count(&CameraServerCounts::n_faults);
+      const double where = uniform_unit(hash_key(options_.fault_seed, 14, sequence));
+      light_.strobe(end_ns - static_cast<std::int64_t>(
+                                 where * static_cast<double>(period_ns(exposure_us_))));
+    }
+    light_.strobe(end_ns);
   }
 
   [[nodiscard]] FrameFault fault_of(std::uint64_t sequence) const {
@@ -524,7 +611,9 @@ class CameraServer::Impl {
                                          spec_.frame_width, 1);
     const std::size_t n_words = static_cast<std::size_t>(spec_.frame_height) *
                                 static_cast<std::size_t>(spec_.frame_width);
-    if (fault == FrameFault::stale && last_words_.size() == n_words) {
+    if (options_.is_prepared) {
+      take_prepared(seen, frame.sequence, words);
+    } else if (fault == FrameFault::stale && last_words_.size() == n_words) {
       std::copy(last_words_.begin(), last_words_.end(), words.data());
     } else {
       camera_.take(history, frame.exposure, seen, noise_key(seen, frame.sequence), words);
@@ -561,6 +650,14 @@ class CameraServer::Impl {
       queue(*swapped_);
       swapped_.reset();
     }
+  }
+
+  /// Only what must differ from frame to frame: a word, and the tag.
+  void take_prepared(const LightSeen& seen, std::uint64_t sequence,
+                     ImageView<std::uint16_t> words) const {
+    words(0, 0) = static_cast<std::uint16_t>(1 + sequence % 251);
+    words(0, 1) = static_cast<std::uint16_t>(1 + (sequence / 251) % 251);
+    camera_.write_tag(seen, words);
   }
 
   /// Frames leave in order: one behind a late one is late too.
@@ -618,6 +715,7 @@ class CameraServer::Impl {
   LightSource light_;
   std::filesystem::path path_;
   Fd stop_;
+  Fd pulse_;
   Fd cut_;
   Fd listen_;
   // Of the camera's thread alone.
@@ -628,9 +726,11 @@ class CameraServer::Impl {
   double fps_ = 0.0;
   std::uint64_t next_sequence_ = 0;
   std::int64_t next_start_ns_ = kFar;
+  TriggerSource trigger_ = TriggerSource::free;
+  std::int64_t free_from_ns_ = 0;  ///< triggers before are ignored
+  std::uint64_t next_strobe_fault_ = 0;
   std::deque<Running> running_;
   std::deque<double> asked_us_;  // at the start of the latest frames
-  std::deque<std::int64_t> strobes_;
   std::deque<Outgoing> outgoing_;
   std::optional<Outgoing> swapped_;
   std::vector<Buffer> buffers_;
@@ -638,6 +738,8 @@ class CameraServer::Impl {
   std::uint64_t clean_key_ = 0;
   std::uint64_t n_clean_ = 0;
   // Shared.
+  std::mutex pulses_mutex_;
+  std::deque<std::int64_t> pulses_;
   mutable std::mutex counts_mutex_;
   CameraServerCounts counts_;
   std::atomic<std::int64_t> first_frame_ns_{0};
@@ -655,6 +757,7 @@ CameraServerCounts CameraServer::counts() const { return impl_->counts(); }
 std::optional<std::int64_t> CameraServer::first_frame_ns() const {
   return impl_->first_frame_ns();
 }
+void CameraServer::trigger_line(std::int64_t t_ns) { impl_->trigger_line(t_ns); }
 void CameraServer::disconnect_client() { impl_->cut_client(); }
 
 }  // namespace haarlight

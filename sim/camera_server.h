@@ -22,8 +22,9 @@ namespace haarlight {
 struct LightSource {
   /// The state at t0 and each change in (t0, t1]; t1 is in the past.
   std::function<LightHistory(std::int64_t t0_ns, std::int64_t t1_ns)> history;
-  /// An edge of the strobe line, at the end of each exposure; may be empty.
-  std::function<void()> strobe;
+  /// Told in advance: an edge of the strobe line at `t_ns`, the end of an exposure. May be
+  /// empty.
+  std::function<void(std::int64_t t_ns)> strobe;
 };
 
 struct CameraServerOptions {
@@ -38,6 +39,15 @@ struct CameraServerOptions {
   double doubtful_us = 2000.0;
   int exposure_delay_frames =
       0;  ///< frames begun after an exposure was set, still with the old
+  /// Frames are planned so long before they begin (a strobe is told that early), so that a slow
+  /// machine does not bend their times. A new exposure is in force after that.
+  std::int64_t lookahead_ns = 0;
+  /// No sensor model: each buffer is filled once with noise, and a frame changes its tag rows
+  /// and one word. For measuring what stands behind the camera.
+  bool is_prepared = false;
+  /// Chances that an edge of the strobe line is lost, or one too many comes within a frame.
+  double strobe_lost_share = 0.0;
+  double strobe_false_share = 0.0;
 };
 
 struct CameraServerCounts {
@@ -65,6 +75,9 @@ class CameraServer {
   [[nodiscard]] CameraServerCounts counts() const;
   /// When the first frame began (CLOCK_MONOTONIC ns); nothing before.
   [[nodiscard]] std::optional<std::int64_t> first_frame_ns() const;
+  /// A pulse on the trigger line at `t_ns`; ignored unless the client asked for it, or while a
+  /// frame is exposed or read out.
+  void trigger_line(std::int64_t t_ns);
   /// Cuts the client off, as a pulled cable would; it may connect again.
   void disconnect_client();
 

@@ -6,11 +6,13 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <deque>
 #include <list>
 #include <mutex>
 #include <optional>
 #include <system_error>
 #include <thread>
+#include <type_traits>
 #include <vector>
 
 #include <arpa/inet.h>
@@ -127,8 +129,25 @@ class ControllerServer::Impl {
     const std::int64_t t = now_ns();
     // Lease and thermal cuts happen at their own moments however late somebody looks, so no
     // thread has to wait for them.
+    while (!strobes_.empty() && strobes_.front() <= t) {
+      controller_.strobe(strobes_.front());
+      strobes_.pop_front();
+    }
     controller_.advance(t);
-    return function(controller_, t);
+    if constexpr (std::is_void_v<
+                      std::invoke_result_t<Function, LightController&, std::int64_t>>) {
+      function(controller_, t);
+      pass_trigger();
+    } else {
+      auto result = function(controller_, t);
+      pass_trigger();
+      return result;
+    }
+  }
+
+  void strobe_at(std::int64_t t_ns) {
+    const std::lock_guard lock(controller_mutex_);
+    strobes_.insert(std::upper_bound(strobes_.begin(), strobes_.end(), t_ns), t_ns);
   }
 
   void restart(std::chrono::milliseconds off_for) {
@@ -199,6 +218,15 @@ class ControllerServer::Impl {
   }
 
  private:
+  void pass_trigger() {
+    if (controller_.n_triggers() != n_triggers_) {
+      n_triggers_ = controller_.n_triggers();
+      if (options_.trigger) {
+        options_.trigger(controller_.last_trigger_ns());
+      }
+    }
+  }
+
   struct Connection {
     Fd fd;
     std::atomic<bool> is_done{false};
@@ -559,6 +587,8 @@ class ControllerServer::Impl {
   ControllerServerOptions options_;
   std::mutex controller_mutex_;
   LightController controller_;
+  std::deque<std::int64_t> strobes_;  ///< to come, in order
+  std::uint64_t n_triggers_ = 0;
   std::atomic<std::uint64_t> n_requests_{0};
   std::atomic<std::int64_t> off_until_ns_{0};
   std::atomic<std::int64_t> reply_delay_ns_{0};
@@ -631,6 +661,7 @@ void ControllerServer::strobe() {
     return 0;
   });
 }
+void ControllerServer::strobe_at(std::int64_t t_ns) { impl_->strobe_at(t_ns); }
 void ControllerServer::restart(std::chrono::milliseconds off_for) { impl_->restart(off_for); }
 void ControllerServer::set_interlock_open(bool is_open) {
   impl_->with_controller([=](LightController& c, std::int64_t t) {

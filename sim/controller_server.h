@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -27,6 +28,8 @@ struct ControllerServerOptions {
   bool has_rtu = false;
   int baud = 115200;  ///< 8E1: 11 bits a byte. 0 = as fast as it goes
   std::uint32_t first_boot_id = 1;
+  /// A pulse on the camera's trigger line comes at `t_ns`. Called within a request.
+  std::function<void(std::int64_t t_ns)> trigger{};
 };
 
 /// What happens to a request or its reply.
@@ -93,6 +96,9 @@ class ControllerServer {
   // The world around it.
   /// An edge on the camera's strobe line, now.
   void strobe();
+  /// The same at `t_ns`, told before. It acts at that very time, before any request that comes
+  /// later, however late this machine is.
+  void strobe_at(std::int64_t t_ns);
   /// Power lost: dark at once, connections cut, back with a new boot id after `off_for`.
   void restart(std::chrono::milliseconds off_for);
   void set_interlock_open(bool is_open);

@@ -323,7 +323,7 @@ class V4l2Output::Impl {
     // No two frames have the same noise: a repeated one is then known for what it is.
     camera_.take(history, exposure, seen, n_written_.load(), words);
     if (light_.strobe) {
-      light_.strobe();
+      light_.strobe(now_ns());
     }
     copy_to(buffers_[index].bytes());
     if (record_ != nullptr && !record_->add(words_, exposure, end_ns, seen.tag)) {

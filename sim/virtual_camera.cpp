@@ -296,6 +296,10 @@ void VirtualCamera::take(const LightHistory& history, const Exposure& exposure,
     steady_exposure_us_ = exposure.exposure_us;
   }
   read_out(exposure.gain_db, hash_key(options_.seed, noise_key), words);
+  write_tag(seen, words);
+}
+
+void VirtualCamera::write_tag(const LightSeen& seen, ImageView<std::uint16_t> words) const {
   const int n_tag_rows = spec_.frame_height - spec_.active_rows;
   if (n_tag_rows > 0) {
     const auto white = static_cast<double>((1U << static_cast<unsigned>(spec_.bits)) - 1U);

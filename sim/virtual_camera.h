@@ -76,6 +76,9 @@ class VirtualCamera {
   void take(const LightHistory& history, const Exposure& exposure, const LightSeen& seen,
             std::uint64_t noise_key, ImageView<std::uint16_t> words);
 
+  /// The tag rows alone.
+  void write_tag(const LightSeen& seen, ImageView<std::uint16_t> words) const;
+
   /// Electrons of a value T / scale = 1 at this exposure and drive 1.
   [[nodiscard]] double electrons_per_unit(double exposure_us) const;
   [[nodiscard]] const CameraSpec& spec() const noexcept { return spec_; }

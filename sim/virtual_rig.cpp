@@ -54,6 +54,8 @@ std::vector<FaultEvent> timetable(const FaultScript& script) {
   return events;
 }
 
+constexpr std::int64_t kLookaheadNs = 50'000'000;  // how late this machine may be
+
 /// The number behind the last colon of an address.
 int number_after_colon(const std::string& address, int fallback) {
   const std::size_t colon = address.rfind(':');
@@ -64,8 +66,10 @@ int number_after_colon(const std::string& address, int fallback) {
   return value;
 }
 
-ControllerServerOptions controller_options(const Rig& rig, const VirtualRigOptions& options) {
+ControllerServerOptions controller_options(const Rig& rig, const VirtualRigOptions& options,
+                                           std::function<void(std::int64_t)> trigger) {
   ControllerServerOptions server;
+  server.trigger = std::move(trigger);
   server.controller = controller_config(rig);
   server.unit = rig.controller.unit;
   const bool is_own = !options.own_folder.empty();
@@ -95,6 +99,8 @@ ControllerServerOptions controller_options(const Rig& rig, const VirtualRigOptio
 
 struct VirtualRig::Impl {
   Rig rig;
+  std::mutex line_mutex;                ///< of the trigger line
+  CameraServer* line_camera = nullptr;  ///< at its end
   ControllerServer controller;
   std::filesystem::path rtu_link;
   std::unique_ptr<UsbLightDevice> usb_device;
@@ -108,7 +114,12 @@ struct VirtualRig::Impl {
 
   Impl(const Rig& wanted, std::span<const Transport> transports,
        const VirtualRigOptions& options)
-      : rig(wanted), controller(controller_options(wanted, options)) {
+      : rig(wanted), controller(controller_options(wanted, options, [this](std::int64_t t_ns) {
+          const std::lock_guard lock(line_mutex);
+          if (line_camera != nullptr) {
+            line_camera->trigger_line(t_ns);
+          }
+        })) {
     if (options.has_cameras && transports.size() != rig.cameras.size()) {
       throw Error(fmt::format("{} transport matrices for {} cameras", transports.size(),
                               rig.cameras.size()),
@@ -132,7 +143,7 @@ struct VirtualRig::Impl {
         return controller.transitions(t0, t1);
       };
       if (rig.sync == SyncMode::camera_leads && i == 0) {
-        light.strobe = [this] { controller.strobe(); };
+        light.strobe = [this](std::int64_t t_ns) { controller.strobe_at(t_ns); };
       }
       if (i == 0 && !options.v4l2_output.empty()) {
         V4l2OutputOptions output;
@@ -162,9 +173,22 @@ struct VirtualRig::Impl {
       server.faults = options.faults.frames;
       server.fault_seed = options.seed + 1000 + i;
       server.doubtful_us = options.doubtful_us;
+      server.is_prepared = options.is_prepared;
+      if (rig.sync == SyncMode::camera_leads) {
+        server.doubtful_us = 0.0;  // the strobe, not the host, decides when the light changes
+        server.lookahead_ns = kLookaheadNs;
+        server.strobe_lost_share = options.strobe_lost_share;
+        server.strobe_false_share = options.strobe_false_share;
+      } else if (rig.sync != SyncMode::free_run) {
+        server.doubtful_us = 0.0;  // each trigger exposes one frame: it must not be lost
+      }
       cameras.push_back(std::make_unique<CameraServer>(true_rig.cameras[i], true_rig.controller,
                                                        transports[i], std::move(light),
                                                        spec.device, server));
+    }
+    {
+      const std::lock_guard lock(line_mutex);
+      line_camera = cameras.empty() ? nullptr : cameras.front().get();
     }
     events = timetable(options.faults);
     if (!events.empty()) {
@@ -175,6 +199,10 @@ struct VirtualRig::Impl {
   ~Impl() {
     fault_thread = std::jthread();  // stops and joins before what it touches goes
     v4l2_output.reset();
+    {
+      const std::lock_guard lock(line_mutex);
+      line_camera = nullptr;
+    }
     cameras.clear();
     if (!rtu_link.empty()) {
       std::error_code ignored;

@@ -27,7 +27,10 @@ struct VirtualRigOptions {
   double lit_electrons = 0.0;  ///< see VirtualCameraOptions
   FaultScript faults;
   int n_buffers = 8;
-  double doubtful_us = 2000.0;  ///< see CameraServerOptions
+  double doubtful_us = 2000.0;  ///< see CameraServerOptions, as the following
+  bool is_prepared = false;
+  double strobe_lost_share = 0.0;
+  double strobe_false_share = 0.0;
   /// What the rig truly is, where that differs from the rig file.
   SimTruth truth;
   /// Choose a free port and sockets in this folder instead of the rig file's addresses.

@@ -402,8 +402,23 @@ TEST_F(DaemonTest, APlanAboveTheFacesPowerIsRefusedAndNothingIsLit) {
 }
 
 TEST_F(DaemonTest, AModeThatTheCameraCannotDoIsRefused) {
+  rig_.sync = SyncMode::light_leads;  // the fake camera runs freely
+  start();
+  (void)daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_until([](const DaemonState& s) {
+    return s.phase == Phase::idle && s.reason_text.find("trigger") != std::string::npos;
+  }));
+  EXPECT_EQ(daemon_->state().n_committed, 0);
+}
+
+TEST_F(DaemonTest, AControllerWithoutATableIsRefusedWhereTheCameraLeads) {
   rig_.sync = SyncMode::camera_leads;
-  EXPECT_THROW(start(), Error);
+  start();
+  (void)daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_until([](const DaemonState& s) {
+    return s.phase == Phase::idle &&
+           s.reason_text.find("no pattern table") != std::string::npos;
+  }));
 }
 
 // ---- HTTP

@@ -1,5 +1,6 @@
 #include "capture/sequencer.h"
 
+#include <array>
 #include <cstdlib>
 #include <string>
 
@@ -44,6 +45,7 @@ TEST(SequencerSimulation, EverySessionWithFaultsKeepsEveryPromise) {
   const char* wanted = std::getenv("HAARLIGHT_SESSIONS");
   const std::uint64_t n_sessions = wanted == nullptr ? 500 : std::strtoull(wanted, nullptr, 10);
   ModelOutcome sum;
+  std::array<std::uint64_t, 4> n_by_mode{};
   for (std::uint64_t seed = 1; seed <= n_sessions; ++seed) {
     const ModelOutcome outcome = run_session(seed, false);
     ASSERT_TRUE(outcome.is_done && outcome.problem.empty())
@@ -59,6 +61,11 @@ TEST(SequencerSimulation, EverySessionWithFaultsKeepsEveryPromise) {
     sum.counters.light_faults += outcome.counters.light_faults;
     sum.counters.commit_faults += outcome.counters.commit_faults;
     sum.counters.controller_reboots += outcome.counters.controller_reboots;
+    sum.counters.blocks += outcome.counters.blocks;
+    sum.counters.blocks_cut += outcome.counters.blocks_cut;
+    sum.counters.strobe_unproven += outcome.counters.strobe_unproven;
+    sum.counters.table_mismatches += outcome.counters.table_mismatches;
+    ++n_by_mode.at(static_cast<std::size_t>(random_model_rig(seed).sync));
   }
   fmt::print(
       "{} sessions, {} commits, {} frames, {} events, {:.0f} virtual s; {} duplicates, {} "
@@ -68,6 +75,17 @@ TEST(SequencerSimulation, EverySessionWithFaultsKeepsEveryPromise) {
       sum.counters.duplicates, sum.counters.sequence_gaps, sum.counters.confirms_failed,
       sum.counters.suspensions, sum.counters.light_faults, sum.counters.commit_faults,
       sum.counters.controller_reboots);
+  fmt::print(
+      "free-run {}, light leads {}, camera leads {}, controller leads {}; {} blocks, {} ended "
+      "early, {} frames unproven by the strobe, {} table mismatches\n",
+      n_by_mode[0], n_by_mode[1], n_by_mode[2], n_by_mode[3], sum.counters.blocks,
+      sum.counters.blocks_cut, sum.counters.strobe_unproven, sum.counters.table_mismatches);
+  for (const std::uint64_t n : n_by_mode) {
+    EXPECT_GT(n, n_sessions / 8);
+  }
+  EXPECT_GT(sum.counters.blocks_cut, n_sessions / 100);
+  EXPECT_GT(sum.counters.strobe_unproven, n_sessions / 10);
+  EXPECT_GT(sum.counters.table_mismatches, n_sessions / 100);
   // The faults did happen.
   EXPECT_GT(sum.counters.duplicates, n_sessions / 10);
   EXPECT_GT(sum.counters.confirms_failed, n_sessions / 100);

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <thread>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "capture/daemon.h"
@@ -35,16 +36,16 @@ class WholeRig : public ::testing::Test {
 
   /// Runs one plan to its end.
   void capture(const FaultScript& faults, const std::function<void(Daemon&)>& meanwhile = {}) {
-    rig_ = std::make_unique<VirtualRig>(
-        wanted_, transports_,
-        VirtualRigOptions{.faults = faults, .own_folder = folder_.path()});
+    options_.faults = faults;
+    options_.own_folder = folder_.path();
+    rig_ = std::make_unique<VirtualRig>(wanted_, transports_, options_);
     const Rig& rig = rig_->rig();
     Daemon daemon(DaemonConfig{
         .rig = rig,
         .sessions = folder_.path() / "sessions",
         .make_light = [&] { return make_light_array(rig.controller, rig.n_lights()); },
         .make_camera = [&] { return make_camera(rig.cameras.front()); },
-        .storage = &storage_,
+        .storage = storage_.get(),
         .has_http = false});
     const auto deadline = std::chrono::steady_clock::now() + 60s;
     const auto wait_until = [&](auto predicate) {
@@ -73,9 +74,19 @@ class WholeRig : public ::testing::Test {
   testing::TemporaryFolder folder_;
   Rig wanted_;
   std::vector<Transport> transports_;
-  DiskStorage storage_;
+  std::unique_ptr<Storage> storage_ = std::make_unique<DiskStorage>();
   std::unique_ptr<VirtualRig> rig_;
   SequencerCounters counters_;
+  VirtualRigOptions options_;
+};
+
+/// A disk that takes its time for every frame.
+class SlowStorage final : public DiskStorage {
+ public:
+  Result<void> sync_file(const std::filesystem::path& path) override {
+    std::this_thread::sleep_for(30ms);
+    return DiskStorage::sync_file(path);
+  }
 };
 
 TEST_F(WholeRig, EveryLightIsCommittedOverModbusTcp) { capture({}); }
@@ -123,6 +134,81 @@ TEST_F(WholeRig, AnOpenInterlockSuspendsTheRunUntilItCloses) {
 TEST_F(WholeRig, ACameraThatIsCutOffIsFoundAgain) {
   capture({}, [this](Daemon&) { rig_->camera(0).disconnect_client(); });
   EXPECT_GE(counters_.camera_faults, 1U);
+}
+
+// ---- sync modes
+
+TEST_F(WholeRig, TheCamerasStrobeStepsTheTable) {
+  wanted_.sync = SyncMode::camera_leads;
+  capture({});
+  EXPECT_GE(counters_.blocks, 1U);
+  EXPECT_EQ(counters_.table_mismatches, 0U);
+}
+
+TEST_F(WholeRig, ALightThatDoesNotFitOneFrameStepsAtEverySecondStrobe) {
+  wanted_.sync = SyncMode::camera_leads;
+  wanted_.strobe_every = 2;
+  wanted_.cameras.front().exposure_us = 4000.0;  // of 4166.7, and 320 to settle
+  capture({});
+}
+
+TEST_F(WholeRig, LostAndFalseStrobesAndLostFramesCostFramesAndPairNoneWrongly) {
+  wanted_.sync = SyncMode::camera_leads;
+  options_.strobe_lost_share = 0.1;
+  options_.strobe_false_share = 0.1;
+  FaultScript faults;
+  faults.frames = {.drop_share = 0.02, .duplicate_share = 0.02, .jitter_us = 20.0};
+  capture(faults);
+  EXPECT_GT(counters_.strobe_unproven, 0U);
+}
+
+TEST_F(WholeRig, ASlowDiskEndsABlockEarlyAndLosesNothing) {
+  wanted_.sync = SyncMode::camera_leads;
+  storage_ = std::make_unique<SlowStorage>();
+  capture({});
+  EXPECT_GT(counters_.blocks_cut, 0U);
+  EXPECT_EQ(rig_->camera(0).counts().n_no_buffer, 0U) << "the camera always had a free buffer";
+}
+
+TEST_F(WholeRig, AControllerThatRestartsWithinABlockIsFoundAgain) {
+  wanted_.sync = SyncMode::camera_leads;
+  capture({}, [this](Daemon&) { rig_->controller().restart(200ms); });
+  EXPECT_EQ(counters_.controller_reboots, 1U);
+}
+
+TEST_F(WholeRig, TheHostTriggersTheCameraWhenTheLightStands) {
+  wanted_.sync = SyncMode::light_leads;
+  capture({});
+}
+
+TEST_F(WholeRig, TheControllerTriggersTheCameraAfterEachLatch) {
+  wanted_.sync = SyncMode::controller_leads;
+  capture({});
+}
+
+TEST_F(WholeRig, ATriggeredFrameThatIsLostIsAskedForAgain) {
+  wanted_.sync = SyncMode::light_leads;
+  FaultScript faults;
+  faults.frames = {.drop_share = 0.05};
+  capture(faults);
+  EXPECT_GT(counters_.shot_timeouts, 0U);
+}
+
+TEST_F(WholeRig, ALightThatDoesNotFitIsRefusedWithTheArithmetic) {
+  wanted_.sync = SyncMode::camera_leads;
+  wanted_.cameras.front().shutter = Shutter::rolling;
+  wanted_.cameras.front().skew_us = 3000.0;
+  try {
+    (void)expand_plan(
+        parse_plan_file("schema = 1\nname = \"p\"\npatterns = \"one_at_a_time\"\n", "p.toml"),
+        wanted_);
+    FAIL() << "it was not refused";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr(
+                                  "exposure 2000.0 + skew 3000.0 + settle 220.0 + guard 100.0 "
+                                  "= 5320.0 us, and 1 x 4166.7 = 4166.7 us a step"));
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("strobe_every = 2"));
+  }
 }
 
 }  // namespace

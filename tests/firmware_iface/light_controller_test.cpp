@@ -160,6 +160,81 @@ TEST(LightController, StrobeDoesNothingWhileTheHostSteps) {
   EXPECT_EQ(status_of(c, kMs).status.step_counter, 1U);
 }
 
+/// Entries 0 .. n-1 light element i under tag 10 + i.
+void store_entries(LightController& c, int n) {
+  for (int i = 0; i < n; ++i) {
+    ASSERT_EQ(set_level(c, i, kFull, 0), Exception::none);
+    ASSERT_EQ(set_on(c, i, true, 0), Exception::none);
+    const auto index = static_cast<std::uint16_t>(i);
+    const auto tag = static_cast<std::uint16_t>(10 + i);
+    ASSERT_EQ(write_words(c, hold::kTag, {0, tag}, 0), Exception::none);
+    ASSERT_EQ(write_words(c, hold::kTableStore, {index}, 0), Exception::none);
+    ASSERT_EQ(set_on(c, i, false, 0), Exception::none);
+  }
+}
+
+TEST(LightController, ATableIsExtendedWhileItRunsWithoutGoingDark) {
+  LightController c(small_config(), 1, 0);
+  store_entries(c, 4);
+  ASSERT_EQ(write_words(c, hold::kStrobeDivider, {1, 1, 1, 2}, 0), Exception::none);
+  c.strobe(1 * kMs);
+  EXPECT_EQ(c.lit().tag, 11U) << "table_first = 1";
+  c.strobe(2 * kMs);
+  EXPECT_EQ(c.lit().tag, 12U);
+  EXPECT_EQ(write_words(c, hold::kTableExtend, {1}, 2 * kMs), Exception::none) << "not more";
+  EXPECT_EQ(write_words(c, hold::kTableExtend, {3}, 2 * kMs), Exception::none);
+  EXPECT_EQ(c.lit().tag, 12U);
+  c.strobe(3 * kMs);
+  EXPECT_EQ(c.lit().tag, 13U);
+  EXPECT_EQ(status_of(c, 3 * kMs).status.step_counter, 3U);
+  EXPECT_FALSE(status_of(c, 3 * kMs).status.is_table_done);
+}
+
+TEST(LightController, ATablePastItsEndStaysDarkHoweverItIsExtended) {
+  LightController c(small_config(), 1, 0);
+  store_entries(c, 4);
+  ASSERT_EQ(write_words(c, hold::kStrobeDivider, {1, 0, 1, 1}, 0), Exception::none);
+  c.strobe(1 * kMs);
+  c.strobe(2 * kMs);
+  ASSERT_TRUE(status_of(c, 2 * kMs).status.is_table_done);
+  EXPECT_EQ(write_words(c, hold::kTableExtend, {4}, 2 * kMs), Exception::none);
+  c.strobe(3 * kMs);
+  EXPECT_TRUE(c.lit().pattern->empty());
+  EXPECT_EQ(c.lit().tag, 0U);
+  // Armed again behind the last entry shown, nothing is uploaded.
+  ASSERT_EQ(write_words(c, hold::kStrobeDivider, {1, 1, 1, 3}, 4 * kMs), Exception::none);
+  c.strobe(5 * kMs);
+  EXPECT_EQ(c.lit().tag, 11U);
+  // Used once: the next arming begins at entry 0.
+  ASSERT_EQ(write_words(c, hold::kStepSource, {1, 3}, 6 * kMs), Exception::none);
+  c.strobe(7 * kMs);
+  EXPECT_EQ(c.lit().tag, 10U);
+}
+
+TEST(LightController, ADividerOfTwoStepsAtEverySecondStrobe) {
+  LightController c(small_config(), 1, 0);
+  store_entries(c, 2);
+  ASSERT_EQ(write_words(c, hold::kStrobeDivider, {2, 0, 1, 2}, 0), Exception::none);
+  std::vector<std::uint32_t> tags;
+  for (int i = 1; i <= 5; ++i) {
+    c.strobe(i * kMs);
+    tags.push_back(c.lit().tag);
+  }
+  EXPECT_THAT(tags, ::testing::ElementsAre(10, 10, 11, 11, 0));
+  EXPECT_EQ(write_words(c, hold::kStrobeDivider, {0}, 0), Exception::illegal_value);
+}
+
+TEST(LightController, APulseFollowsEachLatchWhenATriggerDelayIsSet) {
+  LightController c(small_config(), 1, 0);
+  ASSERT_EQ(latch(c, 1, kMs), Exception::none);
+  EXPECT_EQ(c.n_triggers(), 0U);
+  ASSERT_EQ(write_words(c, hold::kTriggerDelay, {0, 500}, kMs), Exception::none);
+  ASSERT_EQ(latch(c, 2, 3 * kMs), Exception::none);
+  EXPECT_EQ(c.n_triggers(), 1U);
+  EXPECT_EQ(c.last_trigger_ns(), 3 * kMs + 500'000);
+  EXPECT_EQ(write_words(c, hold::kTriggerDelay, {0xFFFF, 0}, kMs), Exception::illegal_value);
+}
+
 TEST(LightController, RefusesToArmEntriesThatWereNeverStored) {
   LightController c(small_config(), 1, 0);
   EXPECT_EQ(write_words(c, hold::kTableArm, {1}, 0), Exception::device_failure);

@@ -243,6 +243,40 @@ TEST(RegisterLightArray, TableIsSteppedWithProof) {
   EXPECT_EQ(status->tag, 12U);
 }
 
+TEST(RegisterLightArray, APartOfTheTableRunsByTheStrobeAndIsExtended) {
+  Bench b(wide_config(64));
+  ASSERT_TRUE(b.array->connect());
+  const std::vector<std::vector<ElementLevel>> patterns = {
+      {{0, 65535}}, {{1, 65535}}, {{2, 65535}}, {{3, 65535}}};
+  const std::vector<std::uint32_t> tags = {11, 12, 13, 14};
+  ASSERT_TRUE(b.array->upload_table(patterns, tags));
+  ASSERT_TRUE(b.array->arm_strobe({.first = 1, .count = 1}));
+  b.controller.strobe(b.now);
+  EXPECT_EQ(b.array->status()->tag, 12U);
+  ASSERT_TRUE(b.array->extend_strobe(3));
+  b.controller.strobe(b.now);
+  b.controller.strobe(b.now);
+  EXPECT_EQ(b.array->status()->tag, 14U);
+  EXPECT_FALSE(b.array->status()->is_table_done);
+  b.controller.strobe(b.now);
+  const auto done = b.array->status();
+  EXPECT_TRUE(done->is_table_done);
+  EXPECT_EQ(done->step_counter, 4U);
+  const auto outside = b.array->arm_strobe({.first = 2, .count = 3});
+  ASSERT_FALSE(outside);
+  EXPECT_EQ(outside.error().code, Errc::refused);
+}
+
+TEST(RegisterLightArray, ATriggerDelayReachesTheController) {
+  Bench b(wide_config(64));
+  ASSERT_TRUE(b.array->connect());
+  ASSERT_TRUE(b.array->set_trigger_delay(std::chrono::microseconds(70000)));
+  const std::vector<ElementLevel> pattern = {{7, 1234}};
+  ASSERT_TRUE(b.array->show(pattern, 5));
+  EXPECT_EQ(b.controller.n_triggers(), 1U);
+  EXPECT_FALSE(b.array->set_trigger_delay(std::chrono::seconds(2)));
+}
+
 TEST(RegisterLightArray, StepAfterARestartIsRefused) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());

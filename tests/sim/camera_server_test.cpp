@@ -350,7 +350,7 @@ TEST_F(CameraServerTest, DoubtfulFramesAreLostAndLeaveAGap) {
 TEST_F(CameraServerTest, StrobesOnceAFrame) {
   std::atomic<int> n_strobes{0};
   LightSource source = light_.source();
-  source.strobe = [&n_strobes] { ++n_strobes; };
+  source.strobe = [&n_strobes](std::int64_t) { ++n_strobes; };
   const CameraServer server(test_camera(), controller_, transport_, source,
                             folder_ / "strobe.sock", {});
   RemoteClient client(server.socket());

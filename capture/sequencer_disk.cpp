@@ -1,0 +1,73 @@
+/// @file
+/// The sequencer: checks and commits.
+
+#include <fmt/format.h>
+
+#include "capture/stepper.h"
+
+namespace haarlight {
+
+using namespace sequencing;
+
+void Stepper::on(const event::FrameChecked& e) {
+  const auto it = find_held(e.frame);
+  if (it == s_.held.end()) {
+    return;
+  }
+  if (e.problem.empty()) {
+    if (shot_state(it->shot) == ShotState::checking) {
+      shot_state(it->shot) = ShotState::committing;
+      out_.emplace_back(action::CommitFrame{it->frame, it->shot, it->attempt, e.evidence});
+    }
+    return;
+  }
+  ++s_.counters.checks_failed;  // also said by the writer, which checks once more
+  const int shot = it->shot;
+  s_.held.erase(it);
+  drop(e.frame);
+  retry(shot, e.problem);
+  advance(std::nullopt);
+}
+
+void Stepper::on(const event::FrameCommitted& e) {
+  const auto it = find_held(e.frame);
+  if (it == s_.held.end()) {
+    return;
+  }
+  shot_state(it->shot) = ShotState::committed;
+  ++s_.n_committed;
+  ++s_.counters.commits;
+  s_.failures = 0;
+  s_.held.erase(it);
+  drop(e.frame);
+  s_.retry_disk_ns = kNever;
+  clear_reason(kDiskFull);
+  advance(std::nullopt);
+}
+
+void Stepper::on(const event::CommitFault& e) {
+  if (s_.plan == nullptr) {
+    return;
+  }
+  ++s_.counters.commit_faults;
+  s_.retry_disk_ns = t_ + kDiskRetryNs;
+  add_reason(kDiskFull, "disk: " + e.what);
+}
+
+void Stepper::on(const event::DiskGood&) {
+  s_.retry_disk_ns = kNever;
+  clear_reason(kDiskFull);
+}
+
+void Stepper::on(const event::SessionFinished&) {
+  if (s_.phase != Phase::finalise) {
+    return;
+  }
+  s_.is_finished = true;
+  s_.reasons = 0;
+  s_.retry_disk_ns = kNever;
+  stop_camera();
+  enter(Phase::done, fmt::format("{} shots", s_.shots.size()));
+}
+
+}  // namespace haarlight

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+
+#include "session/clean_rule.h"
+
+/// @file
+/// Camera leads: which entry of the pattern table a frame saw, from readings of the
+/// controller's step counter. The strobe at the end of frame n's exposure steps the table, so
+/// the counter is constant while frame n is exposed and one more in the frame after. Pure.
+///
+/// Frame n saw the table's entry k - 1 and nothing else when
+///
+///   (a) the counter was k before its exposure began and the light had settled by then: a
+///       reading k between strobe n - 1 and (start - settle); or, where none fell there, k - 1
+///       in frame n - 1 and k in frame n;
+///   (b) it was k in frame n, and the tag read with it is that entry's;
+///   (c) it was k + 1 in frame n + 1.
+///
+/// One step lies between (a) and (c), and the strobe at the end of frame n is the one edge that
+/// was due there. What this cannot see: a strobe that is lost *and* a false edge instead of it
+/// within the same frame (d frames). A single lost or false edge anywhere voids its frame.
+///
+/// A table that steps at every d-th strobe (d >= 2) lights the last of d frames cleanly. There
+/// (a) is: k in frame n - d + 1 already; and (c) holds until frame n + d, as a false edge would
+/// shift the beat of the steps.
+
+namespace haarlight {
+
+/// The controller's status at some moment between the two times.
+struct StepReading {
+  std::int64_t t_request_ns = 0;
+  std::int64_t t_ack_ns = 0;
+  std::uint32_t counter = 0;
+  std::uint32_t tag = 0;
+};
+
+struct StrobeTiming {
+  std::int64_t period_ns = 0;  ///< from frame to frame
+  std::int64_t settle_ns = 0;  ///< from the strobe until the light surely stands
+  std::int64_t guard_ns = 0;   ///< readings closer to a strobe than this say nothing
+  int every = 1;               ///< strobes a step
+};
+
+/// A tenth of the frame period, 0.1 to 1 ms: jitter of stamps, and the strobe's own way.
+[[nodiscard]] std::int64_t strobe_guard_ns(std::int64_t period_ns) noexcept;
+
+enum class StrobeVerdict { wait, unproven, proven };
+
+struct StrobeProof {
+  StrobeVerdict verdict = StrobeVerdict::wait;
+  std::uint32_t counter = 0;     ///< k
+  std::uint32_t tag = 0;         ///< read during the frame
+  std::int64_t t_stable_ns = 0;  ///< the strobe that lit it, plus settle
+};
+
+/// @param readings  in order of time
+/// @return  wait: the frame after it was not read yet; decided once a reading is later than
+/// that frame, or `now_ns` so late that none can come any more is the caller's to judge
+[[nodiscard]] StrobeProof prove_by_strobe(const std::deque<StepReading>& readings,
+                                          const ExposureWindow& window,
+                                          const StrobeTiming& timing) noexcept;
+
+}  // namespace haarlight
