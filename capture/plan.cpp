@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <span>
 
 #include <fmt/format.h>
 
@@ -13,13 +14,14 @@
 #include "core/config_table.h"
 #include "core/error.h"
 #include "core/files.h"
+#include "core/pattern_inverse.h"
 
 namespace haarlight {
 
 namespace {
 
-constexpr std::array<std::string_view, 5> kPatternWords{"one_at_a_time", "bins", "s_matrix",
-                                                        "haar", "list"};
+constexpr std::array<std::string_view, 7> kPatternWords{
+    "one_at_a_time", "bins", "s_matrix", "haar", "list", "lighting_haar", "lighting_target"};
 constexpr std::array<std::string_view, 3> kOrderWords{"raster", "bit_reversed",
                                                       "greatest_distance"};
 constexpr int kMaxShots = 1000000;
@@ -84,6 +86,17 @@ PlanSettings read_settings(ConfigTable& root) {
   plan.level = static_cast<std::uint16_t>(
       root.integer_or("level", 65535, {.min = 1, .max = kFullLevel}));
   plan.bin = static_cast<int>(root.integer_or("bin", 2, {.min = 1, .max = 256}));
+  plan.wavelets = static_cast<int>(root.integer_or("wavelets", 64, {.min = 1, .max = 1e6}));
+  plan.environment = root.text_or("environment", "");
+  const bool is_lighting = plan.patterns == PlanPatterns::lighting_haar ||
+                           plan.patterns == PlanPatterns::lighting_target;
+  if (is_lighting == plan.environment.empty()) {
+    root.problem("environment",
+                 is_lighting ? "a lighting plan needs its environment"
+                             : "an environment belongs to lighting_haar and lighting_target",
+                 is_lighting ? "write environment = \"room.hdr\" (relative to the plan file)"
+                             : "remove it, or set patterns = \"lighting_haar\"");
+  }
   if (root.has("lights")) {
     plan.lights = whole_numbers(root, "lights", 1e6);
     if (plan.patterns != PlanPatterns::one_at_a_time) {
@@ -133,16 +146,14 @@ PlanSettings read_settings(ConfigTable& root) {
   return plan;
 }
 
-PatternList rows_of(const PatternMatrix& matrix, int offset, std::uint16_t level) {
+/// Every light of the recipe's shots at one level.
+PatternList rows_of(const PatternRecipe& recipe, std::uint16_t level) {
   PatternList list;
-  for (Eigen::Index shot = 0; shot < matrix.rows(); ++shot) {
+  for (const std::vector<int>& lights : lit_lights(recipe)) {
     std::vector<LightLevel> lit;
-    for (Eigen::Index k = 0; k < matrix.cols(); ++k) {
-      if (matrix(shot, k) > 0.0) {
-        lit.push_back(LightLevel{
-            .light = offset + static_cast<int>(k),
-            .level = static_cast<std::uint16_t>(std::lround(matrix(shot, k) * level))});
-      }
+    lit.reserve(lights.size());
+    for (const int light : lights) {
+      lit.push_back(LightLevel{.light = light, .level = level});
     }
     list.push_back(std::move(lit));
   }
@@ -162,49 +173,104 @@ PatternList one_light_each(const PlanSettings& settings, const Rig& rig) {
   return list;
 }
 
-/// One family of patterns on each face in turn.
-PatternList a_face_each(const PlanSettings& settings, const Rig& rig) {
-  PatternList list;
-  int offset = 0;
+PatternRecipe recipe_of(const PlanSettings& settings, const Rig& rig, PatternFamily family) {
+  PatternRecipe recipe;
+  recipe.family = family;
   for (const Face& face : rig.faces) {
-    const bool fits = settings.patterns == PlanPatterns::bins
-                          ? face.rows == face.cols && face.rows % settings.bin == 0
-                          : face.is_haar_grid();
-    if (!fits) {
-      throw Error(fmt::format("patterns \"{}\" do not fit the {} x {} lights of face \"{}\"",
-                              to_string(settings.patterns), face.rows, face.cols, face.id),
-                  settings.where,
-                  settings.patterns == PlanPatterns::bins
-                      ? "choose a bin that divides the rows of a square face"
-                      : "haar needs a square face with a power of two of rows");
+    recipe.faces.push_back({face.rows, face.cols});
+  }
+  recipe.bin = family == PatternFamily::bins ? settings.bin : 0;
+  return recipe;
+}
+
+void require_fit(const PatternRecipe& recipe, const PlanSettings& settings, const Rig& rig) {
+  if (fits(recipe)) {
+    return;
+  }
+  const Face& face = rig.faces.front();
+  throw Error(fmt::format("patterns \"{}\" do not fit the {} x {} lights of face \"{}\"{}",
+                          to_string(settings.patterns), face.rows, face.cols, face.id,
+                          rig.faces.size() > 1 ? " and the others" : ""),
+              settings.where,
+              recipe.family == PatternFamily::bins
+                  ? "choose a bin that divides the rows and columns of every face"
+                  : "haar needs equal square faces with a power of two of rows");
+}
+
+/// The wavelets of a lighting, or all.
+PatternRecipe haar_recipe(const PlanSettings& settings, const Rig& rig,
+                          const Lighting* lighting) {
+  PatternRecipe recipe = recipe_of(settings, rig, PatternFamily::haar);
+  recipe.wavelets.resize(static_cast<std::size_t>(rig.n_lights()));
+  std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
+  require_fit(recipe, settings, rig);
+  if (lighting != nullptr) {
+    recipe.wavelets = choose_wavelets(*lighting, rig.faces.front().rows, settings.wavelets);
+  }
+  return recipe;
+}
+
+/// One shot a colour: the brightest light at `level`, the others in proportion.
+PatternList target_shots(const PlanSettings& settings, const Lighting& lighting) {
+  PatternList list;
+  for (Eigen::Index colour = 0; colour < lighting.weights.cols(); ++colour) {
+    const double peak = lighting.weights.col(colour).maxCoeff();
+    std::vector<LightLevel> lit;
+    for (Eigen::Index k = 0; peak > 0.0 && k < lighting.weights.rows(); ++k) {
+      const auto level = static_cast<std::uint16_t>(
+          std::lround(lighting.weights(k, colour) / peak * settings.level));
+      if (level > 0) {
+        lit.push_back(LightLevel{.light = static_cast<int>(k), .level = level});
+      }
     }
-    PatternList of_face =
-        rows_of(settings.patterns == PlanPatterns::bins ? bins(face.rows, settings.bin)
-                                                        : haar_signed(face.rows),
-                offset, settings.level);
-    std::move(of_face.begin(), of_face.end(), std::back_inserter(list));
-    offset += face.n_lights();
+    // Colours whose lights have equal levels share a shot.
+    if (!lit.empty() && std::find(list.begin(), list.end(), lit) == list.end()) {
+      list.push_back(std::move(lit));
+    }
+  }
+  if (list.empty()) {
+    throw Error("the environment is black where the rig has lights", settings.where,
+                "use another environment, or turn it");
   }
   return list;
 }
 
-PatternList patterns_of(const PlanSettings& settings, const Rig& rig) {
+PatternList patterns_of(const PlanSettings& settings, const Rig& rig, const Lighting* lighting,
+                        PatternRecipe& recipe) {
+  const bool is_lighting = settings.patterns == PlanPatterns::lighting_haar ||
+                           settings.patterns == PlanPatterns::lighting_target;
+  if (is_lighting && lighting == nullptr) {
+    throw Error(fmt::format("the drives of environment \"{}\" are not known here",
+                            settings.environment),
+                settings.where,
+                "make the shot list first (haarlight plan RIG PLAN -o plan.json) and capture "
+                "that");
+  }
+  HAARLIGHT_EXPECTS(!is_lighting || lighting->weights.rows() == rig.n_lights(),
+                    "a weight for each light");
   switch (settings.patterns) {
     case PlanPatterns::one_at_a_time:
       return one_light_each(settings, rig);
-    case PlanPatterns::bins:
-    case PlanPatterns::haar:
-      return a_face_each(settings, rig);
-    case PlanPatterns::s_matrix:
-      if (!has_s_matrix(rig.n_lights())) {
-        throw Error(fmt::format("no S-matrix of {} lights is known here", rig.n_lights()),
-                    settings.where, "it needs a prime number of lights, 3 mod 4");
-      }
-      return rows_of(s_matrix(rig.n_lights()), 0, settings.level);
     case PlanPatterns::list:
       return settings.list;
+    case PlanPatterns::bins:
+      recipe = recipe_of(settings, rig, PatternFamily::bins);
+      break;
+    case PlanPatterns::s_matrix:
+      recipe = recipe_of(settings, rig, PatternFamily::s_matrix);
+      break;
+    case PlanPatterns::haar:
+      recipe = haar_recipe(settings, rig, nullptr);
+      break;
+    case PlanPatterns::lighting_haar:
+      recipe = haar_recipe(settings, rig, lighting);
+      break;
+    case PlanPatterns::lighting_target:
+      recipe.family = PatternFamily::target;
+      return target_shots(settings, *lighting);
   }
-  throw_contract_violation("PlanPatterns", "a known family", __FILE__, __LINE__);
+  require_fit(recipe, settings, rig);
+  return rows_of(recipe, settings.level);
 }
 
 Eigen::Vector3d middle_of(const std::vector<LightLevel>& lit,
@@ -347,8 +413,54 @@ PlanSettings read_plan_file(const std::filesystem::path& path) {
   return parse_plan_file(read_file(path, 16U << 20U), path.string());
 }
 
-Plan expand_plan(const PlanSettings& settings, const Rig& rig) {
-  PatternList list = patterns_of(settings, rig);
+std::vector<int> choose_wavelets(const Lighting& lighting, int face, int n) {
+  const auto n_lights = static_cast<std::size_t>(lighting.weights.rows());
+  const auto n2 = static_cast<std::size_t>(face) * static_cast<std::size_t>(face);
+  HAARLIGHT_EXPECTS(n2 > 0 && n_lights % n2 == 0, "weights of square faces");
+  HAARLIGHT_EXPECTS(
+      lighting.norms.size() == 0 || lighting.norms.size() == lighting.weights.rows(),
+      "a norm for each coefficient");
+  std::vector<double> energy(n_lights, 0.0);  // (|l_i| ||T_i||)^2
+  std::vector<double> l(n_lights);
+  for (Eigen::Index colour = 0; colour < lighting.weights.cols(); ++colour) {
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      l[k] = lighting.weights(static_cast<Eigen::Index>(k), colour);
+    }
+    for (std::size_t first = 0; first < n_lights; first += n2) {
+      lights_to_wavelets(face, std::span(l).subspan(first, n2), 1);
+    }
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      energy[k] += l[k] * l[k];
+    }
+  }
+  for (std::size_t k = 0; k < n_lights; ++k) {
+    double norm = 0.0;
+    if (lighting.norms.size() > 0) {
+      norm = lighting.norms[static_cast<Eigen::Index>(k)];
+    } else {
+      // An edge crosses a square of side s with probability ~ s and then gives ~ s.
+      norm = std::pow(wavelet_at(face, static_cast<int>(k % n2)).size, 1.5);
+    }
+    energy[k] *= norm * norm;
+    if (k % n2 == 0) {
+      energy[k] = std::numeric_limits<double>::infinity();
+    }
+  }
+  std::vector<int> order(n_lights);
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return energy[static_cast<std::size_t>(a)] > energy[static_cast<std::size_t>(b)];
+  });
+  const std::size_t kept = std::clamp<std::size_t>(static_cast<std::size_t>(std::max(n, 1)),
+                                                   n_lights / n2, n_lights);
+  order.resize(kept);
+  std::sort(order.begin(), order.end());
+  return order;
+}
+
+Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* lighting) {
+  PatternRecipe recipe;
+  PatternList list = patterns_of(settings, rig, lighting, recipe);
   require_lights(list, settings, rig);
   if (settings.sentinel_every > 0 && settings.sentinel_light >= rig.n_lights()) {
     throw Error(fmt::format("sentinel_light {} does not exist: rig \"{}\" has lights 0 to {}",
@@ -376,6 +488,7 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig) {
   plan.n_lights = rig.n_lights();
   plan.reserve_mb = settings.reserve_mb;
   plan.limits = settings.limits;
+  plan.patterns = std::move(recipe);
   for (const double exposure_us : exposures) {
     for (int i = 0; i < settings.repeats; ++i) {
       append_round(plan.shots, list, settings, exposure_us);
@@ -489,14 +602,20 @@ DryRun dry_run(const Plan& plan, const Rig& rig) {
   return out;
 }
 
-Plan load_plan(const std::filesystem::path& path, const Rig& rig) {
+Plan load_plan(const std::filesystem::path& path, const Rig& rig,
+               const LightingReader& read_lighting) {
   if (path.extension() == ".json") {
     Plan plan = plan_from_json(read_file(path, 1U << 30U), path.string());
     require_power(plan, rig, path.string());
     require_sync(plan, rig, path.string());
     return plan;
   }
-  return expand_plan(read_plan_file(path), rig);
+  const PlanSettings settings = read_plan_file(path);
+  if (settings.environment.empty() || !read_lighting) {
+    return expand_plan(settings, rig);
+  }
+  const Lighting lighting = read_lighting(path.parent_path() / settings.environment, rig);
+  return expand_plan(settings, rig, &lighting);
 }
 
 }  // namespace haarlight

@@ -2,8 +2,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "core/patterns.h"
 #include "core/rig.h"
@@ -16,7 +19,15 @@
 
 namespace haarlight {
 
-enum class PlanPatterns { one_at_a_time, bins, s_matrix, haar, list };
+enum class PlanPatterns {
+  one_at_a_time,
+  bins,
+  s_matrix,
+  haar,
+  list,
+  lighting_haar,    ///< the wavelets that matter most to one lighting
+  lighting_target,  ///< one shot (a colour) at the drives of one lighting
+};
 
 /// In which order the patterns are shown.
 enum class ShotOrder {
@@ -49,8 +60,10 @@ struct PlanSettings {
   std::uint16_t level = 65535;                ///< of every light of a pattern, except `list`
   int bin = 2;                                ///< side of a block, for `bins`
   std::vector<std::vector<LightLevel>> list;  ///< for `list`
-  std::vector<int> lights;                    ///< subset for one_at_a_time; empty = all
-  std::vector<double> exposures_us;           ///< brackets; empty = the camera's own
+  std::string environment;  ///< for the lighting patterns: a picture, relative to the file
+  int wavelets = 64;        ///< for `lighting_haar`: how many are kept
+  std::vector<int> lights;  ///< subset for one_at_a_time; empty = all
+  std::vector<double> exposures_us;  ///< brackets; empty = the camera's own
   int repeats = 1;
   int darks_every = 0;     ///< light shots between darks; 0 = none
   int sentinel_every = 0;  ///< light shots between sentinels; 0 = none
@@ -65,10 +78,27 @@ struct PlanSettings {
 [[nodiscard]] PlanSettings read_plan_file(const std::filesystem::path& path);
 [[nodiscard]] PlanSettings parse_plan_file(const std::string& text, const std::string& name);
 
+/// A lighting that is known before the capture: the drive that each light needs.
+struct Lighting {
+  Eigen::MatrixXd weights;  ///< (n_lights, 1 or 3), not negative
+  /// (n_lights) ||T_i|| of each Haar coefficient's picture, in any unit, from an earlier
+  /// capture of the rig; empty: the rule for edges at unknown places, size^1.5.
+  Eigen::VectorXd norms;
+};
+/// Integrates an environment over the rig's lights. Only programs that may read pictures have
+/// one; the daemon has not.
+using LightingReader = std::function<Lighting(const std::filesystem::path&, const Rig&)>;
+
+/// The `n` coefficients that matter most to a lighting, every face's mean among them: greatest
+/// |l_i| ||T_i|| first (l_i over the colours by root of squares), equals by index. Ascending.
+/// @param face  side of the faces, a power of two
+[[nodiscard]] std::vector<int> choose_wavelets(const Lighting& lighting, int face, int n);
+
 /// The immutable list of shots.
 struct Plan {
   std::string name;
   int n_lights = 0;
+  PatternRecipe patterns;  ///< how develop makes single lights of the shots
   double reserve_mb = 0.0;
   FrameLimits limits;
   std::vector<Shot> shots;
@@ -79,7 +109,9 @@ struct Plan {
 /// in order with darks and sentinels between, and a closing dark and sentinel.
 /// @throws Error  a light the rig does not have, a family that does not fit the grid, a pattern
 ///                above a face's max_watts (face, watts and limit named), more than 10^6 shots
-[[nodiscard]] Plan expand_plan(const PlanSettings& settings, const Rig& rig);
+/// @param lighting  for the lighting patterns, which are refused without
+[[nodiscard]] Plan expand_plan(const PlanSettings& settings, const Rig& rig,
+                               const Lighting* lighting = nullptr);
 
 /// plan.json: canonical, so equal plans have equal bytes.
 [[nodiscard]] std::string plan_to_json(const Plan& plan);
@@ -87,7 +119,8 @@ struct Plan {
 [[nodiscard]] Plan plan_from_json(const std::string& json, const std::string& where);
 /// Reads a plan file, or a plan.json made before, by its ending, and holds it to the rig.
 /// @throws Error  as above
-[[nodiscard]] Plan load_plan(const std::filesystem::path& path, const Rig& rig);
+[[nodiscard]] Plan load_plan(const std::filesystem::path& path, const Rig& rig,
+                             const LightingReader& read_lighting = {});
 
 /// @throws Error  naming shot, face, watts and limit
 void require_power(const Plan& plan, const Rig& rig, const std::string& where);

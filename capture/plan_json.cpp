@@ -46,6 +46,16 @@ Json body_of(const Plan& plan) {
                           {"level_tolerance", plan.limits.level_tolerance},
                           {"attempts", plan.limits.attempts}};
   }
+  if (plan.patterns.family != PatternFamily::list) {
+    Json faces = Json::array();
+    for (const FaceGrid& face : plan.patterns.faces) {
+      faces.push_back(Json::array({face.rows, face.cols}));
+    }
+    json["patterns"] = Json{{"family", std::string(to_string(plan.patterns.family))},
+                            {"faces", std::move(faces)},
+                            {"bin", plan.patterns.bin},
+                            {"wavelets", plan.patterns.wavelets}};
+  }
   json["shots"] = std::move(shots);
   return json;
 }
@@ -136,6 +146,60 @@ FrameLimits read_limits(const Json& json, const std::string& where) {
   return limits;
 }
 
+PatternRecipe read_recipe(const Json& json, int n_lights, const std::string& where) {
+  const std::string owner = "\"patterns\"";
+  if (!json.is_object()) {
+    refuse("\"patterns\" is not an object", where);
+  }
+  PatternRecipe recipe;
+  const auto family = field<std::string>(json, "family", where, owner);
+  bool is_known = false;
+  for (const PatternFamily known : {PatternFamily::bins, PatternFamily::s_matrix,
+                                    PatternFamily::haar, PatternFamily::target}) {
+    if (family == to_string(known)) {
+      recipe.family = known;
+      is_known = true;
+    }
+  }
+  if (!is_known) {
+    refuse(fmt::format("patterns of the unknown family \"{}\"", family), where);
+  }
+  recipe.bin = static_cast<int>(field<std::int64_t>(json, "bin", where, owner));
+  const auto is_list = [&](const char* key) {
+    return json.contains(key) && json[key].is_array() &&
+           json[key].size() <= static_cast<std::size_t>(n_lights);
+  };
+  if (!is_list("faces") || !is_list("wavelets")) {
+    refuse("\"patterns\" without its lists \"faces\" and \"wavelets\"", where);
+  }
+  for (const Json& face : json["faces"]) {
+    if (!face.is_array() || face.size() != 2 || !face[0].is_number_integer() ||
+        !face[1].is_number_integer()) {
+      refuse("a face in \"patterns\" is not [rows, cols]", where);
+    }
+    const auto rows = face[0].get<std::int64_t>();
+    const auto cols = face[1].get<std::int64_t>();
+    constexpr int kMaxSide = 4096;
+    if (rows < 1 || cols < 1 || rows > kMaxSide || cols > kMaxSide) {
+      refuse(fmt::format("a face of {} x {} lights", rows, cols), where);
+    }
+    recipe.faces.push_back({static_cast<int>(rows), static_cast<int>(cols)});
+  }
+  for (const Json& index : json["wavelets"]) {
+    if (!index.is_number_integer() || index.get<std::int64_t>() < 0 ||
+        index.get<std::int64_t>() >= n_lights) {
+      refuse("a wavelet that the lights don't have", where);
+    }
+    recipe.wavelets.push_back(static_cast<int>(index.get<std::int64_t>()));
+  }
+  const bool is_right =
+      recipe.family == PatternFamily::target || (fits(recipe) && recipe.n_lights() == n_lights);
+  if (!is_right) {
+    refuse(fmt::format("patterns \"{}\" that do not fit {} lights", family, n_lights), where);
+  }
+  return recipe;
+}
+
 Plan read_body(const Json& json, const std::string& where) {
   if (!json.is_object()) {
     refuse("not a JSON object", where);
@@ -152,6 +216,11 @@ Plan read_body(const Json& json, const std::string& where) {
   plan.n_lights = static_cast<int>(n_lights);
   plan.reserve_mb = field<double>(json, "reserve_mb", where, "the plan");
   plan.limits = read_limits(json, where);
+}
+
+  if (json.contains("patterns")) {
+    plan.patterns = read_recipe(json["patterns"], plan.n_lights, where);
+  }
   const auto shots = json.find("shots");
   if (shots == json.end() || !shots->is_array() || shots->empty() ||
       shots->size() > kMaxShots) {

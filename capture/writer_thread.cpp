@@ -74,6 +74,7 @@ SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string&
   });
   info.grid_rows = is_grid ? first.rows : 0;
   info.grid_cols = is_grid ? first.cols : 0;
+  info.patterns = plan.patterns;
   info.shots = plan.shots;
   return info;
 }

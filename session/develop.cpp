@@ -14,7 +14,7 @@
 #include "core/image_io.h"
 #include "core/log.h"
 #include "core/parallel.h"
-#include "core/patterns.h"
+#include "session/demultiplex.h"
 #include "session/exposure_plan.h"
 
 namespace haarlight {
@@ -267,39 +267,6 @@ Image<float> measure_group(const Session& session, const PatternGroup& group,
   return signal;
 }
 
-/// The band's pictures become single lights: T = pinv(P) M, pixel by pixel in double.
-void demultiplex_in_place(const Eigen::MatrixXd& inverse, std::vector<Image<float>>& pictures) {
-  const std::size_t n_pixels = pictures[0].pixels().size();
-  const auto n_groups = inverse.cols();
-  const auto n_lights = inverse.rows();
-  const int height = pictures[0].height();
-  const int width = pictures[0].width();
-  const int channels = pictures[0].channels();
-  std::vector<Image<float>> lights;
-  lights.reserve(static_cast<std::size_t>(n_lights));
-  for (Eigen::Index k = 0; k < n_lights; ++k) {
-    lights.emplace_back(height, width, channels);
-  }
-  constexpr std::size_t kBlock = 256;
-  parallel_for(n_pixels, kBlock, [&](std::size_t begin, std::size_t end) {
-    Eigen::MatrixXd measured(n_groups, static_cast<Eigen::Index>(end - begin));
-    for (Eigen::Index g = 0; g < n_groups; ++g) {
-      for (std::size_t i = begin; i < end; ++i) {
-        measured(g, static_cast<Eigen::Index>(i - begin)) =
-            pictures[static_cast<std::size_t>(g)].pixels()[i];
-      }
-    }
-    const Eigen::MatrixXd single = inverse * measured;
-    for (Eigen::Index k = 0; k < n_lights; ++k) {
-      for (std::size_t i = begin; i < end; ++i) {
-        lights[static_cast<std::size_t>(k)].pixels()[i] =
-            static_cast<float>(single(k, static_cast<Eigen::Index>(i - begin)));
-      }
-    }
-  });
-  pictures = std::move(lights);
-}
-
 /// (rows, width, channels) a light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
   const int width = pictures[0].width();
@@ -332,6 +299,8 @@ struct Job {
   Demosaic demosaic = Demosaic::none;
   StackShape shape;
   int margin = 0;
+  std::vector<double> power;  ///< of each light, relative
+  PlatePixels plate;          ///< for shots that hold less than their lights do
 };
 
 /// Rows a band so that raw pictures, demosaiced ones and the band together stay in the budget.
@@ -368,8 +337,7 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
 }
 
 std::vector<float> develop_band(const Job& job, const Lineariser& linear,
-                                const Corrections& corrections, const Eigen::MatrixXd& inverse,
-                                int i_band) {
+                                const Corrections& corrections, int i_band) {
   const int height = job.shape.height;
   const int y0 = i_band * job.shape.band_rows;
   const int y1 = std::min(height, y0 + job.shape.band_rows);
@@ -385,7 +353,7 @@ std::vector<float> develop_band(const Job& job, const Lineariser& linear,
     }
   });
   if (!job.plan.is_single) {
-    demultiplex_in_place(inverse, pictures);
+    demultiplex_rows(*job.plan.inverse, job.power, job.plate, from, pictures);
   }
   if (job.demosaic != Demosaic::none) {
     const BayerPattern bayer = job.session->info().form.bayer;
@@ -416,12 +384,13 @@ Transfer transfer_of(const Session& session, const DevelopOptions& options) {
 }
 
 /// Everything that the stack's values depend on.
-std::string cache_key(const Session& session, Demosaic method, Transfer transfer) {
+std::string cache_key(const Session& session, Demosaic method, Transfer transfer,
+                      const std::string& plate) {
   SessionInfo info = session.info();
   info.created.clear();
   info.form.transfer = transfer;
-  return content_hash(
-      fmt::format("{}\n{}\n{}", kRecipe, to_string(method), session_info_to_json(info)));
+  return content_hash(fmt::format("{}\n{}\n{}\n{}", kRecipe, to_string(method), plate,
+                                  session_info_to_json(info)));
 }
 
 /// A cached stack, or nothing when there is none or it is damaged (then it is made again).
@@ -448,10 +417,16 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   const bool is_mosaic = form.bayer != BayerPattern::none && !options.keep_bayer &&
                          form.width >= 2 && form.height >= 2;
   job.demosaic = is_mosaic ? options.demosaic : Demosaic::none;
+  // Only captures that need a plate depend on it.
+  const PatternFamily family = session.info().patterns.family;
+  const bool may_need_plate = family == PatternFamily::bins || family == PatternFamily::haar ||
+                              family == PatternFamily::target;
+  const std::string plate_key = may_need_plate ? options.plate.key : std::string();
   const fs::path folder =
       options.cache_folder.empty() ? session.folder() / "cache" : options.cache_folder;
   const fs::path file =
-      folder / fmt::format("stack-{}.hls", cache_key(session, job.demosaic, transfer));
+      folder /
+      fmt::format("stack-{}.hls", cache_key(session, job.demosaic, transfer, plate_key));
   if (options.use_cache) {
     if (const auto cached = open_cached(file)) {
       return std::move(*cached);
@@ -467,10 +442,22 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   const bool needs_margin = job.demosaic != Demosaic::none || !corrections.is_bad.empty();
   job.margin = needs_margin ? 2 * kDemosaicMargin : 0;
   job.shape.band_rows = choose_band_rows(job, options.memory_bytes);
-  Eigen::MatrixXd inverse;
-  if (!job.plan.is_single) {
-    const auto n = job.plan.patterns.rows();
-    inverse = demultiplex(job.plan.patterns, Eigen::MatrixXd::Identity(n, n));
+  for (const SessionLight& light : session.info().lights) {
+    job.power.push_back(light.relative_power);
+  }
+  if (!job.plan.is_single && job.plan.inverse->needs_plate()) {
+    if (options.plate.is_empty() && !options.share_evenly) {
+      throw Error(
+          fmt::format(
+              "{} shots of {} patterns hold less than {} lights: a clean plate must say "
+              "how each shot's light is shared out",
+              job.plan.groups.size(), to_string(session.info().patterns.family),
+              job.power.size()),
+          session.folder().string(),
+          "develop with a rig that has a [[plane]], or with --plate; --plate even shares alike",
+          ExitCode::usage);
+    }
+    job.plate = options.plate;
   }
   std::error_code error;
   fs::create_directories(folder, error);
@@ -482,7 +469,7 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   LightStackWriter writer(file, job.shape);
   Progress progress("develop", static_cast<std::size_t>(job.shape.n_bands()), options.progress);
   for (int i = 0; i < job.shape.n_bands(); ++i) {
-    writer.append_band(develop_band(job, linear, corrections, inverse, i));
+    writer.append_band(develop_band(job, linear, corrections, i));
     progress.advance();
   }
   writer.finish();

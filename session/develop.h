@@ -7,6 +7,7 @@
 #include "core/image_io.h"
 #include "core/progress.h"
 #include "session/demosaic.h"
+#include "session/demultiplex.h"
 #include "session/light_stack.h"
 #include "session/session.h"
 
@@ -26,6 +27,10 @@ struct DevelopOptions {
   /// Empty: SESSION/cache. Name a folder for a read-only archive.
   std::filesystem::path cache_folder{};
   ProgressStyle progress = ProgressStyle::none;
+  /// For bins, target and partial haar captures: how a shot's light is shared out. Empty: an
+  /// error for these, unless share_evenly.
+  PlatePixels plate{};
+  bool share_evenly = false;
 };
 
 /// Black and dark -> linear -> exposure, gain, drive and power -> hot pixels -> flat -> merge

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <map>
 
-#include <Eigen/QR>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "session/demultiplex.h"
 
 namespace haarlight {
 
@@ -117,33 +117,28 @@ void make_multiplexed(const Session& session, const std::map<LitKey, PatternGrou
                       ExposurePlan& plan) {
   const std::vector<SessionLight>& lights = session.info().lights;
   plan.is_single = false;
-  plan.patterns = PatternMatrix::Zero(static_cast<Eigen::Index>(by_pattern.size()),
-                                      static_cast<Eigen::Index>(lights.size()));
-  Eigen::Index row = 0;
+  std::vector<std::vector<LightLevel>> patterns;
+  std::vector<const PatternGroup*> groups;
+  std::vector<bool> is_lit(lights.size(), false);
   for (const auto& [key, group] : by_pattern) {
+    patterns.emplace_back();
     for (const auto& [light, level] : key) {
-      plan.patterns(row, light) =
-          level / kFullLevel * lights[static_cast<std::size_t>(light)].relative_power;
+      patterns.back().push_back({light, static_cast<std::uint16_t>(level)});
+      is_lit[static_cast<std::size_t>(light)] = true;
     }
-    plan.groups.push_back(group);
-    ++row;
+    groups.push_back(&group);
   }
-  const auto dark_column = [&](Eigen::Index k) { return plan.patterns.col(k).isZero(0.0); };
-  for (Eigen::Index k = 0; k < plan.patterns.cols(); ++k) {
-    if (dark_column(k)) {
-      refuse(session,
-             fmt::format("light {} ({}) is in no committed shot", k,
-                         lights[static_cast<std::size_t>(k)].name),
+  for (std::size_t k = 0; k < lights.size(); ++k) {
+    if (!is_lit[k] && session.info().patterns.family != PatternFamily::target) {
+      refuse(session, fmt::format("light {} ({}) is in no committed shot", k, lights[k].name),
              "take its shot (haarlight capture)");
     }
   }
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> solver(plan.patterns);
-  if (solver.rank() < plan.patterns.cols()) {
-    refuse(session,
-           fmt::format("{} patterns cannot tell {} lights apart (rank {})",
-                       plan.patterns.rows(), plan.patterns.cols(), solver.rank()),
-           "shoot a plan with as many independent patterns as lights; bins give binned lights");
+  MatchedShots matched = match_shots(session, patterns);
+  for (const std::size_t i : matched.order) {
+    plan.groups.push_back(*groups[i]);
   }
+  plan.inverse = std::make_shared<const PatternInverse>(std::move(matched.inverse));
 }
 
 }  // namespace
@@ -190,7 +185,9 @@ ExposurePlan plan_exposures(const Session& session) {
     group.lit = shot.lit;
     group.frames.push_back({&frame, exposure_scale(shot, frame) * drift.at(time_of(frame))});
   }
-  if (is_single) {
+  // A target shot of one light is still a lighting, and one bin may hold one light.
+  const PatternFamily family = info.patterns.family;
+  if (is_single && (family == PatternFamily::list || family == PatternFamily::one_at_a_time)) {
     make_single(session, by_pattern, plan);
   } else {
     make_multiplexed(session, by_pattern, plan);

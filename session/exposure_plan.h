@@ -1,8 +1,9 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
-#include "core/patterns.h"
+#include "core/pattern_inverse.h"
 #include "session/session.h"
 
 /// @file
@@ -27,8 +28,10 @@ struct PatternGroup {
 struct ExposurePlan {
   /// One a light, in order, when single; else one a pattern.
   std::vector<PatternGroup> groups;
-  bool is_single = true;   ///< every group is one light: nothing to demultiplex
-  PatternMatrix patterns;  ///< (groups, lights): drive * relative power; empty when single
+  bool is_single = true;  ///< every group is one light: nothing to demultiplex
+  /// From the groups, in their order, to the lights times their relative powers; null when
+  /// single.
+  std::shared_ptr<const PatternInverse> inverse;
   std::vector<const FrameRecord*> dark;
   std::vector<const FrameRecord*> flat;
 };

@@ -10,6 +10,7 @@
 
 #include "core/image.h"
 #include "core/image_io.h"
+#include "core/patterns.h"
 #include "core/rig.h"
 #include "session/evidence.h"
 
@@ -84,6 +85,7 @@ struct SessionInfo {
   std::vector<SessionLight> lights;
   int grid_rows = 0;  ///< > 0: the lights form grids of rows x cols, faces in order
   int grid_cols = 0;
+  PatternRecipe patterns;  ///< how the shots become single lights; list: by least squares
   std::vector<Shot> shots;
   std::vector<FrameRecord> frames;  ///< the newest committed attempt of each shot, by shot
 };

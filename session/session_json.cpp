@@ -138,6 +138,42 @@ Shot shot_from_json(const JsonValue& value, std::size_t index, std::size_t n_lig
   return shot;
 }
 
+const std::vector<std::string_view> kFamilies = {"list",     "one_at_a_time", "bins",
+                                                 "s_matrix", "haar",          "target"};
+
+Json patterns_to_json(const PatternRecipe& patterns) {
+  Json json;
+  json["family"] = to_string(patterns.family);
+  Json faces = Json::array();
+  for (const FaceGrid& face : patterns.faces) {
+    faces.push_back({face.rows, face.cols});
+  }
+  json["faces"] = std::move(faces);
+  json["bin"] = patterns.bin;
+  json["wavelets"] = patterns.wavelets;
+  return json;
+}
+
+PatternRecipe patterns_from_json(const JsonValue& value, std::size_t n_lights) {
+  constexpr int kMaxSide = 1 << 12;
+  PatternRecipe patterns;
+  patterns.family = static_cast<PatternFamily>(value["family"].choice(kFamilies));
+  patterns.bin = static_cast<int>(value["bin"].integer(0, kMaxSide));
+  for (const JsonValue& face : value["faces"].elements()) {
+    const std::vector<JsonValue> sides = face.elements();
+    if (sides.size() != 2) {
+      face.refuse(fmt::format("{} numbers", sides.size()), "write [rows, cols]");
+    }
+    patterns.faces.push_back({static_cast<int>(sides[0].integer(1, kMaxSide)),
+                              static_cast<int>(sides[1].integer(1, kMaxSide))});
+  }
+  for (const JsonValue& index : value["wavelets"].elements()) {
+    patterns.wavelets.push_back(
+        static_cast<int>(index.integer(0, static_cast<std::int64_t>(n_lights) - 1)));
+  }
+  return patterns;
+}
+
 Json frame_to_json(const FrameRecord& frame) {
   Json json;
   json["shot"] = frame.shot;
@@ -216,6 +252,9 @@ std::string session_info_to_json(const SessionInfo& info) {
     return array;
   };
   json["lights"] = list(info.lights, light_to_json);
+  if (info.patterns.family != PatternFamily::list) {
+    json["patterns"] = patterns_to_json(info.patterns);
+  }
   json["shots"] = list(info.shots, shot_to_json);
   json["frames"] = list(info.frames, frame_to_json);
   // One line an entry: a person can read it, diff works, and 1024 frames stay under a megabyte.
@@ -275,6 +314,9 @@ SessionInfo session_info_from_json(const std::string& json, const std::string& w
     value["grid_rows"].refuse(fmt::format("{} lights in grids of {} x {}", info.lights.size(),
                                           info.grid_rows, info.grid_cols),
                               "write 0 and 0 for lights that form no grid");
+  }
+  if (value.has("patterns")) {
+    info.patterns = patterns_from_json(value["patterns"], info.lights.size());
   }
   std::size_t index = 0;
   for (const JsonValue& shot : list("shots")) {

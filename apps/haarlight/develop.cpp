@@ -8,6 +8,7 @@
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "relight/basis/compress_session.h"
 
 namespace haarlight {
 
@@ -21,6 +22,7 @@ struct DevelopArguments {
   std::string exr;
   std::string cache;
   std::string transfer;
+  std::string plate;
 };
 
 std::uint64_t write_pictures(const LightStack& stack, const fs::path& folder, bool force,
@@ -55,6 +57,10 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
     options.demosaic = arguments.demosaic == "none" ? Demosaic::none : Demosaic::edge_aware;
   }
   const Session session = Session::open(arguments.session);
+  options.share_evenly = arguments.plate == "even";
+  if (!options.share_evenly) {
+    options.plate = sharing_plate(session, PlateChoice::parse(arguments.plate));
+  }
   const LightStack stack = develop(session, options);
   const StackShape& shape = stack.shape();
   std::uint64_t bytes = sizeof(float) * static_cast<std::uint64_t>(shape.width) *
@@ -89,6 +95,11 @@ void add_develop(Command root, Invocation& invocation) {
       "--transfer", &arguments->transfer,
       "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
       {.choices = {"srgb", "linear"}});
+  verb.option(
+      "--plate", &arguments->plate,
+      "Captures of several lights at once: the clean plate that shares their light out, "
+      "a .hlb or a session of the empty rig; even: alike (default: computed from the rig)",
+      {.type = "P.hlb|DIR|even"});
   verb.footer(
       "Values are linear shares of the camera's range a second at full drive and unit power.\n"
       "The result is a cache that compress and relight use; --force makes it again.\n"

@@ -12,6 +12,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "relight/basis/compress_session.h"
 #include "session/develop.h"
 
 namespace haarlight {
@@ -47,6 +48,7 @@ std::vector<std::string> write_pngs(const Session& session, const ExportArgument
   DevelopOptions options;
   options.memory_bytes = common.memory_bytes;
   options.progress = common.progress();
+  options.plate = sharing_plate(session, {});
   const LightStack stack = develop(session, options);
   const double exposure = choose_exposure(stack);
   const fs::path folder = arguments.png;

@@ -7,7 +7,10 @@
 
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
+#include "core/log.h"
 #include "core/rig.h"
+#include "relight/light/cubemap.h"
+#include "relight/light/light_weights.h"
 
 namespace haarlight {
 
@@ -33,6 +36,16 @@ void print_cost(const Plan& plan, const DryRun& run, const Rig& rig) {
              run.busiest_light);
 }
 
+/// What each light must give for an environment.
+Lighting read_lighting(const std::filesystem::path& path, const Rig& rig) {
+  const EnvironmentWeights found = rig_weights(Environment::read(path), rig);
+  if (found.missing_share > 0.0) {
+    log_info(fmt::format("{}: {:.1f} % of its light comes from where the rig has no lights",
+                         path.string(), 100.0 * found.missing_share));
+  }
+  return {found.weights, {}};
+}
+
 ExitCode run_plan(const PlanArguments& arguments, bool is_forced, Report& report) {
   report.add_input(arguments.rig);
   report.add_input(arguments.plan);
@@ -40,7 +53,7 @@ ExitCode run_plan(const PlanArguments& arguments, bool is_forced, Report& report
     require_absent(arguments.output, is_forced);
   }
   const Rig rig = read_rig(arguments.rig);
-  const Plan plan = load_plan(arguments.plan, rig);
+  const Plan plan = load_plan(arguments.plan, rig, read_lighting);
   const DryRun run = dry_run(plan, rig);
   print_cost(plan, run, rig);
   report.add_reached("shots", std::int64_t{run.n_shots});

@@ -17,6 +17,7 @@
 #include "core/log.h"
 #include "core/rig.h"
 #include "core/tolerance.h"
+#include "relight/basis/compress_session.h"
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
 #include "session/develop.h"
@@ -89,7 +90,9 @@ void compare_with_session(const RelightArguments& arguments, const LightWeights&
   DevelopOptions options;
   options.memory_bytes = common.memory_bytes;
   options.progress = common.progress();
-  const LightStack stack = develop(Session::open(arguments.against), options);
+  const Session session = Session::open(arguments.against);
+  options.plate = sharing_plate(session, {});
+  const LightStack stack = develop(session, options);
   const Image<float> truth = relight_stack(LightStackSource(stack), weights);
   if (truth.height() != picture.height() || truth.width() != picture.width()) {
     throw Error("the session's frames have another size than the basis file", arguments.against,

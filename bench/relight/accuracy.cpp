@@ -187,7 +187,9 @@ Capture open_capture(const Arguments& arguments) {
   Capture capture;
   if (!arguments.session.empty()) {
     const Session session = Session::open(arguments.session);
-    capture.file = develop(session);
+    DevelopOptions options;
+    options.plate = sharing_plate(session, {});
+    capture.file = develop(session, options);
     capture.file_source = std::make_unique<LightStackSource>(*capture.file);
     capture.source.stack = capture.file_source.get();
     capture.source.grid = haar_grid(session.info());

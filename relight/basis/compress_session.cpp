@@ -1,5 +1,6 @@
 #include "relight/basis/compress_session.h"
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 
@@ -124,6 +125,43 @@ int camera_of_size(const Rig& rig, int width, int height) {
   return -1;
 }
 
+PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {
+  const SessionInfo& info = session.info();
+  const PatternFamily family = info.patterns.family;
+  if (family != PatternFamily::bins && family != PatternFamily::haar &&
+      family != PatternFamily::target) {
+    return {};
+  }
+  const StackDims dims{info.form.width, info.form.height, 1,
+                       static_cast<int>(info.lights.size())};
+  CompressOptions options;
+  options.memory_bytes = 0;  // read once: no copy in memory
+  const auto plate =
+      std::make_shared<const OpenPlate>(open_plate(session, dims, choice, options));
+  if (plate->source == nullptr) {
+    return {};
+  }
+  const StackDims found = plate->source->dims();
+  if (found.width != dims.width || found.height != dims.height ||
+      found.n_lights != dims.n_lights || found.channels != 1) {
+    throw Error(
+        fmt::format("a plate of {} x {} x {} under {} lights for frames of {} x {} under "
+                    "{}: it must be grey and fit",
+                    found.width, found.height, found.channels, found.n_lights, dims.width,
+                    dims.height, dims.n_lights),
+        choice.path.string(), "make the plate from this session's rig");
+  }
+  PlatePixels pixels;
+  pixels.key = fmt::format("{} {} {}", plate->kind, plate->hash, choice.path.string());
+  pixels.read = [plate](int y, int x0, int x1, std::span<float> out) {
+    plate->source->read_tile({x0, y, x1 - x0, 1}, out);
+    for (float& value : out) {
+      value = std::max(value, 0.0F);  // a captured plate's noise
+    }
+  };
+  return pixels;
+}
+
 CompressSummary compress_session(const Session& session, const PlateChoice& choice,
                                  const std::filesystem::path& file,
                                  const CompressOptions& options) {
@@ -131,6 +169,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   develop_options.memory_bytes = options.memory_bytes;
   develop_options.progress = options.progress;
   develop_options.unknown_as = options.unknown_as;
+  develop_options.plate = sharing_plate(session, choice);
   const LightStack stack = develop(session, develop_options);
   const LightStackSource stack_source(stack);
   const OpenPlate plate = open_plate(session, stack_source.dims(), choice, options);

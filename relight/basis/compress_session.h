@@ -4,6 +4,7 @@
 #include <string>
 
 #include "relight/basis/compress.h"
+#include "session/demultiplex.h"
 #include "session/session.h"
 
 /// @file
@@ -33,6 +34,12 @@ struct PlateChoice {
 
 /// Index of the rig's camera whose active area has this size, -1 when there is none.
 [[nodiscard]] int camera_of_size(const Rig& rig, int width, int height);
+
+/// The plate that develop shares a shot's light out by, for sessions that light several lights
+/// at once and hold less than all of them (bins, target, some wavelets); empty for all others,
+/// and where the choice finds none.
+/// @throws Error  a plate of another size or other lights
+[[nodiscard]] PlatePixels sharing_plate(const Session& session, const PlateChoice& choice);
 
 /// @throws Error  as develop() and compress_stack() do
 [[nodiscard]] CompressSummary compress_session(const Session& session, const PlateChoice& plate,

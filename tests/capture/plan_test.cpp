@@ -1,6 +1,7 @@
 #include "capture/plan.h"
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 #include <string>
 
@@ -215,8 +216,71 @@ TEST(PlanRefused, AnExposureOfZero) {
               HasSubstr("exposure"));
 }
 TEST(PlanRefused, NotToml) { EXPECT_THAT(refusal_of("patterns = = 3\n"), HasSubstr("p.toml")); }
-TEST(PlanRefused, AnSMatrixOfACompositeNumber) {
-  EXPECT_THAT(refusal_of("patterns = \"s_matrix\"\n"), HasSubstr("S-matrix"));
+TEST(Plan, SMatrixOf64LightsIs63ShotsAndOneLightAlone) {
+  const Plan plan = plan_of("patterns = \"s_matrix\"\n");
+  ASSERT_EQ(plan.shots.size(), 64U);
+  for (int i = 0; i < 63; ++i) {
+    EXPECT_EQ(plan.shots[static_cast<std::size_t>(i)].lit.size(), 32U);
+  }
+  EXPECT_EQ(plan.shots[63].lit, (std::vector<LightLevel>{{63, 65535}}));
+  EXPECT_EQ(plan.patterns.family, PatternFamily::s_matrix);
+}
+
+/// A lighting of the small rig: light k at (k % 7) / 6.
+Lighting some_lighting(int n_colours) {
+  Lighting lighting;
+  lighting.weights.resize(64, n_colours);
+  for (int k = 0; k < 64; ++k) {
+    for (int c = 0; c < n_colours; ++c) {
+      lighting.weights(k, c) = (k + 3 * c) % 7 / 6.0;
+    }
+  }
+  return lighting;
+}
+
+Plan lit_plan(const std::string& patterns, const Lighting& lighting) {
+  const std::string text =
+      kHead + "environment = \"room.hdr\"\nwavelets = 20\npatterns = \"" + patterns + "\"\n";
+  return expand_plan(parse_plan_file(text, "p.toml"), read_rig(kRigs + "small8.toml"),
+                     &lighting);
+}
+
+TEST(Plan, ATargetShotHasTheLightingsDrives) {
+  const Plan plan = lit_plan("lighting_target", some_lighting(1));
+  ASSERT_EQ(plan.shots.size(), 1U);
+  EXPECT_EQ(plan.patterns.family, PatternFamily::target);
+  for (const LightLevel& lit : plan.shots[0].lit) {
+    EXPECT_EQ(lit.level, std::lround(lit.light % 7 / 6.0 * 65535.0));
+  }
+  EXPECT_EQ(lit_plan("lighting_target", some_lighting(3)).shots.size(), 3U);
+}
+
+TEST(Plan, LightingHaarShootsTheWaveletsThatMatter) {
+  // Only two halves of the face differ: mean and one wavelet suffice.
+  Lighting lighting;
+  lighting.weights = Eigen::MatrixXd::Ones(64, 1);
+  lighting.weights.topRows(32) *= 3.0;
+  const std::vector<int> kept = choose_wavelets(lighting, 8, 2);
+  EXPECT_EQ(kept, (std::vector<int>{0, 8})) << "the mean, and top against bottom";
+  const Plan plan = lit_plan("lighting_haar", some_lighting(1));
+  EXPECT_EQ(plan.patterns.wavelets.size(), 20U);
+  EXPECT_EQ(plan.shots.size(), 39U);
+  EXPECT_EQ(plan_from_json(plan_to_json(plan), "p").patterns, plan.patterns);
+}
+
+TEST(Plan, NormsOfAnEarlierCaptureDecideWhichWavelets) {
+  Lighting lighting = some_lighting(1);
+  lighting.norms = Eigen::VectorXd::Zero(64);
+  lighting.norms[63] = 1.0;
+  EXPECT_THAT(choose_wavelets(lighting, 8, 2), ::testing::ElementsAre(0, 63));
+}
+
+TEST(PlanRefused, ALightingWithoutItsDrives) {
+  EXPECT_THAT(refusal_of("patterns = \"lighting_target\"\nenvironment = \"room.hdr\"\n"),
+              HasSubstr("room.hdr"));
+  EXPECT_THAT(refusal_of("patterns = \"lighting_haar\"\n"), HasSubstr("environment"));
+  EXPECT_THAT(refusal_of("patterns = \"bins\"\nenvironment = \"room.hdr\"\n"),
+              HasSubstr("environment"));
 }
 
 TEST(PlanJsonRefused, EveryChangedByteOfAShot) {

@@ -29,7 +29,7 @@ void expect_recovered(const PatternMatrix& patterns) {
 }
 
 TEST(SMatrix, HasTheWeighingDesignsInverse) {
-  for (const int n : {3, 7, 11, 19, 23}) {
+  for (const int n : {3, 7, 11, 15, 19, 23, 31, 63}) {
     const Eigen::MatrixXd s = s_matrix(n);
     // S^-1 = 2/(n + 1) (2 S^T - J) [Sloane79]
     const Eigen::MatrixXd inverse =
@@ -37,16 +37,37 @@ TEST(SMatrix, HasTheWeighingDesignsInverse) {
     EXPECT_LT((s * inverse - Eigen::MatrixXd::Identity(n, n)).cwiseAbs().maxCoeff(), 1e-12)
         << n;
     EXPECT_EQ(s.row(0).sum(), (n + 1) / 2);
+    EXPECT_EQ(s.rowwise().sum().maxCoeff(), s.rowwise().sum().minCoeff());
     expect_recovered(s_matrix(n));
   }
 }
 
-TEST(SMatrix, ExistsOnlyForPrimesThreeModuloFour) {
+TEST(SMatrix, ExistsForPowersOfTwoLessOneAndPrimesThreeModuloFour) {
   EXPECT_TRUE(has_s_matrix(1019));
+  EXPECT_TRUE(has_s_matrix(1023));
+  EXPECT_TRUE(has_s_matrix(15));
   EXPECT_FALSE(has_s_matrix(1024));
   EXPECT_FALSE(has_s_matrix(13));  // prime, but 1 mod 4
-  EXPECT_FALSE(has_s_matrix(15));  // 3 mod 4, but not prime
+  EXPECT_FALSE(has_s_matrix(35));  // 3 mod 4, but not prime
+  EXPECT_FALSE(has_s_matrix(1));
   EXPECT_THROW(s_matrix(8), ContractViolation);
+}
+
+TEST(SMatrix, BlocksHoldEveryLightOnce) {
+  for (int n = 1; n <= 300; ++n) {
+    int next = 0;
+    for (const SBlock& block : s_blocks(n)) {
+      EXPECT_EQ(block.first_light, next);
+      EXPECT_TRUE(block.order == 1 ? block.n_lights == 1 : has_s_matrix(block.order)) << n;
+      EXPECT_LE(block.n_lights, block.order);
+      next += block.n_lights;
+    }
+    EXPECT_EQ(next, n);
+  }
+  ASSERT_EQ(s_blocks(1024).size(), 2U);
+  EXPECT_EQ(s_blocks(1024)[0].order, 1023);
+  EXPECT_EQ(s_blocks(1024)[1].order, 1);
+  EXPECT_EQ(s_blocks(100)[0].order, 103);
 }
 
 TEST(HaarSigned, PairsGiveTheWaveletsAndTellTheLightsApart) {

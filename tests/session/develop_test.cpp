@@ -1,5 +1,6 @@
 #include "session/develop.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 
@@ -184,6 +185,82 @@ TEST(Develop, DemultiplexesAnSMatrix) {
   // Rounding of seven shots at 1 ms: |pinv(S)|_inf = 2 n / (n + 1) = 7/4, less light 3's power.
   const double bound = 1.75 * 0.5 / kRange / 0.001;
   EXPECT_LE(worst_error(develop(make(folder.path() / "s", info))), 1.001 * bound);
+}
+
+/// Light shots of a recipe at one exposure, in an order of its own.
+SessionInfo recipe_info(const PatternRecipe& recipe, double exposure_us) {
+  SessionInfo info = make_info(9, 7, recipe.n_lights());
+  info.patterns = recipe;
+  std::vector<std::vector<int>> shots = lit_lights(recipe);
+  std::reverse(shots.begin(), shots.end());
+  for (const std::vector<int>& lights : shots) {
+    std::vector<LightLevel> lit;
+    for (const int light : lights) {
+      lit.push_back({light, 32768});
+    }
+    add_shot(info, ShotKind::light, lit, exposure_us);
+  }
+  return info;
+}
+
+TEST(Develop, UndoesARecipeInWhateverOrderItWasShot) {
+  PatternRecipe haar{PatternFamily::haar, {{4, 4}}, 0, {}};
+  for (int i = 0; i < 16; ++i) {
+    haar.wavelets.push_back(i);
+  }
+  for (const PatternRecipe& recipe :
+       {PatternRecipe{PatternFamily::s_matrix, {{4, 4}}, 0, {}},
+        PatternRecipe{PatternFamily::s_matrix, {{3, 3}, {2, 2}}, 0, {}}, haar,
+        PatternRecipe{PatternFamily::bins, {{4, 4}}, 1, {}}}) {
+    TemporaryFolder folder;
+    SessionInfo info = recipe_info(recipe, 1000.0);
+    info.lights[3].relative_power = 1.25;
+    // Rows of the inverses have absolute sums of at most 2 (S-matrix) or 2 + 3 levels of Haar
+    // pairs (3.75); the drive doubles what half a DN of rounding costs at 1 ms.
+    const double bound = 3.75 * 2.0 * 0.5 / kRange / 0.001;
+    EXPECT_LE(worst_error(develop(make(folder.path() / "s", info))), bound)
+        << to_string(recipe.family);
+  }
+}
+
+TEST(Develop, SharesABlocksLightOutByThePlate) {
+  TemporaryFolder folder;
+  const SessionInfo info =
+      recipe_info(PatternRecipe{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
+  const Session session = make(folder.path() / "s", info);
+  DevelopOptions options;
+  EXPECT_THROW((void)develop(session, options), Error) << "no plate";
+  // A plate that is half of the truth, everywhere: the blocks come apart exactly.
+  options.plate.key = "half";
+  options.plate.read = [](int y, int x0, int x1, std::span<float> out) {
+    for (int x = x0; x < x1; ++x) {
+      for (int k = 0; k < 16; ++k) {
+        out[static_cast<std::size_t>((x - x0) * 16 + k)] =
+            static_cast<float>(0.5 * truth(k, y, x));
+      }
+    }
+  };
+  // One block's rounding, at half drive and 2 ms, goes to four lights by their shares.
+  EXPECT_LE(worst_error(develop(session, options)), 2.0 * 0.5 / kRange / 0.002);
+  // Shared out alike the blocks' sums are still right.
+  const LightStack even = develop(session, {.share_evenly = true});
+  EXPECT_EQ(even.light_image(0)(3, 3), even.light_image(5)(3, 3));
+  EXPECT_NEAR(4.0 * even.light_image(0)(3, 3),
+              truth(0, 3, 3) + truth(1, 3, 3) + truth(4, 3, 3) + truth(5, 3, 3), 0.3);
+}
+
+TEST(Develop, NamesAMissingPatternOfARecipe) {
+  TemporaryFolder folder;
+  SessionInfo info =
+      recipe_info(PatternRecipe{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);
+  info.shots.pop_back();
+  const Session session = make(folder.path() / "s", info);
+  try {
+    (void)develop(session);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.problem(), HasSubstr("pattern 1 of 16 of the s_matrix set"));
+  }
 }
 
 TEST(Develop, RefusesPatternsThatCannotTellLightsApart) {

@@ -10,6 +10,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/error.h"
+#include "core/pattern_inverse.h"
 #include "core/random.h"
 #include "tests/golden_file.h"
 
@@ -158,6 +159,27 @@ TEST(Haar, OneLightIsSixteenCoefficientsOf32x32) {
 TEST(Haar, OrderGoesFromCoarseToFine) {
   EXPECT_EQ(haar_order(4),
             (std::vector<int>{0, 1, 4, 5, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}));
+}
+
+TEST(Haar, PatternsCountTheSameCoefficients) {
+  // core/patterns shoots wavelets by the numbers that a basis file uses.
+  constexpr int kSide = 8;
+  for (int index = 0; index < kSide * kSide; ++index) {
+    std::vector<double> x(kSide * kSide, 0.0);
+    x[static_cast<std::size_t>(index)] = 1.0;
+    std::vector<double> here = x;
+    haar_inverse(here, kSide);
+    wavelets_to_lights(kSide, x, 1);
+    EXPECT_EQ(x, here);
+    const Wavelet wavelet = wavelet_at(kSide, index);
+    for (int k = 0; k < kSide * kSide; ++k) {
+      EXPECT_EQ(here[static_cast<std::size_t>(k)],
+                wavelet.sign(k / kSide, k % kSide) / static_cast<double>(wavelet.size));
+    }
+    lights_to_wavelets(kSide, x, 1);
+    haar_forward(here, kSide);
+    EXPECT_EQ(x, here);
+  }
 }
 
 TEST(Haar, RefusesOtherSizes) {

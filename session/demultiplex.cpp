@@ -1,0 +1,176 @@
+#include "session/demultiplex.h"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/parallel.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr double kFullLevel = 65535.0;
+
+[[noreturn]] void refuse(const Session& session, const std::string& what,
+                         const std::string& cure) {
+  throw Error(what, (session.folder() / "session.json").string(), cure);
+}
+
+std::vector<LightDrive> drives_of(const std::vector<LightLevel>& pattern) {
+  std::vector<LightDrive> drives;
+  drives.reserve(pattern.size());
+  for (const LightLevel& level : pattern) {
+    drives.push_back({level.light, level.level / kFullLevel});
+  }
+  return drives;
+}
+
+/// Patterns without a recipe: as they are.
+MatchedShots match_any(const Session& session, PatternRecipe recipe,
+                       const std::vector<std::vector<LightLevel>>& patterns) {
+  std::vector<std::vector<LightDrive>> shots;
+  std::vector<std::size_t> order;
+  for (const auto& pattern : patterns) {
+    order.push_back(shots.size());
+    shots.push_back(drives_of(pattern));
+  }
+  const auto n_lights = static_cast<int>(session.info().lights.size());
+  try {
+    return {std::move(order), PatternInverse(std::move(recipe), std::move(shots), n_lights)};
+  } catch (const Error& error) {
+    refuse(session, error.problem(), error.cure());
+  }
+}
+
+}  // namespace
+
+MatchedShots match_shots(const Session& session,
+                         const std::vector<std::vector<LightLevel>>& patterns) {
+  const PatternRecipe& recipe = session.info().patterns;
+  const auto n_lights = static_cast<int>(session.info().lights.size());
+  constexpr std::size_t kMaxTargets = 8;
+  if (recipe.family == PatternFamily::target && patterns.size() > kMaxTargets) {
+    refuse(session, fmt::format("{} target shots", patterns.size()),
+           "a lighting has one shot a colour: capture the plan again");
+  }
+  if (recipe.family == PatternFamily::list || recipe.family == PatternFamily::target) {
+    return match_any(session, recipe, patterns);
+  }
+  if (!fits(recipe) || recipe.n_lights() != n_lights) {
+    refuse(session,
+           fmt::format("\"patterns\" describes {} of {} lights, the session has {}",
+                       to_string(recipe.family), recipe.n_lights(), n_lights),
+           "the file was changed after the capture: rebuild it (haarlight rebuild)");
+  }
+  // Shots by the lights they light; a set of lights may stand in the recipe twice.
+  std::map<std::vector<int>, std::size_t> by_lights;
+  const std::uint16_t level = patterns.front().front().level;
+  for (std::size_t i = 0; i < patterns.size(); ++i) {
+    std::vector<int> lights;
+    for (const LightLevel& lit : patterns[i]) {
+      lights.push_back(lit.light);
+      if (lit.level != level) {
+        refuse(session,
+               fmt::format("levels {} and {} in one set of {} patterns", level, lit.level,
+                           to_string(recipe.family)),
+               "shoot all its patterns at one level");
+      }
+    }
+    by_lights[std::move(lights)] = i;
+  }
+  const std::vector<std::vector<int>> expected = lit_lights(recipe);
+  std::vector<std::size_t> order;
+  std::vector<std::vector<LightDrive>> shots;
+  std::vector<bool> is_used(patterns.size(), false);
+  for (std::size_t j = 0; j < expected.size(); ++j) {
+    const auto it = by_lights.find(expected[j]);
+    if (it == by_lights.end()) {
+      refuse(
+          session,
+          fmt::format("pattern {} of {} of the {} set has no committed frame ({} lights, the "
+                      "first is {})",
+                      j + 1, expected.size(), to_string(recipe.family), expected[j].size(),
+                      expected[j].front()),
+          "take its shot (haarlight capture)");
+    }
+    order.push_back(it->second);
+    is_used[it->second] = true;
+    shots.push_back(drives_of(patterns[it->second]));
+  }
+  const auto n_unused = std::count(is_used.begin(), is_used.end(), false);
+  if (n_unused > 0) {
+    refuse(session,
+           fmt::format("{} patterns are not of the {} set", n_unused, to_string(recipe.family)),
+           "capture other patterns as a session of their own");
+  }
+  return {std::move(order), PatternInverse(recipe, std::move(shots), n_lights)};
+}
+
+void demultiplex_rows(const PatternInverse& inverse, const std::vector<double>& power,
+                      const PlatePixels& plate, int y0, std::vector<Image<float>>& pictures) {
+  const auto n_shots = static_cast<std::size_t>(inverse.n_shots());
+  const auto n_lights = static_cast<std::size_t>(inverse.n_lights());
+  HAARLIGHT_EXPECTS(pictures.size() == n_shots && power.size() == n_lights,
+                    "a picture a shot, a power a light");
+  const int height = pictures[0].height();
+  const int width = pictures[0].width();
+  const auto channels = static_cast<std::size_t>(pictures[0].channels());
+  std::vector<Image<float>> lights;
+  lights.reserve(n_lights);
+  for (std::size_t k = 0; k < n_lights; ++k) {
+    lights.emplace_back(height, width, static_cast<int>(channels));
+  }
+  // 16 pixels: 1024 shots of them are 128 KB, which a core's cache holds.
+  constexpr int kRun = 16;
+  const auto runs_a_row = static_cast<std::size_t>((width + kRun - 1) / kRun);
+  const bool has_plate = inverse.needs_plate() && !plate.is_empty();
+  parallel_for(runs_a_row * static_cast<std::size_t>(height), 4,
+               [&](std::size_t begin, std::size_t end) {
+                 std::vector<double> measured;
+                 std::vector<double> shared;
+                 std::vector<double> single;
+                 std::vector<float> plate_run;
+                 for (std::size_t run = begin; run < end; ++run) {
+                   const auto y = static_cast<int>(run / runs_a_row);
+                   const int x0 = static_cast<int>(run % runs_a_row) * kRun;
+                   const int x1 = std::min(width, x0 + kRun);
+                   const auto n_pixels = static_cast<std::size_t>(x1 - x0);
+                   const std::size_t n = n_pixels * channels;
+                   const std::size_t first =
+                       (static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                        static_cast<std::size_t>(x0)) *
+                       channels;
+                   measured.resize(n_shots * n);
+                   single.resize(n_lights * n);
+                   for (std::size_t j = 0; j < n_shots; ++j) {
+                     const float* in = pictures[j].pixels().data() + first;
+                     std::copy_n(in, n, measured.data() + j * n);
+                   }
+                   if (has_plate) {
+                     plate_run.resize(n_pixels * n_lights);
+                     plate.read(y0 + y, x0, x1, plate_run);
+                     shared.resize(n_lights * n);
+                     for (std::size_t i = 0; i < n; ++i) {
+                       const float* row = plate_run.data() + i / channels * n_lights;
+                       for (std::size_t k = 0; k < n_lights; ++k) {
+                         shared[k * n + i] = double{row[k]} * power[k];
+                       }
+                     }
+                   }
+                   inverse.apply(measured, shared, n, single);
+                   for (std::size_t k = 0; k < n_lights; ++k) {
+                     float* out = lights[k].pixels().data() + first;
+                     for (std::size_t i = 0; i < n; ++i) {
+                       out[i] = static_cast<float>(single[k * n + i] / power[k]);
+                     }
+                   }
+                 }
+               });
+  pictures = std::move(lights);
+}
+
+}  // namespace haarlight
