@@ -195,8 +195,7 @@ class Daemon::Impl {
       return expand_plan(parse_plan_file(plan_text, where), config_.rig);
     }
     Plan plan = plan_from_json(plan_text, where);
-    require_power(plan, config_.rig, where);
-    require_sync(plan, config_.rig, where);
+    require_limits(plan, config_.rig, where);
     return plan;
   }
 

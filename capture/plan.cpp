@@ -495,65 +495,8 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
     }
   }
   plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;
-  require_power(plan, rig, settings.where);
-  require_sync(plan, rig, settings.where);
+  require_limits(plan, rig, settings.where);
   return plan;
-}
-
-void require_sync(const Plan& plan, const Rig& rig, const std::string& where) {
-  if (rig.sync != SyncMode::camera_leads || rig.cameras.empty()) {
-    return;
-  }
-  double longest_us = 0.0;
-  for (const Shot& shot : plan.shots) {
-    longest_us = std::max(longest_us, shot.exposure_us);
-  }
-  const std::string problem = find_strobe_problem(rig, longest_us);
-  if (problem.empty()) {
-    return;
-  }
-  const CameraSpec& camera = rig.cameras.front();
-  const double rest_us = camera.skew_us + 1e-3 * static_cast<double>(settle_ns(rig.controller));
-  const double period_us = 1e6 / camera.fps;
-  const double room_us = rig.strobe_every * period_us - rest_us;
-  std::string cure;
-  if (room_us > 0.0) {
-    cure = fmt::format("expose at most {:.0f} us, ", std::min(room_us, period_us));
-  }
-  cure += fmt::format("set fps = {:.4g} or less, or strobe_every = {} in [sync]",
-                      std::floor(1e8 * rig.strobe_every / (longest_us + rest_us)) / 100.0,
-                      static_cast<int>(std::ceil((longest_us + rest_us) / period_us)));
-  throw Error(problem, where, cure);
-}
-
-void require_power(const Plan& plan, const Rig& rig, const std::string& where) {
-  if (plan.n_lights != rig.n_lights()) {
-    throw Error(fmt::format("the plan is for {} lights, rig \"{}\" has {}", plan.n_lights,
-                            rig.name, rig.n_lights()),
-                where, "make the plan for this rig");
-  }
-  std::vector<int> face_of;
-  for (std::size_t i = 0; i < rig.faces.size(); ++i) {
-    face_of.insert(face_of.end(), static_cast<std::size_t>(rig.faces[i].n_lights()),
-                   static_cast<int>(i));
-  }
-  std::vector<double> watts(rig.faces.size());
-  for (const Shot& shot : plan.shots) {
-    std::fill(watts.begin(), watts.end(), 0.0);
-    for (const LightLevel& light : shot.lit) {
-      const auto face =
-          static_cast<std::size_t>(face_of[static_cast<std::size_t>(light.light)]);
-      watts[face] += light.level / kFullLevel * rig.faces[face].element_power.value();
-    }
-    for (std::size_t i = 0; i < watts.size(); ++i) {
-      const double limit = rig.faces[i].max_power.value();
-      if (watts[i] > limit * (1.0 + 1e-9)) {  // 1e-9: rounding of the sum over 65536 lights
-        throw Error(fmt::format("shot {} draws {:.1f} W on face \"{}\", allowed are {:.1f} W",
-                                shot.index, watts[i], rig.faces[i].id, limit),
-                    where, "light fewer elements at once, or lower level");
-      }
-    }
-  }
 }
 
 DryRun dry_run(const Plan& plan, const Rig& rig) {
@@ -606,8 +549,7 @@ Plan load_plan(const std::filesystem::path& path, const Rig& rig,
                const LightingReader& read_lighting) {
   if (path.extension() == ".json") {
     Plan plan = plan_from_json(read_file(path, 1U << 30U), path.string());
-    require_power(plan, rig, path.string());
-    require_sync(plan, rig, path.string());
+    require_limits(plan, rig, path.string());
     return plan;
   }
   const PlanSettings settings = read_plan_file(path);

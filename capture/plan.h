@@ -122,7 +122,13 @@ struct Plan {
 [[nodiscard]] Plan load_plan(const std::filesystem::path& path, const Rig& rig,
                              const LightingReader& read_lighting = {});
 
-/// @throws Error  naming shot, face, watts and limit
+/// Holds a plan to the faces' and strings' watts, to whole PWM periods where lights are dimmed
+/// by PWM, to the elements' duty and to the sync mode: everything that a plan is refused for before a light is
+/// lit.
+/// @throws Error  naming shot, face, what it needs and the limit
+void require_limits(const Plan& plan, const Rig& rig, const std::string& where);
+
+/// @throws Error  naming shot, face or string, watts and limit
 void require_power(const Plan& plan, const Rig& rig, const std::string& where);
 
 /// @throws Error  camera leads: an exposure that does not fit, with the arithmetic and the

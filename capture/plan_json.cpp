@@ -216,8 +216,6 @@ Plan read_body(const Json& json, const std::string& where) {
   plan.n_lights = static_cast<int>(n_lights);
   plan.reserve_mb = field<double>(json, "reserve_mb", where, "the plan");
   plan.limits = read_limits(json, where);
-}
-
   if (json.contains("patterns")) {
     plan.patterns = read_recipe(json["patterns"], plan.n_lights, where);
   }

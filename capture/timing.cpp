@@ -92,4 +92,9 @@ double expected_frames_a_shot(const Rig& rig, double exposure_us) {
   return std::ceil(stable_us / frame_us);
 }
 
+double seconds_a_shot(const Rig& rig, double exposure_us) {
+  const double period_s = std::max(1.0 / rig.cameras.front().fps, exposure_us * 1e-6);
+  return expected_frames_a_shot(rig, exposure_us) * period_s;
+}
+
 }  // namespace haarlight

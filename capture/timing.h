@@ -42,4 +42,7 @@ inline constexpr double kFrameOverheadBytes = 4096.0;
 /// phase after the frame's arrival), exposure, skew, readout and the latch's round trip.
 [[nodiscard]] double expected_frames_a_shot(const Rig& rig, double exposure_us);
 
+/// The same in seconds.
+[[nodiscard]] double seconds_a_shot(const Rig& rig, double exposure_us);
+
 }  // namespace haarlight

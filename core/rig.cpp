@@ -88,6 +88,17 @@ Face read_face(ConfigTable& t) {
     t.problem("max_watts", "max_watts is below the power of a single element",
               "one element at full drive must be allowed");
   }
+  face.string_lights = static_cast<int>(t.integer_or("string", 0, {.min = 0, .max = 65536}));
+  face.max_string_power = Watts(t.number_or("max_string_watts", 0.0, {.min = 0.0, .max = 1e6}));
+  if ((face.string_lights > 0) != (face.max_string_power.value() > 0.0)) {
+    t.problem("string", "string and max_string_watts stand together",
+              "write how many lights share a string and what it can give, or neither");
+  } else if (face.string_lights > 0 && face.max_string_power < face.element_power) {
+    t.problem("max_string_watts", "less than one element's watts", "correct one of the two");
+  }
+  face.pwm_hz = t.number_or("pwm_hz", 0.0, {.min = 0.0, .max = 1e9});
+  face.max_duty = t.number_or("max_duty", 1.0, {.min = 1e-6, .max = 1.0});
+  face.heat_tau_s = t.number_or("heat_tau_s", 10.0, {.min = 1e-3, .max = 1e6});
   return face;
 }
 

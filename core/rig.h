@@ -37,6 +37,13 @@ struct Face {
   Watts element_power{5.0};   ///< of one element at full drive
   double lobe_mu = 1.0;       ///< radiance ~ cos^(mu - 1); 1 = Lambertian
   Watts max_power{5.0};       ///< of the face at any moment
+  int string_lights = 0;  ///< lights k, k+1, ... that share one supply string; 0: no strings
+  Watts max_string_power{0.0};  ///< of a string at any moment
+  double pwm_hz = 0.0;          ///< dimmed by pulse width at this rate; 0: by current
+  /// An element's heat follows its drive with time constant heat_tau_s and must stay below
+  /// this; 1 = full drive for ever is allowed.
+  double max_duty = 1.0;
+  double heat_tau_s = 10.0;
 
   [[nodiscard]] int n_lights() const { return rows * cols; }
   /// Equal rows and cols, a power of two: what the Haar basis needs.

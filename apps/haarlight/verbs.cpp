@@ -8,6 +8,7 @@
 namespace haarlight {
 
 void add_check(Command root, Invocation& invocation);
+void add_advise(Command root, Invocation& invocation);
 void add_plan(Command root, Invocation& invocation);
 void add_capture(Command root, Invocation& invocation);
 void add_status(Command root, Invocation& invocation);
@@ -35,6 +36,7 @@ constexpr AddVerb kVerbs[] = {
     // One a line, so that two additions do not meet.
     // clang-format off
     add_check,
+    add_advise,
     add_plan,
     add_capture,
     add_status,

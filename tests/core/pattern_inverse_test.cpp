@@ -109,6 +109,25 @@ TEST(PatternInverse, FastSMatrixEqualsTheDenseOne) {
   }
 }
 
+TEST(PatternInverse, TheFastSMatrixIsExactOnWholeNumbers) {
+  // Counts of 16 bits: sums below 2^53, and 2/(n + 1) is a power of two.
+  constexpr int kOrder = 255;
+  std::vector<double> x(kOrder);
+  std::vector<std::int64_t> counts(kOrder);
+  for (std::size_t j = 0; j < kOrder; ++j) {
+    counts[j] = static_cast<std::int64_t>(hash_key(1, j) % 65536);
+    x[j] = static_cast<double>(counts[j]);
+  }
+  s_matrix_inverse(kOrder, x, 1);
+  for (int k = 0; k < kOrder; ++k) {
+    std::int64_t sum = 0;
+    for (int j = 0; j < kOrder; ++j) {
+      sum += (s_entry(kOrder, j, k) ? 1 : -1) * counts[static_cast<std::size_t>(j)];
+    }
+    EXPECT_EQ(x[static_cast<std::size_t>(k)] * 128.0, static_cast<double>(sum));
+  }
+}
+
 TEST(PatternInverse, CompleteFamiliesGiveEveryLightBack) {
   for (const PatternRecipe& recipe :
        {recipe_of(PatternFamily::one_at_a_time, {{3, 5}}),
