@@ -421,12 +421,14 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   const PatternFamily family = session.info().patterns.family;
   const bool may_need_plate = family == PatternFamily::bins || family == PatternFamily::haar ||
                               family == PatternFamily::target;
-  const std::string plate_key = may_need_plate ? options.plate.key : std::string();
+  const std::string without_plate = options.share_evenly ? "even" : "none";
+  const std::string plate_key = !may_need_plate            ? std::string()
+                                : options.plate.is_empty() ? without_plate
+                                                           : options.plate.key;
   const fs::path folder =
       options.cache_folder.empty() ? session.folder() / "cache" : options.cache_folder;
-  const fs::path file =
-      folder /
-      fmt::format("stack-{}.hls", cache_key(session, job.demosaic, transfer, plate_key));
+  const fs::path file = folder / fmt::format("stack-{}.hls", cache_key(session, job.demosaic,
+                                                                       transfer, plate_key));
   if (options.use_cache) {
     if (const auto cached = open_cached(file)) {
       return std::move(*cached);
