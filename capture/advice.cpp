@@ -254,6 +254,7 @@ class Adviser {
     try {
       // Power and duty are judged after the exposure has been chosen.
       Rig unlimited = rig_;
+      unlimited.sync = SyncMode::free_run;
       for (Face& face : unlimited.faces) {
         face.max_power = Watts(1e12);
         face.string_lights = 0;

@@ -123,8 +123,8 @@ struct Plan {
                              const LightingReader& read_lighting = {});
 
 /// Holds a plan to the faces' and strings' watts, to whole PWM periods where lights are dimmed
-/// by PWM, to the elements' duty and to the sync mode: everything that a plan is refused for before a light is
-/// lit.
+/// by PWM, to the elements' duty and to the sync mode: everything that a plan is refused for
+/// before a light is lit.
 /// @throws Error  naming shot, face, what it needs and the limit
 void require_limits(const Plan& plan, const Rig& rig, const std::string& where);
 
