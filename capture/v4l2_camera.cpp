@@ -348,13 +348,18 @@ Result<std::optional<Frame>> V4l2Camera::house(const V4l2Filled& filled) {
              packed_frame_bytes(packing, view.width(), view.height(), stream_->set.stride)) {
     const std::uint16_t all = unpack_pixels(packing, filled.bytes, stream_->set.stride, view);
     const unsigned white = (1U << static_cast<unsigned>(stream_->spec.bits)) - 1U;
-    if (all > white) {
+    if (all > white && is_depth_proven_) {
+      info.flags |= kFrameError;  // no wrong setting then, but a frame that is none
+    } else if (all > white) {
       stream_->words->give(std::move(words));
       return fail(Errc::unsupported,
                   fmt::format("{}: samples up to {}, but {} bits end at {}: the driver puts "
                               "them into the high bits; write bits = 16, or another format",
                               stream_->device.node(), all, stream_->spec.bits, white));
     }
+    // Words in the high bits would have none here.
+    const unsigned low_bits = (1U << static_cast<unsigned>(16 - stream_->spec.bits)) - 1U;
+    is_depth_proven_ = is_depth_proven_ || (all <= white && (all & low_bits) != 0);
     has_pixels = true;
   }
   std::shared_ptr<Image<std::uint16_t>> shared(

@@ -67,6 +67,7 @@ class V4l2Camera final : public Camera {
 
   V4l2Places places_;
   std::optional<V4l2Identity> identity_;  ///< of the first start
+  bool is_depth_proven_ = false;          ///< a frame kept to the rig file's bits
   std::unique_ptr<Stream> stream_;
   V4l2Counters counters_;
 };
