@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <optional>
 #include <span>
 #include <string>
 #include <system_error>
@@ -32,6 +33,7 @@ namespace {
 
 // Few: what waits in a queue is old by the time it is seen.
 constexpr std::uint32_t kBuffers = 2;
+constexpr std::int64_t kReopenNs = 100'000'000;  // a lost node is looked for this often
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
@@ -244,37 +246,75 @@ class V4l2Output::Impl {
     return buffer;
   }
 
+  /// Why a stream ended.
+  enum class End { asked, node_lost, record_full };
+
   void run() {
     try {
-      for (std::uint32_t i = 0; i < buffers_.size(); ++i) {
-        if (!write_frame(i)) {
+      for (;;) {
+        const End end = stream();
+        if (end != End::node_lost) {
           return;
         }
-      }
-      int type = V4L2_BUF_TYPE_VIDEO_OUTPUT;
-      if (call(fd_, VIDIOC_STREAMON, &type) != 0) {
-        return stop_with("VIDIOC_STREAMON", errno);
-      }
-      while (wait_for(&fd_, -1)) {
-        v4l2_buffer buffer = buffer_of(0);
-        if (call(fd_, VIDIOC_DQBUF, &buffer) != 0) {
-          if (errno == EAGAIN) {
-            continue;
+        close();
+        do {
+          if (!wait_for(nullptr, now_ns() + kReopenNs)) {
+            return;
           }
-          return stop_with("VIDIOC_DQBUF", errno);
-        }
-        if (!write_frame(buffer.index)) {
-          return;
-        }
+        } while (!reopen());
       }
     } catch (const std::exception& error) {
       log_error(fmt::format("output camera {}: {}", node_, error.what()));
     }
   }
 
-  void stop_with(const char* operation, int error) const {
-    log_error(fmt::format("output camera {}: {}: {}; no more frames", node_, operation,
-                          error_text(error)));
+  End stream() {
+    for (std::uint32_t i = 0; i < buffers_.size(); ++i) {
+      if (const auto end = write_frame(i)) {
+        return *end;
+      }
+    }
+    int type = V4L2_BUF_TYPE_VIDEO_OUTPUT;
+    if (call(fd_, VIDIOC_STREAMON, &type) != 0) {
+      return lost("VIDIOC_STREAMON", errno);
+    }
+    while (wait_for(&fd_, -1)) {
+      v4l2_buffer buffer = buffer_of(0);
+      if (call(fd_, VIDIOC_DQBUF, &buffer) != 0) {
+        if (errno == EAGAIN) {
+          continue;
+        }
+        return lost("VIDIOC_DQBUF", errno);
+      }
+      if (const auto end = write_frame(buffer.index)) {
+        return *end;
+      }
+    }
+    return End::asked;
+  }
+
+  [[nodiscard]] End lost(const char* operation, int error) const {
+    log_warning(fmt::format("output camera {}: {}: {}; waiting for the node", node_, operation,
+                            error_text(error)));
+    return End::node_lost;
+  }
+
+  void close() {
+    buffers_.clear();
+    fd_.reset();
+  }
+
+  bool reopen() {
+    try {
+      open();
+      set_format();
+      map_buffers();
+      log_info("output camera " + node_ + ": the node is back");
+      return true;
+    } catch (const Error&) {  // still away
+      close();
+      return false;
+    }
   }
 
   /// Until the node gives a buffer back (`node` not null) or the time has come.
@@ -301,11 +341,11 @@ class V4l2Output::Impl {
     }
   }
 
-  /// Exposes a frame from now on and queues it. @return false when there can be no more
-  bool write_frame(std::uint32_t index) {
+  /// Exposes a frame from now on and queues it. @return nothing, or why there can be no more
+  std::optional<End> write_frame(std::uint32_t index) {
     const auto period_ns = static_cast<std::int64_t>(std::llround(1e9 / spec_.fps));
     if (!wait_for(nullptr, last_start_ns_ + period_ns)) {
-      return false;
+      return End::asked;
     }
     Exposure exposure;
     exposure.start_ns = now_ns();
@@ -314,7 +354,7 @@ class V4l2Output::Impl {
     last_start_ns_ = exposure.start_ns;
     const std::int64_t end_ns = camera_.end_ns(exposure);
     if (!wait_for(nullptr, end_ns + 1)) {
-      return false;
+      return End::asked;
     }
     const LightHistory history = light_.history(camera_.history_begin_ns(exposure), end_ns);
     const LightSeen seen = camera_.look(history, exposure);
@@ -328,7 +368,7 @@ class V4l2Output::Impl {
     copy_to(buffers_[index].bytes());
     if (record_ != nullptr && !record_->add(words_, exposure, end_ns, seen.tag)) {
       log_error("output camera " + node_ + ": the record's disk is full; no more frames");
-      return false;
+      return End::record_full;
     }
     ++n_written_;
     if (seen.tag.is_mixed) {
@@ -338,10 +378,9 @@ class V4l2Output::Impl {
     buffer.bytesused = image_bytes_;
     buffer.field = V4L2_FIELD_NONE;
     if (call(fd_, VIDIOC_QBUF, &buffer) != 0) {
-      stop_with("VIDIOC_QBUF", errno);
-      return false;
+      return lost("VIDIOC_QBUF", errno);
     }
-    return true;
+    return std::nullopt;
   }
 
   void copy_to(std::span<std::byte> bytes) const {
