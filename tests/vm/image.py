@@ -18,6 +18,7 @@ import zlib
 
 HERE = pathlib.Path(__file__).resolve().parent
 BUSYBOX = pathlib.Path("/bin/busybox")
+KEPT = 4  # images, 73 MB each
 
 # What the machine can load; what these need comes with them.
 DRIVERS = ["virtio_pci", "9pnet_virtio", "9p", "vivid", "xhci_pci", "ftdi_sio", "usbmon",
@@ -42,11 +43,15 @@ def kernel_package():
     """The package that linux-image-amd64 stands for today: it moves with security updates."""
     if not shutil.which("apt-cache"):
         raise Unavailable("no apt-cache: this is not Debian")
-    found = re.search(r"Depends: (linux-image-\d\S*-amd64)\b",
-                      quietly("apt-cache", "depends", "linux-image-amd64"))
-    if not found:
-        raise Unavailable("apt-cache knows no linux-image-amd64 (is this Debian on a PC?)")
-    return found[1]
+    for has_asked in (False, True):
+        known = subprocess.run(["apt-cache", "depends", "linux-image-amd64"], capture_output=True,
+                               text=True)
+        found = re.search(r"Depends: (linux-image-\d\S*-amd64)\b", known.stdout)
+        if found:
+            return found[1]
+        if not has_asked:  # fresh containers have no lists
+            quietly(*([] if os.geteuid() == 0 else ["sudo", "-n"]), "apt-get", "update")
+    raise Unavailable("apt-cache knows no linux-image-amd64: is this Debian on a PC?")
 
 
 def elf_of(bzimage):
@@ -132,11 +137,14 @@ def build(package, target):
         made.mkdir()
         (made / "vmlinux").write_bytes(elf_of(tree / f"boot/vmlinuz-{version}"))
         (made / "initrd").write_bytes(first_files(tree, version))
-        if target.exists():  # somebody else was quicker
-            return
-        os.replace(made, target)
+        if not target.exists():  # else somebody was quicker
+            os.replace(made, target)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+    images = sorted((f for f in target.parent.iterdir() if (f / "initrd").exists()),
+                    key=lambda f: f.stat().st_mtime, reverse=True)
+    for old in images[KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
 
 
 def image():
@@ -144,13 +152,20 @@ def image():
     for program in ("/usr/sbin/modprobe", BUSYBOX, "/usr/bin/qemu-system-x86_64"):
         if not pathlib.Path(program).exists():
             raise Unavailable(f"{program} is missing: scripts/install_packages check")
-    package = kernel_package()
     cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
     # What goes in is part of the name, so that a change makes a new image.
     recipe = hashlib.sha256()
     for file in (HERE / "image.py", HERE / "guest/init"):
         recipe.update(file.read_bytes())
-    target = cache / "haarlight/vm" / f"{package.removeprefix('linux-image-')}-{recipe.hexdigest()[:10]}"
-    if not (target / "initrd").exists():
-        build(package, target)
-    return target
+    images, suffix = cache / "haarlight/vm", recipe.hexdigest()[:10]
+    try:
+        package = kernel_package()
+        target = images / f"{package.removeprefix('linux-image-')}-{suffix}"
+        if not (target / "initrd").exists():
+            build(package, target)
+        return target
+    except Unavailable:
+        made = sorted(images.glob(f"*-{suffix}/initrd"), key=lambda f: f.stat().st_mtime)
+        if not made:
+            raise
+        return made[-1].parent  # no network today: an image of another day

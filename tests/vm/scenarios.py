@@ -8,16 +8,19 @@ import pathlib
 import re
 import subprocess
 import sys
+import threading
 
 from machine import Machine
-from truth import Session
+from truth import Record, Session
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 OUT = ROOT / "build/vm"
 SCENE = ROOT / "configs/scenes/blocks.toml"
+QUICK_PLAN = ROOT / "configs/plans/quick.toml"
 SMALL_RIG = ROOT / "configs/rigs/small8.toml"
 INSIDE = "/dev/shm/work"  # as guest/lab.py
+RENDERING = threading.Lock()
 
 
 @dataclasses.dataclass
@@ -85,6 +88,71 @@ def hands(folder):
             "-mon", "chardev=hands-outer,mode=readline"]
 
 
+class Capture(Scenario):
+    """V4L2 through vivid: 640 frames, each compared with what the simulated camera wrote"""
+
+    drivers = ["vivid node_types=0x101 num_inputs=1 input_types=3 num_outputs=1 output_types=1 "
+               "ccs_cap_mode=1 ccs_out_mode=2"]
+    tied_time = True
+    n_repeats = 10
+    # vivid stamps a frame when it copies it. The frame was written before that, and waited in vivid's
+    # queue for two frames of 16.7 ms, longer when its threads slip. So the exposure ended between 0
+    # and 75 ms before the stamp: said to the daemon as a camera that is read out for 75 ms and
+    # skewed by as much.
+    chain = {"shutter": '"rolling"', "read_us": "75000.0", "skew_us": "75000.0"}
+
+    def camera(self, **more):
+        return {"device": '"/dev/video0"', "kind": '"v4l2"', "fps": "59.94", **more}
+
+    def files(self):
+        def rig(**more):
+            text = rig_text(self.camera(**more), "modbus_tcp", "127.0.0.1:1503")
+            return text.replace(
+                'format = "Y16 "', 'format = "Y16 "\nexposure_control = "none"\n'
+                'controls = { loop_video = true, osd_text_mode = 2, '
+                'timestamp_source = "Start of Exposure" }')
+        plan = QUICK_PLAN.read_text()
+        twin = rig_text({"device": '"unused"', "fps": "100.0"}, "modbus_tcp", "127.0.0.1:1503")
+        return {"twin.toml": twin, "rig.toml": rig(**self.chain),
+                "careless.toml": rig(read_us="1000.0"),
+                "plan.toml": f"{plan}repeats = {self.n_repeats}\n", "short_plan.toml": plan}
+
+    def judge(self, folder, result):
+        good, rough = Session(folder / "good"), Session(folder / "rough")
+        record = Record(folder / "record", 2 * good.form["width"] * good.form["stored_height"])
+        problems = good.problems(n_shots=64 * self.n_repeats)
+        more, latencies = record.problems(good)
+        problems += more
+        more, _ = record.problems(rough)
+        problems += [f"rough: {p}" for p in rough.problems(n_shots=64) + more]
+        # The truth must be able to fail: a rig file that trusts the stamp pairs wrongly.
+        careless = Session(folder / "careless").wrong_pairings()
+        if not careless:
+            problems.append("no wrong pairing even with a rig file that trusts vivid's stamp: "
+                            "this test proves nothing")
+        rough_faults = result["rough"]["counters"]["camera_faults_total"]
+        if rough_faults < 1:
+            problems.append("rough: vivid was asked to break, and the daemon noticed nothing")
+        counters = result["good"]["counters"]
+        return problems, problems or (
+            f"{len(good.frames)} frames, each byte for byte one of {record.n} written, 0 wrong pairings "
+            f"({len(careless)} of 64 when the stamp is trusted); exposed "
+            f"{min(latencies) / 1e6:.0f} to {max(latencies) / 1e6:.0f} ms before the stamp; "
+            f"{counters['duplicates_total']:.0f} repeats refused of {counters['frames_total']:.0f} frames; "
+            f"64 shots while vivid broke its stream, {rough_faults:.0f} faults")
+
+
+def judge_replug(folder, result, n_shots, what):
+    session = Session(folder / "sessions")
+    problems = session.problems(n_shots)
+    if result["suspended_s"] > 1.0:
+        problems.append(f"suspended {result['suspended_s']:.2f} s after it was pulled out: more than 1 s")
+    if result["committed_at_rest"] >= n_shots:
+        problems.append("the capture was over before it was pulled out")
+    return problems, (f"{len(session.frames)} shots {what} out: suspended after "
+                      f"{result['suspended_s'] * 1e3:.0f} ms; in: goes on after {result['resumed_s']:.1f} s")
+
+
 class Serial(Scenario):
     """Modbus RTU over ftdi_sio and 8250, a whole 8 x 8 capture; the adapter is pulled out and put in"""
 
@@ -101,24 +169,39 @@ class Serial(Scenario):
         camera = {"device": f'"{INSIDE}/camera.sock"', "fps": "40.0"}
         return {"twin.toml": rig_text(camera, "modbus_rtu", f"{INSIDE}/controller:115200"),
                 "rig.toml": rig_text(camera, "modbus_rtu", f"{self.adapter}:115200"),
-                "plan.toml": (ROOT / "configs/plans/quick.toml").read_text()}
+                "plan.toml": QUICK_PLAN.read_text()}
 
     def job(self):
         return {"adapter": self.adapter, "replug": f"device_add {self.plug}", "unplug_after": 16}
 
     def judge(self, folder, result):
-        session = Session(folder)
-        problems = session.problems(n_shots=64)
-        if result["suspended_s"] > 1.0:
-            problems.append(f"suspended {result['suspended_s']:.2f} s after the adapter was out: more than 1 s")
-        if result["committed_at_rest"] >= 64:
-            problems.append("the capture was over before the adapter was pulled out")
-        return problems, (f"{len(session.frames)} shots by RTU; adapter out: suspended after "
-                          f"{result['suspended_s'] * 1e3:.0f} ms; in again: on after "
-                          f"{result['resumed_s']:.1f} s")
+        return judge_replug(folder, result, 64, "by RTU; the adapter")
 
 
-ALL = {"serial": Serial()}
+class Usb(Scenario):
+    """The USB light array over xhci, usbfs and libusb, two 8 x 8 captures; pulled out and put in"""
+
+    drivers = ["virtio_console", "xhci_pci"]
+    serial = "HL-VM-0001"
+
+    def devices(self, folder):
+        return ["-device", "virtio-serial-pci",
+                *looped_port("light", ["-device", "virtserialport,chardev=light-inner,name=light"], folder),
+                "-device", "qemu-xhci", "-device", "usb-redir,chardev=light-outer"]
+
+    def files(self):
+        camera = {"device": f'"{INSIDE}/camera.sock"', "fps": "40.0"}
+        rig = rig_text(camera, "usb", self.serial)
+        return {"twin.toml": rig, "rig.toml": rig, "plan.toml": QUICK_PLAN.read_text() + "repeats = 2\n"}
+
+    def job(self):
+        return {"serial": self.serial, "unplug_after": 16}
+
+    def judge(self, folder, result):
+        return judge_replug(folder, result, 128, "by USB; the device")
+
+
+ALL = {"capture": Capture(), "serial": Serial(), "usb": Usb()}
 
 
 def prepare(name, kernel, bin_folder, script=None):
@@ -132,8 +215,9 @@ def prepare(name, kernel, bin_folder, script=None):
         (folder / file).write_text(text)
     # Rendering is for the host: a small transport matrix takes a second here, a minute there.
     cache = OUT / "cache"
-    subprocess.run([bin_folder / "haarlight-sim/haarlight-sim", folder / "twin.toml", "--scene", SCENE,
-                    "--cache", cache, "--only-transport", "--quiet"], check=True)
+    with RENDERING:
+        subprocess.run([bin_folder / "haarlight-sim/haarlight-sim", folder / "twin.toml", "--scene", SCENE,
+                        "--cache", cache, "--only-transport", "--quiet"], check=True)
     job = {"bin": str(bin_folder), "scene": str(SCENE), "cache": str(cache),
            "port": int(re.search(r"(?m)^port = (\d+)", (folder / "rig.toml").read_text())[1])}
     (folder / "job.json").write_text(json.dumps({**job, **scenario.job()}))

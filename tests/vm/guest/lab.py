@@ -94,8 +94,8 @@ class Lab:
         wait_for(lambda: ready.exists() or self.has_ended("sim"), 120, "the simulator")
         self.must_run("sim")
 
-    def start_daemon(self, seconds=60):
-        self.start("daemon", self.daemon_program, JOB / "rig.toml", "--sessions", WORK / "sessions")
+    def start_daemon(self, rig="rig.toml", seconds=60):
+        self.start("daemon", self.daemon_program, JOB / rig, "--sessions", WORK / "sessions")
         wait_for(lambda: self.state()["phase"] == "idle" or self.has_ended("daemon"), seconds,
                  "an idle daemon")
         self.must_run("daemon")
@@ -124,8 +124,8 @@ class Lab:
         return {line.split()[0].removeprefix("haarlight_"): float(line.split()[1]) for line in lines
                 if line.startswith("haarlight_") and "{" not in line}
 
-    def begin(self):
-        session = self.ask("/v1/run", (JOB / "plan.toml").read_bytes())["session"]
+    def begin(self, plan="plan.toml"):
+        session = self.ask("/v1/run", (JOB / plan).read_bytes())["session"]
         say("session", session)
         return session
 
@@ -134,7 +134,7 @@ class Lab:
             self.must_run("daemon")
             self.must_run("sim")
             return self.state()["phase"] == "done"
-        waited = wait_for(is_done, seconds, "the end of the session", 0.1)
+        waited = wait_for(is_done, seconds, "the end of the session", 0.5)
         say(f"done after {waited:.1f} s")
         return waited
 
@@ -147,21 +147,16 @@ class Lab:
             elif source.exists():
                 shutil.copyfile(source, JOB / name)
 
-    def end(self):
-        """Both must end cleanly when asked."""
-        codes = {}
-        for name in ("daemon", "sim"):
-            process = self.processes.get(name)
-            if process is None:
-                continue
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-            try:
-                codes[name] = process.wait(timeout=60)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                codes[name] = "it had to be killed"
-        return codes
+    def stop(self, name):
+        """Asks a program to end; it must do so cleanly. @return its exit code"""
+        process = self.processes.pop(name)
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        try:
+            return process.wait(timeout=60)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return "nothing: it had to be killed"
 
 
 def main(scenario):
@@ -170,16 +165,13 @@ def main(scenario):
     lab = Lab(job)
     result = {"failed": []}
     try:
-        result.update(scenario(lab) or {})
+        result.update(scenario(lab))
     except Failed as reason:
         result["failed"].append(str(reason))
         say("FAILED:", reason)
         say("state:", json.dumps(lab.state()))
-    try:
-        result["counters"] = lab.counters()
-    except (urllib.error.URLError, OSError):
-        pass
-    for name, code in lab.end().items():
+    for name in ("daemon", "sim"):
+        code = lab.stop(name) if name in lab.processes else 0
         if code != 0:
             result["failed"].append(f"{name} ended with {code}")
     lab.keep("sim.log", "daemon.log", "sessions", "record")

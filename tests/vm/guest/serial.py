@@ -48,7 +48,7 @@ def scenario(lab):
         raise Failed(f"session not complete: {lab.state()}")
     return {"first_node": str(first_node), "second_node": str(adapter.resolve()),
             "committed_before": before, "committed_at_rest": at_rest, "suspended_s": suspended_s,
-            "resumed_s": resumed_s}
+            "resumed_s": resumed_s, "counters": lab.counters()}
 
 
 if __name__ == "__main__":
