@@ -220,7 +220,7 @@ void CameraThread::keep_preview(const Frame& frame) {
       static_cast<double>(std::max<std::size_t>(1, picture.grey.pixels().size()));
   const ImageView<const std::uint16_t> active(pixels.data(), spec_.active_rows, pixels.width(),
                                               1, pixels.row_stride());
-  picture.codes = make_preview_codes(active, spec_.noise.black_dn, white, step);
+  picture.codes = make_preview_codes(active, spec_.noise.black_dn, clip_word(spec_), step);
   const std::lock_guard lock(preview_mutex_);
   preview_ = std::move(picture);
 }

@@ -221,7 +221,9 @@ class PageHandlers {
     const ImageView<const std::uint16_t> words(
         reinterpret_cast<const std::uint16_t*>(bytes.data()), form.height, form.width, 1);
     const Image<std::uint8_t> codes =
-        make_preview_codes(words, form.black_level, form.white_level, preview_step(form.width));
+        make_preview_codes(words, form.black_level,
+                           std::min(form.white_level, clip_word(daemon_.rig().cameras.front())),
+                           preview_step(form.width));
     return png(codes.view());
   }
 

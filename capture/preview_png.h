@@ -4,6 +4,7 @@
 #include <string>
 
 #include "core/image.h"
+#include "core/rig.h"
 
 /// @file
 /// Small pictures for people with clipping marked exactly: an indexed PNG whose entries
@@ -22,6 +23,10 @@ inline constexpr std::uint8_t kCodeSaturated = 255;
 /// @pre black < white, step >= 1
 [[nodiscard]] Image<std::uint8_t> make_preview_codes(ImageView<const std::uint16_t> words,
                                                      double black, double white, int step);
+
+/// The word from which on a camera's pixels are clipped: white, or 0.97 of the full well where
+/// that comes first (a full well is known to within 3 %).
+[[nodiscard]] double clip_word(const CameraSpec& camera) noexcept;
 
 /// The step that brings `width` down to at most 640 pixels.
 [[nodiscard]] int preview_step(int width);

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "apps/haarlight/daemon_address.h"
 #include "apps/haarlight/verb.h"
 #include "capture/daemon_client.h"
 #include "core/files.h"
@@ -27,40 +28,12 @@ constexpr milliseconds kPoll{200};
 constexpr milliseconds kDaemonAway{30000};  // a restarted daemon goes on by itself: wait for it
 
 struct ClientArguments {
-  std::string url = "http://127.0.0.1:8480";
-  std::string token_file;
+  DaemonAddress address;
   std::string plan;
   std::string session;
   std::string output;
   std::vector<int> shots;
 };
-
-void add_daemon_options(Command verb, ClientArguments& arguments) {
-  verb.option("--daemon", &arguments.url, "Address of haarlightd",
-              {.type = "URL", .environment = "HAARLIGHT_DAEMON", .shows_default = true});
-  verb.option("--token-file", &arguments.token_file, "File with the daemon's token",
-              {.type = "FILE"});
-}
-
-DaemonClientConfig client_config(const ClientArguments& arguments) {
-  DaemonClientConfig config{.url = arguments.url};
-  if (!arguments.token_file.empty()) {
-    config.token = read_file(arguments.token_file, 4096);
-    config.token.erase(config.token.find_last_not_of(" \t\r\n") + 1);
-  }
-  return config;
-}
-
-/// @throws Error(internal)  an answer that is not what this version expects
-Json parse(const DaemonReply& reply) {
-  DaemonClient::require_good(reply);
-  Json json = Json::parse(reply.body, nullptr, false);
-  if (!json.is_object()) {
-    throw Error("the daemon's answer is not JSON", "haarlightd",
-                "is another program listening at this address?", ExitCode::unavailable);
-  }
-  return json;
-}
 
 std::string text_of(const Json& json, const char* key) {
   return json.contains(key) && json[key].is_string() ? json[key].get<std::string>()
@@ -70,22 +43,6 @@ int number_of(const Json& json, const char* key) {
   return json.contains(key) && json[key].is_number() ? json[key].get<int>() : 0;
 }
 
-void print_state(const Json& state) {
-  fmt::print("{}", text_of(state, "phase"));
-  if (const std::string session = text_of(state, "session"); !session.empty()) {
-    fmt::print("  session {}  {} of {} shots committed", session, number_of(state, "committed"),
-               number_of(state, "shots"));
-  }
-  if (state.contains("seconds_left") && state["seconds_left"].is_number() &&
-      text_of(state, "phase") == "running") {
-    fmt::print("  {:.0f} s left", state["seconds_left"].get<double>());
-  }
-  if (const std::string reason = text_of(state, "reason"); !reason.empty()) {
-    fmt::print("  ({})", reason);
-  }
-  fmt::print("\n");
-}
-
 /// The state, or nothing while the daemon is away for less than half a minute.
 class PatientClient {
  public:
@@ -93,7 +50,7 @@ class PatientClient {
 
   std::optional<Json> state() {
     try {
-      Json json = parse(client_.get("/v1/state"));
+      Json json = parse_reply(client_.get("/v1/state"));
       last_answer_ = Clock::now();
       return json;
     } catch (const Error& error) {
@@ -185,7 +142,7 @@ ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& comm
                   "give a new folder; a session is never overwritten", ExitCode::usage);
     }
   }
-  DaemonClient client(client_config(arguments));
+  DaemonClient client(client_config(arguments.address));
   std::string query;
   std::string body;
   if (arguments.session.empty()) {
@@ -195,7 +152,7 @@ ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& comm
   } else {
     query = "?session=" + DaemonClient::escape(arguments.session);
   }
-  const Json begun = parse(client.post("/v1/run" + query, body));
+  const Json begun = parse_reply(client.post("/v1/run" + query, body));
   const std::string session = text_of(begun, "session");
   const Json state = follow(client, session, common.progress());
   fs::path folder = text_of(state, "folder");
@@ -216,11 +173,11 @@ void add_request(Command root, Invocation& invocation, const std::string& name,
                  const std::string& help) {
   auto arguments = std::make_shared<ClientArguments>();
   Command verb = root.add_verb(name, help);
-  add_daemon_options(verb, *arguments);
+  add_daemon_options(verb, arguments->address);
   verb.footer("Example:\n  haarlight " + name);
   finish_verb(verb, invocation, [arguments, name](const CommonOptions&, Report&) {
-    DaemonClient client(client_config(*arguments));
-    print_state(parse(client.post("/v1/" + name)));
+    DaemonClient client(client_config(arguments->address));
+    print_state(parse_reply(client.post("/v1/" + name)));
     return ExitCode::done;
   });
 }
@@ -234,7 +191,7 @@ void add_capture(Command root, Invocation& invocation) {
   verb.option("--session", &arguments->session, "Go on with this session of the daemon's",
               {.type = "ID"});
   verb.option("-o", &arguments->output, "Move the finished session here", {.type = "SESSION"});
-  add_daemon_options(verb, *arguments);
+  add_daemon_options(verb, arguments->address);
   verb.footer(
       "Prints the session's folder. Ending this command does not end the capture.\n"
       "Example:\n  haarlight capture configs/plans/one_at_a_time.toml -o vase");
@@ -246,11 +203,11 @@ void add_capture(Command root, Invocation& invocation) {
 void add_status(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ClientArguments>();
   Command verb = root.add_verb("status", "Say what the daemon is doing");
-  add_daemon_options(verb, *arguments);
+  add_daemon_options(verb, arguments->address);
   verb.footer("Example:\n  haarlight status");
   finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
-    DaemonClient client(client_config(*arguments));
-    const Json state = parse(client.get("/v1/state"));
+    DaemonClient client(client_config(arguments->address));
+    const Json state = parse_reply(client.get("/v1/state"));
     print_state(state);
     report.add_detail("phase", text_of(state, "phase"));
     report.add_reached("committed", std::int64_t{number_of(state, "committed")});
@@ -276,11 +233,12 @@ void add_reshoot(Command root, Invocation& invocation) {
   Command verb = root.add_verb("reshoot", "Take shots of the present session again");
   verb.option("SHOTS", &arguments->shots, "Numbers of shots",
               {.type = "N...", .is_required = true});
-  add_daemon_options(verb, *arguments);
+  add_daemon_options(verb, arguments->address);
   verb.footer("Example:\n  haarlight reshoot 17 18 402");
   finish_verb(verb, invocation, [arguments](const CommonOptions&, Report&) {
-    DaemonClient client(client_config(*arguments));
-    print_state(parse(client.post("/v1/reshoot", Json{{"shots", arguments->shots}}.dump())));
+    DaemonClient client(client_config(arguments->address));
+    print_state(
+        parse_reply(client.post("/v1/reshoot", Json{{"shots", arguments->shots}}.dump())));
     return ExitCode::done;
   });
 }

@@ -18,6 +18,9 @@ void add_abort(Command root, Invocation& invocation);
 void add_all_off(Command root, Invocation& invocation);
 void add_reshoot(Command root, Invocation& invocation);
 void add_rig(Command root, Invocation& invocation);
+void add_preview(Command root, Invocation& invocation);
+void add_shot(Command root, Invocation& invocation);
+void add_sessions(Command root, Invocation& invocation);
 void add_import(Command root, Invocation& invocation);
 void add_verify(Command root, Invocation& invocation);
 void add_rebuild(Command root, Invocation& invocation);
@@ -46,6 +49,9 @@ constexpr AddVerb kVerbs[] = {
     add_all_off,
     add_reshoot,
     add_rig,
+    add_preview,
+    add_shot,
+    add_sessions,
     add_import,
     add_verify,
     add_rebuild,

@@ -20,7 +20,8 @@ PLAN = SOURCE / "configs/plans/quick.toml"
 SCENE = SOURCE / "configs/scenes/stairs.toml"
 ROOM = SOURCE / "configs/environments/room.hdr"
 DEVICES = {"rig"}  # verbs that need a rig: examples_test.py and rig_commission_test.py run them
-CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot"}
+CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot", "sessions"}
+WRITING_CLIENTS = {"capture", "shot", "preview"}
 
 # For each verb: command lines whose only fault is that the input named "absent..." is not there.
 ABSENT = {
@@ -34,6 +35,9 @@ ABSENT = {
     "all-off": ["--token-file absent"],
     "reshoot": ["1 --token-file absent"],
     "rig": ["doctor absent.toml", "commission absent.toml --flash-ok"],
+    "preview": ["1 --token-file absent"],
+    "shot": ["1 --token-file absent"],
+    "sessions": ["--token-file absent"],
     "import": ["absent --lights photos/dirs.lp -o new", "photos --lights absent.lp -o new",
                "photos --lights photos/dirs.lp --dark absent.png -o new"],
     "verify": ["absent"],
@@ -57,9 +61,11 @@ ABSENT = {
 # there first, and leaves it out for the reports. None: a verb that writes no output.
 WRITES = {
     "check": None, "status": None, "pause": None, "resume": None, "abort": None, "all-off": None,
-    "reshoot": None, "verify": None, "rebuild": None, "rig": None,
+    "reshoot": None, "sessions": None, "verify": None, "rebuild": None, "rig": None,
     "plan": ["{rig} {plan} -o taken.json"],
     "capture": ["{plan} -o taken/"],
+    "preview": ["3 -o taken.png"],
+    "shot": ["3 -o taken.png"],
     "import": ["photos --lights photos/dirs.lp -o taken/"],
     "develop": ["session --exr taken/"],
     "export": ["session --lp -o taken.lp", "session --dome -o taken.dome",
@@ -163,9 +169,10 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(sorted(self.folder.iterdir()), before)
 
     def test_without_a_daemon_its_clients_say_so(self):
-        for verb in sorted(CLIENTS):
+        for verb in sorted(CLIENTS | WRITING_CLIENTS - {"capture"}):
             with self.subTest(verb=verb):
-                shown = self.run_line(verb + (" 1" if verb == "reshoot" else ""))
+                needs_number = verb in ("reshoot", "shot", "preview")
+                shown = self.run_line(verb + (" 1" if needs_number else ""))
                 self.assertEqual(shown.returncode, UNAVAILABLE, shown.stderr)
                 self.assertIn(f"127.0.0.1:{self.closed_port}", shown.stderr)
                 self.assertRegex(shown.stderr, r"\n  cure: \S")
@@ -192,9 +199,10 @@ class CommandLine(unittest.TestCase):
                     taken.rmdir()
 
     def test_reports_follow_the_schema_and_quiet_verbs_say_nothing_but_results(self):
-        lines = [(verb, line) for verb, line in self.lines(WRITES) if verb != "capture"]
+        lines = [(verb, line) for verb, line in self.lines(WRITES) if verb not in WRITING_CLIENTS]
         lines += [(verb, f"{verb} {ending}") for verb, ending in READS.items()]
-        self.assertEqual({verb for verb, _ in lines} | CLIENTS | DEVICES | {"capture"}, set(self.verbs))
+        self.assertEqual({verb for verb, _ in lines} | CLIENTS | DEVICES | WRITING_CLIENTS,
+                         set(self.verbs))
         for number, (verb, line) in enumerate(lines):
             line = line.replace("taken", f"out{number}").replace("new", f"beside{number}_")
             report = self.folder / f"report{number}.json"

@@ -132,6 +132,7 @@ class Examples(unittest.TestCase):
             session = self.run_shown("haarlight capture configs/plans/quick.toml").stdout.strip()
             run_examples("reshoot")
             self.wait_for_phase("done")
+            run_examples("shot", "sessions")
             self.run_shown(f"haarlight verify {session}")
             for line in ("reshoot 3", "status", "pause", "resume", "abort", "all-off"):
                 with self.subTest("report", line=line):
@@ -140,6 +141,11 @@ class Examples(unittest.TestCase):
                                              "--report", f"{verb}.json", cwd=self.folder)
                     self.assertEqual((done.returncode, done.stderr), (0, ""))
                     self.assertEqual(report_problems(self.folder / f"{verb}.json", verb), [])
+            self.run_shown("haarlight resume")
+            self.wait_for_phase("idle", "done")
+            run_examples("preview")
+            self.run_shown("haarlight abort")
+            self.wait_for_phase("idle")
         finally:
             self.assertEqual(rig.end(), [0, 0])
 

@@ -148,12 +148,14 @@ export class Browser {
       args: ['--no-sandbox', '--disable-dev-shm-usage', '--disable-gpu', '--force-color-profile=srgb'],
     });
     this.problems = [];
+    this.contexts = [];
     return this;
   }
 
   /** A fresh page. @param allowed  patterns of console errors that the test provokes */
   async page(url, options = {}, allowed = []) {
     const context = await this.browser.newContext({viewport: {width: 1280, height: 900}, ...options});
+    this.contexts.push(context);
     const page = await context.newPage();
     page.setDefaultTimeout(20000);
     page.allowed = allowed;
@@ -174,6 +176,11 @@ export class Browser {
     return page;
   }
 
+  /** After each test, also one that failed. */
+  async closePages() {
+    await Promise.all(this.contexts.splice(0).map(context => context.close().catch(() => {})));
+  }
+
   async end() {
     await this.browser.close();
   }
@@ -181,7 +188,8 @@ export class Browser {
 
 /** Tests run in order; each prints one line. */
 export class Suite {
-  constructor(only) {
+  constructor(browser, only) {
+    this.browser = browser;
     this.only = only;
     this.failed = 0;
     this.run = 0;
@@ -200,5 +208,6 @@ export class Suite {
       ++this.failed;
       console.log(`FAILED  ${name}: ${error instanceof Failure ? error.message : error.stack}`);
     }
+    await this.browser.closePages();
   }
 }

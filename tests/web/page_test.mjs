@@ -3,10 +3,12 @@
 // PROGRAMS: the build's folder apps/; MODULES: where playwright-core is installed; OUT: pictures and
 // caches. --images also writes the screenshots of the documents there. scripts/page_test runs it.
 
+import {execFileSync} from 'node:child_process';
 import fs from 'node:fs';
 import path from 'node:path';
 import {fileURLToPath} from 'node:url';
 import {Browser, Rig, Suite, expect, sleep, until} from './harness.mjs';
+import {allOffInReach, contrast, fitsThePhone, namesAndRoles, tabOrder} from './page_rules.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
 const option = name => {
@@ -22,8 +24,8 @@ const kScene = path.join(source, 'configs/scenes/blocks.toml');
 const kAllOffMs = 100;
 const kLong = 'schema = 1\nname = "long"\npatterns = "one_at_a_time"\nrepeats = 200\n';
 
-const suite = new Suite(option('--only'));
 const browser = await new Browser().begin(modules);
+const suite = new Suite(browser, option('--only'));
 
 const picture = (page, name, more = {}) =>
   page.screenshot({path: path.join(out, `${name}.png`), ...more});
@@ -62,6 +64,9 @@ const isPainted = (page, selector) => page.locator(selector).evaluate(canvas => 
   return seen.size;
 });
 
+const mapIsThere = page =>
+  until(async () => /[1-9]/.test(await textOf(page, '#legend')), 'the map of a session');
+
 async function idle(rig) {
   await until(async () => {
     const {phase} = await rig.state();
@@ -88,7 +93,6 @@ await suite.test('loads, prices a plan and says what is wrong with another', asy
   await page.locator('#plan-text').fill('schema = 1\nname = "x"\npatterns = "all_at_once"\n');
   await until(async () => /plan:3/.test(await textOf(page, '#plan-error')), 'an error with its line');
   expect(await page.locator('#plan-start').isDisabled(), 'a broken plan cannot be started');
-  await page.context().close();
 });
 
 await suite.test('a run needs the warning confirmed, then runs to its end', async () => {
@@ -109,12 +113,11 @@ await suite.test('a run needs the warning confirmed, then runs to its end', asyn
   await until(async () => /64 of 64/.test(await textOf(page, '#run-facts')), '64 of 64 shots');
   const committed = page.locator('#legend li', {hasText: 'committed'});
   await until(async () => /64/.test(await committed.innerText()), 'the map to be full');
-  await page.context().close();
 });
 
 await suite.test('a click on the map shows the frame and its proof in words', async () => {
   const page = await browser.page(rig.url);
-  await until(async () => /64/.test(await textOf(page, '#legend')), 'the map');
+  await mapIsThere(page);
   await clickCell(page, 3, 4);
   await until(async () => /confirmed this pattern/.test(await textOf(page, '#shot-words')), 'the proof');
   const words = await textOf(page, '#panel-shot');
@@ -122,12 +125,11 @@ await suite.test('a click on the map shows the frame and its proof in words', as
   expect(/to spare/.test(words) && /Exposure 2\.00 ms, as asked/.test(words), 'margin and exposure');
   await until(async () => await isPainted(page, '#shot-picture') > 8, 'the frame on the page');
   await picture(page, 'evidence');
-  await page.context().close();
 });
 
 await suite.test('a shot is taken again', async () => {
   const page = await browser.page(rig.url);
-  await until(async () => /64/.test(await textOf(page, '#legend')), 'the map');
+  await mapIsThere(page);
   await clickCell(page, 0, 5);
   await page.locator('#reshoot:enabled').waitFor();
   await page.locator('#reshoot').click();
@@ -135,7 +137,6 @@ await suite.test('a shot is taken again', async () => {
   await until(async () => /attempt 2/.test(await textOf(page, '#shot-verdict')), 'attempt 2', 60);
   const again = page.locator('#legend li', {hasText: /^taken again/});
   await until(async () => /1$/.test((await again.innerText()).trim()), 'the mark on the map');
-  await page.context().close();
 });
 
 await suite.test('pause, resume, time left, all-off within 100 ms, abort', async () => {
@@ -170,12 +171,285 @@ await suite.test('pause, resume, time left, all-off within 100 ms, abort', async
   await page.locator('#abort').click();
   await page.locator('#sure-go').click();
   await until(async () => await phaseOf(page) === 'idle', 'the end');
-  await page.context().close();
   return `all-off ${times[5].toFixed(0)} ms median, ${times[9].toFixed(0)} ms at most`;
+});
+
+await suite.test('everything by keyboard alone', async () => {
+  const page = await browser.page(rig.url);
+  await page.locator('#plan-start:enabled').waitFor();
+  const {reached, problems} = await tabOrder(page);
+  expect(problems.length === 0, problems.join('\n'));
+  for (const id of ['all-off', 'theme', 'session', 'by-light', 'grid', 'tab-plan', 'plan-text', 'plan-start']) {
+    expect(reached.some(name => name.includes(id)), `Tab never reaches ${id}: ${reached}`);
+  }
+  await page.locator('#tab-plan').focus();
+  await page.keyboard.press('ArrowRight');
+  expect(await page.locator('#panel-log').isVisible(), 'arrow keys move over the tabs');
+  await page.locator('#tab-log').press('ArrowLeft');
+  await page.locator('#plan-preset').focus();
+  await page.keyboard.press('Q');  // "Quick"
+  await until(async () => /quick/.test(await page.locator('#plan-text').inputValue()), 'the preset');
+  await page.locator('#plan-start:enabled').waitFor();
+  await page.locator('#plan-start').focus();
+  await page.keyboard.press('Enter');
+  await page.locator('#warning[open]').waitFor();
+  await page.keyboard.press('Space');  // the box has the focus
+  await page.locator('#warning-go:enabled').waitFor();
+  await page.locator('#warning-go').focus();
+  await page.keyboard.press('Enter');
+  await until(async () => await phaseOf(page) === 'done', 'the run to end', 60);
+  await page.locator('.grid').focus();
+  for (const key of ['Home', 'ArrowDown', 'ArrowDown', 'ArrowRight', 'End', 'ArrowLeft', 'PageDown', 'PageUp', 'ArrowDown']) {
+    await page.keyboard.press(key);
+  }
+  const cell = await page.locator('[role="gridcell"]').textContent();
+  expect(/light 14 \(row 1, column 6\): committed/.test(cell), `the reader's cell says: ${cell}`);
+  await page.keyboard.press('Enter');
+  await until(async () => /Shot 14/.test(await textOf(page, '#shot-title')), 'the shot opened by Enter');
+  await page.keyboard.press('r');  // the warning was confirmed a moment ago
+  await until(async () => /attempt 2/.test(await textOf(page, '#shot-verdict')), 'taken again by the key r', 60);
+  await page.locator('#tab-plan').click();
+  await page.locator('#plan-text').focus();
+  await page.keyboard.press('Escape');  // works while typing, too
+  await until(async () => await phaseOf(page) === 'safe-off', 'all-off by Escape');
+  await page.evaluate(() => document.activeElement.blur());
+  await page.keyboard.press('p');
+  await goOnAfterWarning(page);
+  await until(async () => await phaseOf(page) !== 'safe-off', 'resumed by the key p');
+  return `${reached.length} stops of Tab`;
+});
+
+await suite.test('names, contrast in both schemes, nothing sticks out on a phone', async () => {
+  let n = 0;
+  for (const [name, options] of [
+    ['dark', {colorScheme: 'dark'}], ['light', {colorScheme: 'light'}],
+    ['phone', {colorScheme: 'dark', viewport: {width: 360, height: 740}, isMobile: true, hasTouch: true}]]) {
+    const page = await browser.page(rig.url, options);
+    await mapIsThere(page);
+    await page.evaluate(() => {  // what is rarely shown is judged as well
+      for (const id of ['lost', 'suspended', 'off-note']) {
+        document.getElementById(id).hidden = false;
+      }
+      document.getElementById('lost').textContent = 'Connection lost.';
+      document.getElementById('suspended-title').textContent = 'Suspended: the camera is lost.';
+      document.getElementById('suspended-detail').textContent = 'no frame for 1.2 s';
+      document.getElementById('off-note').className = 'banner bad';
+      document.getElementById('off-note').textContent = 'ALL OFF WAS NOT ANSWERED.';
+    });
+    if (name === 'phone') {
+      await page.locator('.face canvas').first().tap({position: {x: 20, y: 20}});
+    } else {
+      await clickCell(page, 1, 1);
+    }
+    await until(async () => /confirmed/.test(await textOf(page, '#shot-words')), 'the evidence');
+    for (const tab of ['shot', 'live', 'plan', 'log']) {
+      await page.locator(`#tab-${tab}`).click();
+      for (const rule of [namesAndRoles, contrast, allOffInReach, ...(name === 'phone' ? [fitsThePhone] : [])]) {
+        const problems = await rule(page);
+        ++n;
+        expect(problems.length === 0, `${name}, ${tab}, ${rule.name}: ${problems.join('; ')}`);
+      }
+    }
+    for (const dialog of ['warning', 'login', 'sure']) {
+      await page.evaluate(id => document.getElementById(id).showModal(), dialog);
+      const problems = await contrast(page);
+      expect(problems.length === 0, `${name}, ${dialog}: ${problems.join('; ')}`);
+      await page.evaluate(id => document.getElementById(id).close(), dialog);
+    }
+    }
+  return `${n} rules held`;
+});
+
+await suite.test('a preview warns, lights, marks clipping, and stores nothing', async () => {
+  await idle(rig);
+  const page = await browser.page(rig.url);
+  await mapIsThere(page);
+  const sessions = fs.readdirSync(path.join(rig.folder, 'sessions')).length;
+  await page.locator('#tab-live').click();
+  await page.locator('#live-lights').fill('0-63');
+  await page.locator('#live-exposure').fill('8000');
+  await page.locator('#live-start').click();
+  await goOnAfterWarning(page);
+  await until(async () => /[1-9]\d*\.\d\d % saturated/.test(await textOf(page, '#live-facts')), 'saturation told');
+  const red = () => page.locator('#live-picture').evaluate(canvas => {
+    const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    let n = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      n += data[i] === 255 && data[i + 1] === 32 && data[i + 2] === 32 ? 1 : 0;
+    }
+    return n;
+  });
+  await until(async () => await red() > 50, 'the saturated pixels in red');
+  await page.locator('#live-clipping').uncheck();
+  await until(async () => await red() === 0, 'no red without the marking');
+  await until(async () => /lights on/.test(await textOf(page, '#lights')), 'the lights to be told as on');
+  await page.locator('#live-stop').click();
+  await until(async () => (await rig.state()).lights === 'off', 'dark again');
+  await until(async () => /camera rests/.test(await textOf(page, '#live-none')), 'no stale picture');
+  expect(fs.readdirSync(path.join(rig.folder, 'sessions')).length === sessions, 'a preview stores nothing');
+});
+
+await suite.test('a suspended run says why and what to do, and goes on', async () => {
+  await idle(rig);
+  const page = await browser.page(rig.url);
+  await startPlan(page, kLong);
+  await until(async () => (await rig.state()).committed > 5, 'some shots');
+  rig.signal('sim', 'SIGSTOP');
+  await until(async () => await page.locator('#suspended').isVisible(), 'the banner');
+  const words = await until(async () => {
+    const text = await textOf(page, '#suspended');
+    return /lost/.test(text) && text;
+  }, 'the reason');
+  expect(/Check its cable/.test(words) && /goes on by itself/.test(words), `the cure: ${words}`);
+  rig.signal('sim', 'SIGCONT');
+  await until(async () => await phaseOf(page) === 'running', 'the run to go on', 60);
+  await until(async () => !(await page.locator('#suspended').isVisible()), 'the banner to go');
+});
+
+await suite.test('a killed daemon: a banner, nothing old shown as live, and recovery', async () => {
+  const page = await browser.page(rig.url, {}, [/ERR_CONNECTION|ERR_INCOMPLETE|ERR_EMPTY|Failed to load/]);
+  await until(async () => await phaseOf(page) === 'running', 'a run');
+  await page.locator('#tab-live').click();
+  await page.locator('#live-none').waitFor({state: 'hidden'});
+  const begun = Date.now();
+  rig.signal('daemon', 'SIGKILL');
+  await until(async () => /Connection lost/.test(await textOf(page, '#lost')), 'the banner', 5);
+  const ms = Date.now() - begun;
+  expect(await page.locator('#live-none').isVisible(), 'no live picture without a daemon');
+  expect(await phaseOf(page) === 'lost', 'the phase is not told as known');
+  expect(/not known/.test(await textOf(page, '#lights')), 'the lights are not told as known');
+  expect(await textOf(page, '#run-left') === '', 'no time left is told');
+  await page.locator('#all-off').click();
+  await until(async () => /NOT ANSWERED/.test(await textOf(page, '#off-note')), 'a loud word');
+  await rig.beginDaemon();
+  await until(async () => !(await page.locator('#lost').isVisible()), 'the banner to go');
+  const then = (await rig.state()).committed;
+  await until(async () => (await rig.state()).committed > then, 'the run to go on by itself');
+  await until(async () => await phaseOf(page) === 'running', 'the page to follow');
+  await page.locator('#log-none').waitFor({state: 'hidden'});  // the events flow again
+  return `banner after ${ms} ms`;
+});
+
+await suite.test('an earlier session is looked at, and an unfinished one gone on with', async () => {
+  await idle(rig);
+  const page = await browser.page(rig.url);
+  await until(async () => (await page.locator('#session option').count()) > 2, 'the sessions');
+  const ids = await page.locator('#session option').allInnerTexts();
+  const unfinished = ids.find(text => /aborted|unfinished/.test(text));
+  const finished = ids.find(text => /^\d{8}-\d{6}-\w+$/.test(text));
+  await page.locator('#session').selectOption({label: finished});
+  await until(async () => /not at what runs now/.test(await textOf(page, '#old-session')), 'the note');
+  await until(async () => /committed 6\d/.test((await textOf(page, '#legend')).replace(/\s+/g, ' ')), 'its map');
+  await clickCell(page, 2, 2);
+  await until(async () => /confirmed this pattern/.test(await textOf(page, '#shot-words')), 'its evidence');
+  expect(await page.locator('#reshoot').isDisabled(), 'a session that is not open cannot be shot again');
+  await page.locator('#session').selectOption({label: unfinished});
+  await page.locator('#go-on').click();
+  await goOnAfterWarning(page);
+  await until(async () => await phaseOf(page) === 'running', 'it to go on');
+});
+
+await suite.test('every action of the page has a verb of the command', () => {
+  const scripts = fs.readdirSync(path.join(source, 'web')).filter(name => name.endsWith('.js'));
+  const text = scripts.map(name => fs.readFileSync(path.join(source, 'web', name), 'utf8')).join('\n');
+  const paths = new Set([...text.matchAll(/(?:post|act)\(\s*[`'](\/v1\/[a-z-]+)/g)].map(match => match[1]));
+  const verbs = {'/v1/run': 'capture', '/v1/dry-run': 'plan'};
+  expect(paths.size >= 8, `the page posts to ${[...paths]}`);
+  for (const one of paths) {
+    const verb = verbs[one] || one.slice('/v1/'.length);
+    const help = execFileSync(path.join(programs, 'haarlight/haarlight'), [verb, '--help']).toString();
+    expect(new RegExp(`haarlight ${verb} `).test(help), `haarlight has no verb ${verb} for ${one}`);
+  }
+  return [...paths].join(' ');
 });
 
 await idle(rig);
 await rig.end();
+
+// ---- several faces, odd grids, a token -----------------------------------------------------
+
+const kToken = 'a-token-of-the-lab-0123456789';
+const odd = await new Rig(programs, cache).begin(kSmall, {
+  scene: kScene, token: kToken,
+  change: text => {
+    const [head, face, rest] = text.split(/(?=\[\[face\]\])|(?=\[\[plane\]\])/);
+    const one = face.replace(/^rows = .*/m, 'rows = 5').replace(/^cols = .*/m, 'cols = 7');
+    const two = face.replace(/^id = .*/m, 'id = "side"').replace(/^rows = .*/m, 'rows = 3')
+      .replace(/^cols = .*/m, 'cols = 4').replace(/^centre = .*/m, 'centre = [900.0, 0.0, 500.0]')
+      .replace(/^u = .*/m, 'u = [0.0, 1.0, 0.0]').replace(/^v = .*/m, 'v = [0.0, 0.0, 1.0]')
+      .replace(/^emits = .*/m, 'emits = [-1.0, 0.0, 0.0]');
+    return head + one + two + rest;
+  },
+});
+
+await suite.test('the token is asked for, refused when wrong, and then remembered', async () => {
+  const page = await browser.page(odd.url, {}, [/status of 401/]);
+  await until(async () => await phaseOf(page) === 'idle', 'reading without the token on the loopback');
+  await page.locator('#tab-plan').click();
+  await page.locator('#plan-preset').selectOption({label: 'Quick: every light once'});
+  await page.locator('#plan-start:enabled').waitFor();
+  await page.locator('#plan-start').click();
+  await goOnAfterWarning(page);
+  await page.locator('#login[open]').waitFor();
+  await page.locator('#login-token').fill('not-the-token-at-all');
+  await page.locator('#login-token').press('Enter');
+  await until(async () => /not the token/.test(await textOf(page, '#login-error')), 'the refusal');
+  expect((await odd.state()).phase === 'idle', 'nothing began without the token');
+  await page.locator('#login-token').fill(kToken);
+  await page.locator('#login-token').press('Enter');
+  await until(async () => await phaseOf(page) === 'done', 'the run', 60);
+  const cookies = await page.context().cookies();
+  expect(cookies.length === 1 && cookies[0].httpOnly && cookies[0].sameSite === 'Strict',
+         'a cookie that scripts cannot read and other sites cannot send');
+  expect(!JSON.stringify(await page.evaluate(() => ({...localStorage, ...sessionStorage, c: document.cookie})))
+    .includes(kToken), 'the token is kept nowhere in the page');
+  await page.reload();
+  await until(async () => await phaseOf(page) === 'done', 'the page again');
+  await page.locator('#all-off').click();
+  await until(async () => /took the order/.test(await textOf(page, '#off-note')), 'no second question');
+  await page.locator('#resume').click();
+  await goOnAfterWarning(page);
+  await until(async () => await phaseOf(page) !== 'safe-off', 'resumed');
+});
+
+await suite.test('two faces with odd grids', async () => {
+  const page = await browser.page(odd.url);
+  await until(async () => (await page.locator('.face').count()) === 2, 'two maps');
+  await until(async () => /47/.test(await textOf(page, '#legend')), '47 shots');
+  await clickCell(page, 2, 3, 3, 4, 1);
+  await until(async () => /light 46 of face side \(row 2, column 3\)/.test(await textOf(page, '#shot-title')), 'the last light');
+  await clickCell(page, 4, 0, 5, 7, 0);
+  await until(async () => /light 28 of face top \(row 4, column 0\)/.test(await textOf(page, '#shot-title')), 'light 28');
+  await picture(page, 'two-faces');
+});
+
+await suite.test('a plan named like a script stays text', async () => {
+  const page = await browser.page(odd.url, {}, [/status of 401/]);
+  page.on('dialog', dialog => {
+    browser.problems.push(`a script ran: ${dialog.message()}`);
+    dialog.dismiss();
+  });
+  const name = '<script>alert(1)</script><img src=x onerror=alert(2)>';
+  await page.locator('#tab-plan').click();
+  await page.locator('#plan-text').fill(
+    `schema = 1\nname = "${name}"\npatterns = "list"\n[[pattern]]\nlights = [0, 1]\n[[pattern]]\nlights = [45]\n`);
+  await page.locator('#plan-start:enabled').waitFor();
+  await page.locator('#plan-start').click();
+  await page.locator('#warning[open]').waitFor();
+  expect((await textOf(page, '#warning-text')).includes(name), 'the name is text in the warning');
+  await page.locator('#warning-told').check();
+  await page.locator('#warning-go').click();
+  await page.locator('#login[open]').waitFor();
+  await page.locator('#login-token').fill(kToken);
+  await page.locator('#login-token').press('Enter');
+  await until(async () => (await textOf(page, '#run-title')).includes(name), 'the name is text in the title', 60);
+  await until(async () => await phaseOf(page) === 'done', 'the run', 60);
+  expect(await page.locator('main img, main script').count() === 0, 'no element came from the name');
+  await page.locator('#by-shot').click();
+  await until(async () => (await page.locator('.face h3').innerText()).includes('2 shots'), 'the shots');
+});
+
+await odd.end();
 await suite.test('no console errors, no foreign requests', () => {
   expect(browser.problems.length === 0, browser.problems.join('\n'));
 });
