@@ -41,11 +41,6 @@ constexpr std::size_t kNameLength = 6;    // of the plan's hash, in a session's 
 constexpr std::size_t kMaxDeferred = 16;  // requests of people while a session is opened
 constexpr std::int64_t kReopenNs = 2'000'000'000;  // a full disk at the start: tried again
 
-/// How long one call of a thread may last before the daemon gives itself up.
-milliseconds limit_of(std::string_view thread) {
-  return thread == "writer" ? milliseconds(60000) : milliseconds(15000);
-}
-
 std::string second_name() {
   const std::time_t now = std::time(nullptr);
   std::tm parts{};
@@ -257,7 +252,8 @@ class Daemon::Impl {
   [[nodiscard]] std::string hanging_thread() const {
     for (const ThreadPulse* pulse : {&lights_->pulse(), &camera_->pulse(), &writer_->pulse(),
                                      &checker_pulse_, &control_pulse_}) {
-      if (pulse->busy_for() > limit_of(pulse->name())) {
+      const int patience = pulse == &writer_->pulse() ? 4 : 1;
+      if (pulse->busy_for() > patience * config_.hang_limit) {
         return std::string(pulse->name());
       }
     }
@@ -348,6 +344,9 @@ class Daemon::Impl {
           inbox_.pop(Clock::now() + std::chrono::nanoseconds(wait_ns), stop);
       const ThreadPulse::Busy busy(control_pulse_);
       lights_->feed_deadman();
+      if (config_.on_turn) {
+        config_.on_turn("control");
+      }
       try {
         if (message && std::holds_alternative<SessionOrder>(*message)) {
           open(state, std::get<SessionOrder>(*std::move(message)));
@@ -540,14 +539,28 @@ class Daemon::Impl {
             }
           } else {
             if constexpr (std::is_same_v<T, action::LogEvent>) {
-              if (a.kind == "fault") {
-                log_warning(a.text);
-              }
+              log_line(a);
             }
             writer_->post(a);
           }
         },
         action);
+  }
+
+  /// The service's log: what happened, with the session and the shot it happened to.
+  void log_line(const action::LogEvent& line) const {
+    std::string text = line.kind + ": " + line.text;
+    if (line.shot >= 0) {
+      text = fmt::format("shot {}: {}", line.shot, text);
+    }
+    if (const std::string session = state().session; !session.empty()) {
+      text = fmt::format("[{}] {}", session, text);
+    }
+    if (line.kind == "fault" || line.kind == "retry") {
+      log_warning(text);
+    } else {
+      log_info(text);
+    }
   }
 
   void show(const SequencerState& state) {
@@ -588,6 +601,9 @@ class Daemon::Impl {
     while (!stop.stop_requested()) {
       std::optional<Check> check = checks_.pop(Clock::now() + milliseconds(250), stop);
       const ThreadPulse::Busy busy(checker_pulse_);
+      if (config_.on_turn) {
+        config_.on_turn("checks");
+      }
       if (!check) {
         continue;
       }

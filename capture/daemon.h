@@ -1,11 +1,13 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "capture/camera_thread.h"
@@ -32,6 +34,12 @@ struct DaemonConfig {
   std::string token;
   std::filesystem::path web_folder;  ///< static page; empty: none
   bool resumes = true;               ///< an unfinished session goes on at the start
+  /// How long one call of a thread may last before hanging_thread() names it; the writer's four
+  /// times as long, since disks sleep.
+  std::chrono::milliseconds hang_limit{15000};
+  /// Called within each turn of the threads "control" and "checks", which hold no device that
+  /// could hang. For tests of the watchdog.
+  std::function<void(std::string_view thread)> on_turn = {};
 };
 
 /// What the controller last said of the lights.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <vector>
 
@@ -314,6 +315,11 @@ Result<RemoteCamera::Packet> RemoteCamera::receive(Clock::time_point deadline) {
         packet.header.magic != kRemoteMagic || packet.header.version != kRemoteVersion) {
       return fail(Errc::protocol, fmt::format("{}: {} bytes that are no header of version {}",
                                               describe(spec_), n, kRemoteVersion));
+    }
+    const RemoteHeader& h = packet.header;
+    if (!std::isfinite(h.exposure_us) || !std::isfinite(h.gain_db) || !std::isfinite(h.fps)) {
+      return fail(Errc::protocol,
+                  describe(spec_) + ": a header whose exposure, gain or rate is no number");
     }
     return packet;
   }

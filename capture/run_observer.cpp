@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kMaxCommitsKnown = 4096;  // an aborted run leaves a few behind
 
 double seconds_between(std::int64_t from_ns, std::int64_t to_ns) {
-  return static_cast<double>(to_ns - from_ns) * 1e-9;
+  return static_cast<double>(to_ns - from_ns) / 1e9;
 }
 
 std::vector<double> classes_from_100us() {

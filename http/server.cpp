@@ -135,6 +135,7 @@ void add_common_headers(MHD_Response* response, const std::string& content_type,
   add_header(response, "X-Content-Type-Options", "nosniff");
   add_header(response, "X-Frame-Options", "DENY");
   add_header(response, "Referrer-Policy", "no-referrer");
+  add_header(response, "Cross-Origin-Resource-Policy", "same-origin");
   add_header(response, "Content-Security-Policy",
              "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; "
              "base-uri 'none'; form-action 'self'");
