@@ -43,6 +43,32 @@ int number_of(const Json& json, const char* key) {
   return json.contains(key) && json[key].is_number() ? json[key].get<int>() : 0;
 }
 
+/// @throws Error  what the daemon's error says, or no JSON
+Json parse_reply(const DaemonReply& reply) {
+  DaemonClient::require_good(reply);
+  Json json = Json::parse(reply.body, nullptr, false);
+  if (!json.is_object()) {
+    refuse_answer();
+  }
+  return json;
+}
+
+void print_state(const Json& state) {
+  fmt::print("{}", text_of(state, "phase"));
+  if (const std::string session = text_of(state, "session"); !session.empty()) {
+    fmt::print("  session {}  {} of {} shots committed", session, number_of(state, "committed"),
+               number_of(state, "shots"));
+  }
+  if (state.contains("seconds_left") && state["seconds_left"].is_number() &&
+      text_of(state, "phase") == "running") {
+    fmt::print("  {:.0f} s left", state["seconds_left"].get<double>());
+  }
+  if (const std::string reason = text_of(state, "reason"); !reason.empty()) {
+    fmt::print("  ({})", reason);
+  }
+  fmt::print("\n");
+}
+
 /// The state, or nothing while the daemon is away for less than half a minute.
 class PatientClient {
  public:

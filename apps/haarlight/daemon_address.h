@@ -2,8 +2,6 @@
 
 #include <string>
 
-#include <nlohmann/json_fwd.hpp>
-
 #include "apps/command_line.h"
 #include "capture/daemon_client.h"
 
@@ -23,11 +21,7 @@ void add_daemon_options(Command verb, DaemonAddress& address);
 /// @throws Error  the token's file cannot be read
 [[nodiscard]] DaemonClientConfig client_config(const DaemonAddress& address);
 
-/// The answer's JSON object.
-/// @throws Error  what the daemon's error says; unavailable: no JSON
-[[nodiscard]] nlohmann::json parse_reply(const DaemonReply& reply);
-
-/// One line: phase, session, committed, time left, reason.
-void print_state(const nlohmann::json& state);
+/// @throws Error(unavailable)  an answer that is no JSON object is not this daemon's
+[[noreturn]] void refuse_answer();
 
 }  // namespace haarlight

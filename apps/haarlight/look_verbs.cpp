@@ -34,6 +34,16 @@ struct LookArguments {
   double exposure_us = 0.0;
 };
 
+/// @throws Error  what the daemon's error says, or no JSON
+Json parse_reply(const DaemonReply& reply) {
+  DaemonClient::require_good(reply);
+  Json json = Json::parse(reply.body, nullptr, false);
+  if (!json.is_object()) {
+    refuse_answer();
+  }
+  return json;
+}
+
 ExitCode run_sessions(const LookArguments& arguments) {
   DaemonClient client(client_config(arguments.address));
   const Json reply = parse_reply(client.get("/v1/sessions"));
