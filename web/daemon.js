@@ -19,13 +19,25 @@ export function setLogin(ask) {
   askForToken = ask;
 }
 
+// A browser keeps six connections to one place. All-off must not wait behind five pictures.
+const kUrgent = 'given up for an urgent request';
+const underWay = new Set();
+
+function freeTheLine() {
+  for (const controller of underWay) {
+    controller.abort(kUrgent);
+  }
+}
+
 async function send(path, options, patienceMs) {
   const controller = new AbortController();
   const timer = setTimeout(() => controller.abort(), patienceMs);
+  underWay.add(controller);
   try {
     return await fetch(path, {...options, signal: controller.signal, cache: 'no-store'});
   } finally {
     clearTimeout(timer);
+    underWay.delete(controller);
   }
 }
 
@@ -49,6 +61,12 @@ export async function post(path, body, patienceMs) {
   return (await ask(path, {method: 'POST', body: text}, patienceMs)).json();
 }
 
+/** All-off: everything else that is asked is given up for it. */
+export function postUrgent(path) {
+  freeTheLine();
+  return post(path, undefined, kPatienceMs);
+}
+
 /** @throws DaemonError when the token is wrong */
 export async function logIn(token) {
   const response = await send('/v1/login', {method: 'POST', body: token}, 10000);
@@ -63,6 +81,9 @@ export function wordsOf(error) {
   if (error instanceof DaemonError) {
     return error.words;
   }
+  if (error === kUrgent) {
+    return 'Given up: all lights off went first.';
+  }
   return 'The daemon does not answer. Is haarlightd running, and this machine connected to it?';
 }
 
@@ -70,6 +91,7 @@ const kKinds = ['state', 'fault', 'retry', 'light', 'controller', 'committed', '
 const kPollMs = 1000;
 const kMinGapMs = 200;
 const kPatienceMs = 3000;
+const kOldMs = 5000;  // an answer older than this is no longer live
 
 /**
  * Follows the daemon: news arrive by server-sent events and make the link ask for the whole state
@@ -88,8 +110,52 @@ export class Link {
   }
 
   start() {
-    this.listen();
+    this.shareEvents();
     this.poll();
+    setInterval(() => this.judge(), 1000);
+    document.addEventListener('visibilitychange', () => {
+      if (!document.hidden) {
+        this.judge();
+        this.soon();
+      }
+    });
+  }
+
+  /** Whatever keeps an answer away: what is shown grows old. */
+  judge() {
+    if (this.isLive && Date.now() - this.lastAnswer > kOldMs) {
+      this.isLive = false;
+      this.handlers.lost(this.lastAnswer);
+    }
+  }
+
+  /**
+   * One page of all that are open listens and tells the others: each listener keeps one of the
+   * browser's six connections. Where a page may not take a lock (no secure context) each listens
+   * for itself while it can be seen.
+   */
+  shareEvents() {
+    if (navigator.locks && 'BroadcastChannel' in window) {
+      this.channel = new BroadcastChannel('haarlight-events');
+      this.channel.onmessage = event => this.take(event.data.kind, event.data.data);
+      navigator.locks.request('haarlight-events', () => new Promise(() => this.listen()));
+      return;
+    }
+    const follow = () => {
+      if (document.hidden) {
+        this.source?.close();
+        this.source = null;
+      } else {
+        this.listen();
+      }
+    };
+    document.addEventListener('visibilitychange', follow);
+    follow();
+  }
+
+  take(kind, data) {
+    this.handlers.event(kind, data);
+    this.soon();
   }
 
   listen() {
@@ -105,8 +171,8 @@ export class Link {
         try {
           data = JSON.parse(event.data);
         } catch { /* a line of another version */ }
-        this.handlers.event(kind, data);
-        this.soon();
+        this.channel?.postMessage({kind, data});
+        this.take(kind, data);
       });
     }
     source.onerror = () => {
@@ -142,7 +208,9 @@ export class Link {
       }
       await this.handlers.state(state);
     } catch (error) {
-      if (!(error instanceof DaemonError) && this.isLive !== false) {
+      if (error === kUrgent) {
+        this.wantsMore = true;
+      } else if (!(error instanceof DaemonError) && this.isLive !== false) {
         this.isLive = false;
         this.handlers.lost(this.lastAnswer);
       } else if (error instanceof DaemonError && error.status !== 401) {

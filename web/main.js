@@ -1,13 +1,13 @@
 // The daemon's page: what runs, the map, one shot, live picture, plan, log. docs/page.md tells a
 // person how to use it; every action is a request of docs/http-api.md and a verb of haarlight.
 
-import {DaemonError, Link, get, post, setLogin, wordsOf} from './daemon.js';
+import {DaemonError, Link, get, post, postUrgent, setLogin, wordsOf} from './daemon.js';
 import {askForToken, isSure, mayFlash} from './dialogs.js';
 import {LivePanel} from './live.js';
 import {GridMap, drawSign} from './map.js';
 import {PlanPanel} from './plan.js';
 import {ShotPanel} from './shot.js';
-import {MARKS, PHASES, REASONS, clock, duration, markOf, moreUrgent, number} from './words.js';
+import {MARKS, PHASES, clock, cureOf, duration, markOf, moreUrgent, number} from './words.js';
 
 const byId = id => document.getElementById(id);
 const kMaxLog = 300;
@@ -267,7 +267,7 @@ function showState() {
   byId('lights').dataset.lights = state.lights || 'unknown';
   const hasRun = Boolean(state.session) && !isPreview;
   byId('run-title').textContent = hasRun
-    ? `${state.plan?.name ?? 'Run'} · ${state.session}` : isPreview ? 'Light for aiming' : 'No run';
+    ? state.plan?.name ?? 'Run' : isPreview ? 'Light for aiming' : 'No run';
   const share = state.shots > 0 ? state.committed / state.shots : 0;
   byId('progress').hidden = !hasRun;
   byId('progress').setAttribute('aria-valuenow', Math.floor(100 * share));
@@ -280,7 +280,7 @@ function showState() {
   byId('run-facts').textContent = hasRun
     ? `${number(state.committed)} of ${number(state.shots)} shots committed` +
       (state.retries > 0 ? ` · ${number(state.retries)} taken again by itself` : '') +
-      (state.folder ? ` · ${state.folder}` : '')
+      ` · ${['done', 'idle'].includes(phase) ? state.folder : state.session}`
     : isPreview ? 'Nothing is stored.' : 'Write or choose a plan, look at what it costs, start it.';
   const can = {
     pause: !isPreview && ['running', 'preflight', 'suspended'].includes(phase),
@@ -299,20 +299,18 @@ function showState() {
   byId('resume').textContent = phase === 'safe-off' ? 'Resume: allow light again' : 'Resume';
   byId('abort').textContent = isPreview ? 'Lights out' : 'Abort';
   const isSuspended = phase === 'suspended';
-  const needsCure = isSuspended && state.reasons.length > 0;
   byId('suspended').hidden = !isSuspended;
   if (isSuspended) {
-    const [what, cure] = needsCure && REASONS[state.reasons[0]] || ['The run waits.', ''];
-    const all = state.reasons.map(reason => (REASONS[reason] || [reason])[0]);
-    setText('suspended-title', `Suspended: ${all.length > 1 ? all.join(' ') : what}`);
-    setText('suspended-cure', `${cure} The run goes on by itself.`);
+    const all = state.reasons.map(reason => cureOf(reason, state.reason));
+    setText('suspended-title', `Suspended: ${all.map(([what]) => what).join(' ') || 'the run waits.'}`);
+    setText('suspended-cure', `${all.map(([, cure]) => cure).join(' ')} The run goes on by itself.`);
     setText('suspended-detail', state.reason);
   }
   setText('run-message', !isSuspended && state.reason && phase !== 'running' ? state.reason : '');
   const streams = ['running', 'preflight', 'suspended'].includes(phase);
   livePanel.tell(true, streams);
-  shotPanel.allow(!isPreview && !state.is_opening && !pickedSession && Boolean(state.session) &&
-    ['running', 'preflight', 'paused', 'suspended', 'done', 'safe-off'].includes(phase));
+  shotPanel.allow(howToReshoot());
+  byId('old-session').hidden = pickedSession === '' || pickedSession === state.session;
   document.title = (phase === 'running' && hasRun ? `${Math.floor(100 * share)} % ` : '') +
     (rig ? `${rig.name} – haarlight` : 'haarlight');
 }
@@ -321,6 +319,20 @@ function setText(id, text) {
   if (byId(id).textContent !== text) {
     byId(id).textContent = text;
   }
+}
+
+/** 'now' in an open session; 'reopen' first, where a complete one is shown and nothing runs. */
+function howToReshoot() {
+  const isPreview = state.is_preview && state.phase === 'running';
+  const isPresent = shownSession === state.session && Boolean(state.session);
+  if (isPreview || state.is_opening) {
+    return '';
+  }
+  if (isPresent && ['running', 'preflight', 'paused', 'suspended', 'done', 'safe-off'].includes(state.phase)) {
+    return 'now';
+  }
+  const isComplete = marks !== '' && [...marks].every(letter => 'o?r'.includes(letter));
+  return isComplete && ['idle', 'done'].includes(state.phase) ? 'reopen' : '';
 }
 
 let lastPhase = '';
@@ -340,6 +352,7 @@ async function stateCame(next) {
     listSessions();
   }
   await followSession();
+  shotPanel.allow(howToReshoot());
 }
 
 async function begin() {
@@ -398,7 +411,7 @@ function lost(lastAnswer) {
   byId('run-left').textContent = '';
   byId('suspended').hidden = true;
   livePanel.tell(false, false);
-  shotPanel.allow(false);
+  shotPanel.allow('');
 }
 
 function found() {
@@ -427,7 +440,7 @@ async function allOff() {
   note.className = 'banner';
   note.textContent = 'Asking for all lights off.';
   try {
-    await post('/v1/all-off', undefined, 3000);
+    await postUrgent('/v1/all-off');
     const ms = Math.max(1, Math.round(performance.now() - begun));
     note.textContent = `All lights off: the daemon took the order in ${ms} ms.`;
     setTimeout(() => {
@@ -468,7 +481,7 @@ async function goOn() {
 function pickSession(id) {
   pickedSession = id;
   byId('session').value = id;
-  byId('old-session').hidden = id === '';
+  byId('old-session').hidden = id === '' || id === state?.session;
   byId('old-session').textContent = id === '' ? '' : `You look at session ${id}, not at what runs now.`;
   listSessions();
   link.soon();

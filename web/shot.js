@@ -7,6 +7,8 @@ import {markOf} from './words.js';
 
 const byId = id => document.getElementById(id);
 const kManyChoices = 24;
+const kReopenMs = 200;
+const kReopenTries = 100;
 
 export class ShotPanel {
   /** @param place  words for a light's number; @param shown  called with a shot's story or null */
@@ -143,16 +145,31 @@ export class ShotPanel {
         }
         return row;
       }));
-    byId('reshoot').disabled = !this.canReshoot;
+    this.allow(this.how);
   }
 
-  allow(canReshoot) {
-    this.canReshoot = canReshoot;
-    byId('reshoot').disabled = !canReshoot;
+  /** @param how  'now', 'reopen' (the session first) or '' (not possible) */
+  allow(how) {
+    this.how = how;
+    byId('reshoot').disabled = !how;
+    byId('reshoot-why').hidden = Boolean(how) || this.shot < 0;
+  }
+
+  /** The session shown becomes the daemon's present one again. */
+  async reopen() {
+    await post(`/v1/run?session=${encodeURIComponent(this.session)}`);
+    for (let i = 0; i < kReopenTries; ++i) {
+      const state = await get('/v1/state');
+      if (state.session === this.session && !state.is_opening && state.phase === 'done') {
+        return;
+      }
+      await new Promise(resolve => setTimeout(resolve, kReopenMs));
+    }
+    throw new Error('the session does not open');
   }
 
   async reshoot() {
-    if (this.shot < 0 || !this.canReshoot) {
+    if (this.shot < 0 || !this.how) {
       return;
     }
     const verdict = byId('shot-verdict');
@@ -160,6 +177,11 @@ export class ShotPanel {
       return;
     }
     try {
+      if (this.how === 'reopen') {
+        verdict.className = 'verdict';
+        verdict.textContent = 'The session is opened again.';
+        await this.reopen();
+      }
       await post('/v1/reshoot', {shots: [this.shot]});
       verdict.className = 'verdict';
       verdict.textContent = 'It is taken again.';

@@ -33,6 +33,20 @@ export const REASONS = {
     'Close the interlock, or let the lights cool down.'],
 };
 
+/** What the daemon says of a reason is more particular than its name. */
+export function cureOf(reason, detail) {
+  if (reason === 'held_back' && /interlock/i.test(detail)) {
+    return ['The interlock is open.', 'Close the rig\'s door or cover; nothing is lit before.'];
+  }
+  if (reason === 'held_back' && /temperature|hot/i.test(detail)) {
+    return ['The lights are too hot.', 'They cool down by themselves; is the fan running?'];
+  }
+  if (reason === 'held_back' && /duty|rest/i.test(detail)) {
+    return ['A light needs a rest.', 'Nothing to do; a plan with the order "bit_reversed" avoids it.'];
+  }
+  return REASONS[reason] || [`The run waits: ${reason}.`, ''];
+}
+
 export function duration(seconds) {
   if (!(seconds >= 0)) {
     return '';

@@ -1,7 +1,7 @@
 // A virtual rig, a daemon and a browser for the tests of the page, and a list of tests that run one
 // after the other. Uses Debian's Chromium through playwright-core.
 
-import {spawn} from 'node:child_process';
+import {execFileSync, spawn} from 'node:child_process';
 import fs from 'node:fs';
 import {createRequire} from 'node:module';
 import net from 'node:net';
@@ -74,6 +74,8 @@ export class Rig {
     this.rig = path.join(this.folder, 'rig.toml');
     fs.writeFileSync(this.rig, options.change ? options.change(text) : text);
     this.scene = options.scene;
+    this.commands = path.join(this.folder, 'commands');
+    execFileSync('mkfifo', [this.commands]);
     await this.beginSim();
     await this.beginDaemon();
     return this;
@@ -93,7 +95,8 @@ export class Rig {
     const ready = path.join(this.folder, 'ready');
     fs.rmSync(ready, {force: true});
     this.run('sim', path.join(this.programs, 'haarlight-sim/haarlight-sim'),
-             [this.rig, '--scene', this.scene, '--ready-file', ready, '--cache', this.cache]);
+             [this.rig, '--scene', this.scene, '--ready-file', ready, '--cache', this.cache,
+              '--commands', this.commands]);
     await until(() => {
       expect(this.processes.sim.exitCode === null, `the simulator ended: ${this.log('sim')}`);
       return fs.existsSync(ready);
@@ -111,6 +114,11 @@ export class Rig {
 
   async state() {
     return (await fetch(`${this.url}/v1/state`)).json();
+  }
+
+  /** To the virtual rig: sim/rig_commands.h. */
+  order(words) {
+    fs.writeFileSync(this.commands, `${words}\n`);
   }
 
   signal(name, signal) {

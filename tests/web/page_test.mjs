@@ -8,6 +8,7 @@ import fs from 'node:fs';
 import path from 'node:path';
 import {fileURLToPath} from 'node:url';
 import {Browser, Rig, Suite, expect, sleep, until} from './harness.mjs';
+import {takeImages} from './page_images.mjs';
 import {allOffInReach, contrast, fitsThePhone, namesAndRoles, tabOrder} from './page_rules.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
@@ -304,6 +305,12 @@ await suite.test('a suspended run says why and what to do, and goes on', async (
   rig.signal('sim', 'SIGCONT');
   await until(async () => await phaseOf(page) === 'running', 'the run to go on', 60);
   await until(async () => !(await page.locator('#suspended').isVisible()), 'the banner to go');
+  rig.order('interlock open');
+  await until(async () => /The interlock is open.*Close the rig/s.test(await textOf(page, '#suspended')),
+              'the interlock and its cure');
+  expect((await rig.state()).lights === 'off', 'dark behind an open interlock');
+  rig.order('interlock closed');
+  await until(async () => await phaseOf(page) === 'running', 'the run to go on', 60);
 });
 
 await suite.test('a killed daemon: a banner, nothing old shown as live, and recovery', async () => {
@@ -327,6 +334,10 @@ await suite.test('a killed daemon: a banner, nothing old shown as live, and reco
   await until(async () => (await rig.state()).committed > then, 'the run to go on by itself');
   await until(async () => await phaseOf(page) === 'running', 'the page to follow');
   await page.locator('#log-none').waitFor({state: 'hidden'});  // the events flow again
+  rig.signal('daemon', 'SIGSTOP');  // alive for the network, and silent
+  await until(async () => /Connection lost/.test(await textOf(page, '#lost')), 'the banner', 15);
+  rig.signal('daemon', 'SIGCONT');
+  await until(async () => !(await page.locator('#lost').isVisible()), 'the banner to go');
   return `banner after ${ms} ms`;
 });
 
@@ -342,17 +353,65 @@ await suite.test('an earlier session is looked at, and an unfinished one gone on
   await until(async () => /committed 6\d/.test((await textOf(page, '#legend')).replace(/\s+/g, ' ')), 'its map');
   await clickCell(page, 2, 2);
   await until(async () => /confirmed this pattern/.test(await textOf(page, '#shot-words')), 'its evidence');
-  expect(await page.locator('#reshoot').isDisabled(), 'a session that is not open cannot be shot again');
+  await page.locator('#reshoot:enabled').click();
+  await goOnAfterWarning(page);
+  await until(async () => /attempt \d/.test(await textOf(page, '#shot-verdict')), 'an earlier session reopened and shot again', 60);
+  await until(async () => await phaseOf(page) === 'done', 'the end');
   await page.locator('#session').selectOption({label: unfinished});
   await page.locator('#go-on').click();
   await goOnAfterWarning(page);
   await until(async () => await phaseOf(page) === 'running', 'it to go on');
 });
 
+await suite.test('ten open pages leave a connection for all-off', async () => {
+  await idle(rig);
+  const first = await browser.page(rig.url);
+  const pages = [first];
+  while (pages.length < 10) {
+    const page = await first.context().newPage();
+    await page.goto(rig.url);
+    pages.push(page);
+  }
+  for (const page of pages) {
+    await until(async () => ['idle', 'done'].includes(await phaseOf(page)), 'every page to be live');
+  }
+  const last = pages.at(-1);
+  await last.locator('#all-off').click();
+  const note = await until(async () =>
+    /took the order in (\d+) ms/.exec(await textOf(last, '#off-note')), 'the answer to all-off', 10);
+  for (const page of pages) {
+    await until(async () => await phaseOf(page) === 'safe-off', 'every page to follow');
+    await until(async () => /safe-off/.test(await page.locator('#log').innerText()
+      .catch(() => '') || await page.locator('#log').textContent()), 'every page to hear the event');
+  }
+  return `${note[1]} ms`;
+});
+
+await suite.test('a map of 6144 lights is drawn in a moment', async () => {
+  const page = await browser.page(rig.url);
+  const ms = await page.evaluate(async () => {
+    const {GridMap} = await import('/map.js');
+    const map = new GridMap({title: 'large', rows: 64, cols: 96, count: 6144, describe: i => `${i}`,
+                             open() {}, moved() {}});
+    document.getElementById('maps').append(map.root);
+    await new Promise(requestAnimationFrame);
+    const times = [];
+    for (let i = 0; i < 20; ++i) {
+      const begun = performance.now();
+      map.set('.*~o?xwr'.repeat(768).slice(i % 8) + '.'.repeat(i % 8));
+      map.canvas.getContext('2d').getImageData(0, 0, 1, 1);  // until it is really drawn
+      times.push(performance.now() - begun);
+    }
+    return times.sort((a, b) => a - b)[10];
+  });
+  expect(ms < 200, `${ms} ms`);
+  return `${ms.toFixed(1)} ms, median of 20`;
+});
+
 await suite.test('every action of the page has a verb of the command', () => {
   const scripts = fs.readdirSync(path.join(source, 'web')).filter(name => name.endsWith('.js'));
   const text = scripts.map(name => fs.readFileSync(path.join(source, 'web', name), 'utf8')).join('\n');
-  const paths = new Set([...text.matchAll(/(?:post|act)\(\s*[`'](\/v1\/[a-z-]+)/g)].map(match => match[1]));
+  const paths = new Set([...text.matchAll(/(?:post|postUrgent|act)\(\s*[`'](\/v1\/[a-z-]+)/g)].map(match => match[1]));
   const verbs = {'/v1/run': 'capture', '/v1/dry-run': 'plan'};
   expect(paths.size >= 8, `the page posts to ${[...paths]}`);
   for (const one of paths) {
@@ -450,6 +509,13 @@ await suite.test('a plan named like a script stays text', async () => {
 });
 
 await odd.end();
+
+if (option('--images')) {
+  await suite.test('pictures for the documents', async () => {
+    await takeImages(browser, programs, cache, source, path.resolve(option('--images')));
+  });
+}
+
 await suite.test('no console errors, no foreign requests', () => {
   expect(browser.problems.length === 0, browser.problems.join('\n'));
 });
