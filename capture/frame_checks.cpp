@@ -57,9 +57,11 @@ FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form)
     if (!is_lit(shot.kind)) {
       continue;
     }
-    shortest_us_ =
-        shortest_us_ > 0.0 ? std::min(shortest_us_, shot.exposure_us) : shot.exposure_us;
-    longest_us_ = std::max(longest_us_, shot.exposure_us);
+    if (shot.kind == ShotKind::light) {
+      shortest_us_ =
+          shortest_us_ > 0.0 ? std::min(shortest_us_, shot.exposure_us) : shot.exposure_us;
+      longest_us_ = std::max(longest_us_, shot.exposure_us);
+    }
     std::vector<std::pair<int, int>> key;
     for (const LightLevel& light : shot.lit) {
       key.emplace_back(light.light, light.level);
@@ -109,7 +111,8 @@ FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active
   if (!is_lit(asked.kind)) {
     return {};
   }
-  if (asked.exposure_us <= shortest_us_ &&
+  const bool is_flat_field = asked.kind == ShotKind::flat;
+  if ((is_flat_field || asked.exposure_us <= shortest_us_) &&
       evidence.saturated_share > limits_.max_saturated_share) {
     return {FrameVerdict::saturated,
             fmt::format("{:.3g} of the pixels are clipped in the shortest exposure, "
@@ -117,7 +120,8 @@ FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active
                         evidence.saturated_share, limits_.max_saturated_share)};
   }
   const double signal = (evidence.mean_dn - dark_dn_) / (form_.white_level - form_.black_level);
-  if (asked.exposure_us >= longest_us_ && signal < limits_.min_signal_share) {
+  if ((is_flat_field || asked.exposure_us >= longest_us_) &&
+      signal < limits_.min_signal_share) {
     return {FrameVerdict::too_dark,
             fmt::format("a mean signal of {:.3g} of the range in the longest exposure, "
                         "min_signal_share is {:.3g}: is the light on, the cap off?",

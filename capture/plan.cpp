@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "capture/plan_rounds.h"
 #include "capture/timing.h"
 #include "core/config_table.h"
 #include "core/error.h"
@@ -121,6 +122,14 @@ PlanSettings read_settings(ConfigTable& root) {
       static_cast<int>(root.integer_or("sentinel_every", 0, {.min = 0, .max = 1e6}));
   plan.sentinel_light =
       static_cast<int>(root.integer_or("sentinel_light", 0, {.min = 0, .max = 1e6}));
+  plan.darks_every_s = root.number_or("darks_every_s", 0.0, {.min = 0.0, .max = 1e6});
+  plan.sentinel_every_s = root.number_or("sentinel_every_s", 0.0, {.min = 0.0, .max = 1e6});
+  plan.flats = static_cast<int>(root.integer_or("flats", 0, {.min = 0, .max = 10000}));
+  plan.flat_level = static_cast<std::uint16_t>(
+      root.integer_or("flat_level", plan.level, {.min = 1, .max = kFullLevel}));
+  if (root.has("flat_exposure_us")) {
+    plan.flat_exposure_us = root.number("flat_exposure_us", {.min = 1.0, .max = 1e9});
+  }
   plan.reserve_mb = root.number_or("reserve_mb", 0.0, {.min = 0.0, .max = 1e9});
   FrameLimits& limits = plan.limits;
   limits.max_saturated_share = root.number_or("max_saturated_share", limits.max_saturated_share,
@@ -134,7 +143,7 @@ PlanSettings read_settings(ConfigTable& root) {
   for (ConfigTable& table : root.tables("pattern")) {
     plan.list.push_back(read_pattern(table));
   }
-  if (plan.patterns == PlanPatterns::list && plan.list.empty()) {
+  if (plan.patterns == PlanPatterns::list && plan.list.empty() && plan.flats == 0) {
     root.problem("patterns", "patterns = \"list\", but no [[pattern]] follows",
                  "add [[pattern]] with lights = [...]");
   }
@@ -365,34 +374,6 @@ void require_lights(const PatternList& list, const PlanSettings& settings, const
   }
 }
 
-/// Appends the shots of one exposure and one repeat.
-void append_round(std::vector<Shot>& shots, const PatternList& list,
-                  const PlanSettings& settings, double exposure_us) {
-  const auto append = [&](ShotKind kind, std::vector<LightLevel> lit) {
-    shots.push_back(Shot{.index = static_cast<int>(shots.size()),
-                         .kind = kind,
-                         .lit = std::move(lit),
-                         .exposure_us = exposure_us});
-  };
-  const auto between = [&](std::size_t done) {
-    const auto is_due = [&](int every) {
-      return every > 0 && (done == list.size() || done % static_cast<std::size_t>(every) == 0);
-    };
-    if (is_due(settings.darks_every)) {
-      append(ShotKind::dark, {});
-    }
-    if (is_due(settings.sentinel_every)) {
-      append(ShotKind::sentinel,
-             {LightLevel{.light = settings.sentinel_light, .level = settings.level}});
-    }
-  };
-  for (std::size_t i = 0; i < list.size(); ++i) {
-    between(i);
-    append(list[i].empty() ? ShotKind::dark : ShotKind::light, list[i]);
-  }
-  between(list.size());
-}
-
 }  // namespace
 
 std::string_view to_string(PlanPatterns patterns) noexcept {
@@ -462,7 +443,8 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
   PatternRecipe recipe;
   PatternList list = patterns_of(settings, rig, lighting, recipe);
   require_lights(list, settings, rig);
-  if (settings.sentinel_every > 0 && settings.sentinel_light >= rig.n_lights()) {
+  if ((settings.sentinel_every > 0 || settings.sentinel_every_s > 0.0) &&
+      settings.sentinel_light >= rig.n_lights()) {
     throw Error(fmt::format("sentinel_light {} does not exist: rig \"{}\" has lights 0 to {}",
                             settings.sentinel_light, rig.name, rig.n_lights() - 1),
                 settings.where, "name a light of this rig");
@@ -477,7 +459,7 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
     n_lit += lit.size();
   }
   const double rounds = static_cast<double>(exposures.size()) * settings.repeats;
-  if (3.0 * rounds * static_cast<double>(list.size()) > kMaxShots ||
+  if (3.0 * rounds * static_cast<double>(list.size()) + settings.flats + 1.0 > kMaxShots ||
       rounds * static_cast<double>(n_lit) > static_cast<double>(kMaxLit)) {
     throw Error(fmt::format("{} patterns in {} rounds are more than a plan may hold",
                             list.size(), rounds),
@@ -489,11 +471,7 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
   plan.reserve_mb = settings.reserve_mb;
   plan.limits = settings.limits;
   plan.patterns = std::move(recipe);
-  for (const double exposure_us : exposures) {
-    for (int i = 0; i < settings.repeats; ++i) {
-      append_round(plan.shots, list, settings, exposure_us);
-    }
-  }
+  plan.shots = arrange_shots(settings, rig, list, exposures);
   plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;
   require_limits(plan, rig, settings.where);
   return plan;
@@ -514,12 +492,9 @@ DryRun dry_run(const Plan& plan, const Rig& rig) {
                          face.element_power.value());
   }
   for (const Shot& shot : plan.shots) {
-    const double shot_frames = expected_frames_a_shot(rig, shot.exposure_us) +
-                               (shot.exposure_us == last_exposure_us ? 0.0 : 2.0);
+    const double shot_s = shot_seconds(rig, shot.exposure_us, last_exposure_us);
     last_exposure_us = shot.exposure_us;
-    frames += shot_frames;
-    const double period_s = std::max(frame_s, shot.exposure_us * 1e-6);
-    const double shot_s = shot_frames * period_s;
+    frames += shot_s / std::max(frame_s, shot.exposure_us * 1e-6);
     out.seconds += shot_s;
     double watts = 0.0;
     for (const LightLevel& light : shot.lit) {

@@ -68,6 +68,11 @@ struct PlanSettings {
   int darks_every = 0;     ///< light shots between darks; 0 = none
   int sentinel_every = 0;  ///< light shots between sentinels; 0 = none
   int sentinel_light = 0;
+  double darks_every_s = 0.0;     ///< predicted seconds between darks; 0 = none
+  double sentinel_every_s = 0.0;  ///< predicted seconds between sentinels; 0 = none
+  int flats = 0;                  ///< flat frames (all lights) before everything else
+  std::uint16_t flat_level = 65535;
+  double flat_exposure_us = 0.0;  ///< 0 = the first of the exposures
   ShotOrder order = ShotOrder::raster;
   double reserve_mb = 0.0;  ///< kept free beside the frames' own need
   FrameLimits limits;

@@ -300,5 +300,52 @@ TEST(PlanJsonRefused, EveryChangedByteOfAShot) {
   }
 }
 
+int count_kind(const Plan& plan, ShotKind kind) {
+  return static_cast<int>(std::count_if(plan.shots.begin(), plan.shots.end(),
+                                        [kind](const Shot& s) { return s.kind == kind; }));
+}
+
+TEST(Plan, DarksAndSentinelsComeByThePredictedTime) {
+  const Plan plan =
+      plan_of("patterns = \"one_at_a_time\"\ndarks_every_s = 0.2\nsentinel_every_s = 0.1\n");
+  const double seconds = dry_run(plan, read_rig(kRigs + "small8.toml")).seconds;
+  // One at each end and one every so often between.
+  EXPECT_NEAR(count_kind(plan, ShotKind::dark), seconds / 0.2 + 1.0, 2.0);
+  EXPECT_NEAR(count_kind(plan, ShotKind::sentinel), seconds / 0.1 + 1.0, 3.0);
+  EXPECT_EQ(plan.shots.front().kind, ShotKind::dark);
+  EXPECT_EQ(plan.shots.back().kind, ShotKind::sentinel);
+  const Plan longer = plan_of("patterns = \"one_at_a_time\"\ndarks_every_s = 1000\n");
+  EXPECT_EQ(count_kind(longer, ShotKind::dark), 2);
+}
+
+TEST(Plan, FlatFramesComeFirstInTheirOwnExposure) {
+  const Plan plan = plan_of(
+      "patterns = \"list\"\nflats = 3\nflat_level = 4000\nflat_exposure_us = 500\n"
+      "darks_every = 8\n");
+  ASSERT_EQ(plan.shots.size(), 4U);
+  for (int i = 0; i < 3; ++i) {
+    const Shot& shot = plan.shots[static_cast<std::size_t>(i)];
+    EXPECT_EQ(shot.kind, ShotKind::flat);
+    EXPECT_EQ(shot.lit.size(), 64U);
+    EXPECT_EQ(shot.lit[9].level, 4000);
+    EXPECT_EQ(shot.exposure_us, 500.0);
+  }
+  EXPECT_EQ(plan.shots[3].kind, ShotKind::dark);
+  EXPECT_EQ(plan.shots[3].exposure_us, 500.0);
+  EXPECT_EQ(plan_from_json(plan_to_json(plan), "plan.json").shots, plan.shots);
+}
+
+TEST(Plan, LimitsOfFramesAreReadAndOutOfRangeRefused) {
+  const Plan plan = plan_of(
+      "patterns = \"one_at_a_time\"\nmax_saturated_share = 0.02\nmin_signal_share = 0.1\n"
+      "level_tolerance = 0.3\nattempts = 4\n");
+  const FrameLimits expected{0.02, 0.1, 0.3, 4};
+  EXPECT_EQ(plan.limits, expected);
+  EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nmax_saturated_share = 2\n"),
+              HasSubstr("max_saturated_share"));
+  EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nattempts = 0\n"),
+              HasSubstr("attempts"));
+}
+
 }  // namespace
 }  // namespace haarlight
