@@ -65,6 +65,11 @@ CameraTruth read_camera(ConfigTable& t, const Rig& rig) {
     n.black_dn = noise->number("black", {.min = 0.0, .max = 65535.0});
     c.noise = n;
   }
+  c.flaws.dark_e_per_s = t.number_or("dark_e_per_s", 0.0, {.min = 0.0, .max = 1e9});
+  c.flaws.hot_share = t.number_or("hot_share", 0.0, {.min = 0.0, .max = 1.0});
+  c.flaws.hot_e_per_s = t.number_or("hot_e_per_s", 0.0, {.min = 0.0, .max = 1e12});
+  c.flaws.prnu = t.number_or("prnu", 0.0, {.min = 0.0, .max = 0.3});
+  c.flaws.vignetting = t.number_or("vignetting", 0.0, {.min = 0.0, .max = 0.95});
   return c;
 }
 
@@ -86,6 +91,8 @@ SimTruth parse_truth(const std::string& text, const std::string& name, const Rig
     for (const double k : lights->numbers_or("dead", {})) {
       truth.dead.push_back(as_light(*lights, "dead", k, n));
     }
+    truth.warm_up = lights->number_or("warm_up", 0.0, {.min = -0.9, .max = 10.0});
+    truth.warm_up_s = lights->number_or("warm_up_s", 60.0, {.min = 1e-3, .max = 1e6});
     const std::vector<double> dim = pairs_or_none(*lights, "dim");
     for (std::size_t i = 0; i + 1 < dim.size(); i += 2) {
       if (!(dim[i + 1] > 0.0 && dim[i + 1] <= 100.0)) {
@@ -125,6 +132,18 @@ Rig apply_truth(const SimTruth& truth, Rig rig) {
     }
   }
   return rig;
+}
+
+RigFlaws true_flaws(const SimTruth& truth, const std::string& camera_id) {
+  RigFlaws flaws;
+  for (const CameraTruth& camera : truth.cameras) {
+    if (camera.id == camera_id) {
+      flaws = camera.flaws;
+    }
+  }
+  flaws.warm_up = truth.warm_up;
+  flaws.warm_up_s = truth.warm_up_s;
+  return flaws;
 }
 
 std::vector<double> true_light_power(const SimTruth& truth, int n_lights) {

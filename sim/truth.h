@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/rig.h"
+#include "sim/virtual_camera.h"
 
 /// @file
 /// What a virtual rig truly is where that differs from its rig file: what commissioning has to
@@ -23,6 +24,8 @@ struct CameraTruth {
   std::optional<double> read_us;
   std::optional<int> exposure_delay_frames;
   std::optional<SensorNoise> noise;
+  /// Of the sensor; the LEDs' warm-up stands in SimTruth.
+  RigFlaws flaws;
 };
 
 struct SimTruth {
@@ -30,6 +33,8 @@ struct SimTruth {
   std::optional<double> rise_us;
   std::optional<double> fall_us;
   std::vector<CameraTruth> cameras;
+  double warm_up = 0.0;  ///< see RigFlaws
+  double warm_up_s = 60.0;
   std::vector<int> dead;
   std::vector<std::pair<int, double>> dim;   ///< light, relative power
   std::vector<std::pair<int, int>> swapped;  ///< each shines from the other's place
@@ -43,6 +48,8 @@ struct SimTruth {
 
 /// The rig as it truly is.
 [[nodiscard]] Rig apply_truth(const SimTruth& truth, Rig rig);
+/// What a camera of the rig sees besides.
+[[nodiscard]] RigFlaws true_flaws(const SimTruth& truth, const std::string& camera_id);
 /// By place: of the LED where light k should be. Empty when all are 1.
 [[nodiscard]] std::vector<double> true_light_power(const SimTruth& truth, int n_lights);
 /// Element k lights the LED at place wiring[k]. Empty when each lights its own.

@@ -122,6 +122,7 @@ VirtualCamera::VirtualCamera(const CameraSpec& spec, ControllerSpec controller,
   mean_.resize(static_cast<std::size_t>(spec.frame_width) *
                static_cast<std::size_t>(spec.active_rows));
   normal_ = normal_quantiles(kNormalTable);
+  make_flaws();
 }
 
 double VirtualCamera::electrons_per_unit(double exposure_us) const {
@@ -248,8 +249,38 @@ void VirtualCamera::sum_light(const std::vector<Element>& elements, double elect
   }
 }
 
-void VirtualCamera::read_out(double gain_db, std::uint64_t noise_key,
+void VirtualCamera::make_flaws() {
+  const RigFlaws& flaws = options_.flaws;
+  if (flaws == RigFlaws{}) {
+    return;
+  }
+  sensitivity_.resize(mean_.size());
+  dark_.resize(mean_.size());
+  const double centre_x = 0.5 * spec_.frame_width;
+  const double centre_y = 0.5 * spec_.active_rows;
+  const double corner2 = centre_x * centre_x + centre_y * centre_y;
+  std::size_t i = 0;
+  for (int y = 0; y < spec_.active_rows; ++y) {
+    for (int x = 0; x < spec_.frame_width; ++x, ++i) {
+      const double dx = x + 0.5 - centre_x;
+      const double dy = y + 0.5 - centre_y;
+      const double lens = 1.0 - flaws.vignetting * (dx * dx + dy * dy) / corner2;
+      const double pixel = 1.0 + flaws.prnu * standard_normal(hash_key(options_.seed, 21, i));
+      const bool is_hot = uniform_unit(hash_key(options_.seed, 22, i)) < flaws.hot_share;
+      sensitivity_[i] = static_cast<float>(std::max(0.0, lens * pixel));
+      dark_[i] = static_cast<float>(is_hot ? flaws.hot_e_per_s : flaws.dark_e_per_s);
+    }
+  }
+}
+
+void VirtualCamera::read_out(const Exposure& exposure, std::uint64_t noise_key,
                              ImageView<std::uint16_t> words) const {
+  const double gain_db = exposure.gain_db;
+  const RigFlaws& flaws = options_.flaws;
+  const double warm_s = static_cast<double>(exposure.start_ns - first_ns_) * 1e-9;
+  const auto brightness =
+      static_cast<float>(1.0 + flaws.warm_up * std::exp(-warm_s / flaws.warm_up_s));
+  const auto seconds = static_cast<float>(exposure.exposure_us * 1e-6);
   const SensorNoise& noise = spec_.noise;
   const auto amplification = static_cast<float>(
       std::pow(10.0, (gain_db - spec_.gain_db) / 20.0) / noise.gain_e_per_dn);
@@ -265,6 +296,10 @@ void VirtualCamera::read_out(double gain_db, std::uint64_t noise_key,
     std::uint64_t hash = 0;
     for (std::size_t x = 0; x < width; ++x) {
       float electrons = mean[x];
+      if (!dark_.empty()) {
+        const std::size_t i = static_cast<std::size_t>(y) * width + x;
+        electrons = electrons * brightness * sensitivity_[i] + dark_[i] * seconds;
+      }
       if (options_.has_noise) {
         if (x % 4 == 0) {
           hash = hash_key(noise_key, static_cast<std::uint64_t>(y) * width + x);
@@ -295,7 +330,8 @@ void VirtualCamera::take(const LightHistory& history, const Exposure& exposure,
     steady_ = is_steady ? pattern : nullptr;
     steady_exposure_us_ = exposure.exposure_us;
   }
-  read_out(exposure.gain_db, hash_key(options_.seed, noise_key), words);
+  first_ns_ = first_ns_ < 0 ? exposure.start_ns : first_ns_;
+  read_out(exposure, hash_key(options_.seed, noise_key), words);
   write_tag(seen, words);
 }
 

@@ -25,6 +25,20 @@
 
 namespace haarlight {
 
+/// What real LEDs and real sensors do besides; all 0: an ideal rig.
+struct RigFlaws {
+  /// Every LED is brighter by this share at the camera's first frame, and settles:
+  /// 1 + warm_up exp(-t / warm_up_s).
+  double warm_up = 0.0;
+  double warm_up_s = 60.0;
+  double dark_e_per_s = 0.0;  ///< dark current of a normal pixel
+  double hot_share = 0.0;     ///< of the pixels have hot_e_per_s
+  double hot_e_per_s = 0.0;
+  double prnu = 0.0;        ///< rms relative difference of the pixels' sensitivity
+  double vignetting = 0.0;  ///< sensitivity lost in the corners, growing with r^2
+  friend bool operator==(const RigFlaws&, const RigFlaws&) = default;
+};
+
 struct VirtualCameraOptions {
   std::uint64_t seed = 1;
   /// Electrons of a lit pixel of the plane under one light at the rig file's exposure;
@@ -35,6 +49,7 @@ struct VirtualCameraOptions {
   std::vector<double> light_power;
   /// Element k lights the LED wiring[k]; empty: its own.
   std::vector<int> wiring;
+  RigFlaws flaws;
 };
 
 /// One frame to be taken.
@@ -91,7 +106,9 @@ class VirtualCamera {
   [[nodiscard]] std::vector<Element> mean_drives(const LightHistory& history,
                                                  const Exposure& exposure) const;
   void sum_light(const std::vector<Element>& elements, double electrons);
-  void read_out(double gain_db, std::uint64_t noise_key, ImageView<std::uint16_t> words) const;
+  void read_out(const Exposure& exposure, std::uint64_t noise_key,
+                ImageView<std::uint16_t> words) const;
+  void make_flaws();
 
   CameraSpec spec_;
   ControllerSpec controller_;
@@ -99,6 +116,10 @@ class VirtualCamera {
   VirtualCameraOptions options_;
   std::vector<float> mean_;    ///< electrons, (height, width)
   std::vector<float> normal_;  ///< quantiles of the standard normal
+  // Of the sensor's flaws; empty: none.
+  std::vector<float> sensitivity_;
+  std::vector<float> dark_;  ///< electrons a second
+  std::int64_t first_ns_ = -1;
   // The last steady pattern, whose mean is still in mean_.
   std::shared_ptr<const std::vector<ElementLevel>> steady_;
   double steady_exposure_us_ = 0.0;

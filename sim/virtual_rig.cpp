@@ -168,6 +168,7 @@ struct VirtualRig::Impl {
       server.camera.lit_electrons = options.lit_electrons;
       server.camera.light_power = true_light_power(options.truth, rig.n_lights());
       server.camera.wiring = true_wiring(options.truth, rig.n_lights());
+      server.camera.flaws = true_flaws(options.truth, spec.id);
       server.exposure_delay_frames = true_rig.cameras[i].exposure_delay_frames;
       server.n_buffers = options.n_buffers;
       server.faults = options.faults.frames;
