@@ -1,9 +1,8 @@
 #include "session/develop.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -11,11 +10,12 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "core/image_io.h"
 #include "core/log.h"
 #include "core/parallel.h"
 #include "session/demultiplex.h"
 #include "session/exposure_plan.h"
+#include "session/json_value.h"
+#include "session/radiometry.h"
 
 namespace haarlight {
 
@@ -24,249 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kRecipe =
-    "develop 1";  // part of the cache's key: bump when results change
-// A dark pixel is hot when it stands this many robust sigmas above the frame's median and by
-// this share of the range: 8 sigma keeps false alarms below one in 10^14 normal pixels.
-constexpr double kHotSigmas = 8.0;
-constexpr double kHotShare = 0.01;
-constexpr double kSigmaPerMad = 1.4826;
-constexpr float kDeadShare = 0.02F;  // of the flat's mean: less light than this is a dead pixel
-
-/// Turns stored samples into linear shares of the range: (DN - black) / (white - black), or the
-/// sRGB curve undone. Saturated samples are those at or above white.
-class Lineariser {
- public:
-  Lineariser(const FrameForm& form, Transfer transfer)
-      : black_(static_cast<float>(form.black_level)),
-        white_(static_cast<float>(form.white_level)),
-        is_srgb_(transfer == Transfer::srgb) {
-    if (is_srgb_ && form.sample != SampleType::f32) {
-      table_.resize(form.sample == SampleType::u8 ? 256U : 65536U);
-      for (std::size_t i = 0; i < table_.size(); ++i) {
-        table_[i] = linear_from_srgb((static_cast<float>(i) - black_) / (white_ - black_));
-      }
-    }
-  }
-
-  [[nodiscard]] float operator()(float dn) const {
-    if (!table_.empty()) {
-      return table_[static_cast<std::size_t>(dn)];
-    }
-    const float share = (dn - black_) / (white_ - black_);
-    return is_srgb_ ? linear_from_srgb(share) : share;
-  }
-  [[nodiscard]] bool is_saturated(float dn) const { return dn >= white_; }
-
- private:
-  float black_;
-  float white_;
-  bool is_srgb_;
-  std::vector<float> table_;
-};
-
-/// What is the same for every light: dark and flat pictures as linear shares, and bad pixels.
-struct Corrections {
-  Image<float> dark;         ///< mean dark minus black, linear share; empty: none
-  Image<float> flat;         ///< relative sensitivity, mean 1 a colour; empty: none
-  std::vector<bool> is_bad;  ///< a pixel; empty: none
-};
-
-Image<float> mean_linear(const Session& session, const std::vector<const FrameRecord*>& frames,
-                         const Lineariser& linear) {
-  const FrameForm& form = session.info().form;
-  Image<float> sum(form.height, form.width, form.channels);
-  for (const FrameRecord* frame : frames) {
-    const Image<float> rows = session.read_rows(*frame, 0, form.height);
-    for (std::size_t i = 0; i < sum.pixels().size(); ++i) {
-      sum.pixels()[i] += linear(rows.pixels()[i]) / static_cast<float>(frames.size());
-    }
-  }
-  return sum;
-}
-
-int colour_of(const FrameForm& form, int y, int x, int c) {
-  return form.bayer == BayerPattern::none ? c : bayer_colour(form.bayer, y, x);
-}
-
-void mark_hot(const FrameForm& form, const Image<float>& dark, std::vector<bool>& is_bad) {
-  std::vector<float> sorted(dark.pixels().begin(), dark.pixels().end());
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  const float median = *middle;
-  for (float& value : sorted) {
-    value = std::abs(value - median);
-  }
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  const double sigma = kSigmaPerMad * *middle;
-  const double limit = median + std::max(kHotSigmas * sigma, kHotShare);
-  for (std::size_t i = 0; i < dark.pixels().size(); ++i) {
-    if (dark.pixels()[i] > limit) {
-      is_bad[i / static_cast<std::size_t>(form.channels)] = true;
-    }
-  }
-}
-
-void make_flat(const FrameForm& form, Corrections& corrections) {
-  Image<float>& flat = corrections.flat;
-  std::array<double, 3> sum{};
-  std::array<double, 3> count{};
-  const auto for_each = [&](auto visit) {
-    std::size_t i = 0;
-    for (int y = 0; y < form.height; ++y) {
-      for (int x = 0; x < form.width; ++x) {
-        for (int c = 0; c < form.channels; ++c, ++i) {
-          visit(i, static_cast<std::size_t>(colour_of(form, y, x, c)));
-        }
-      }
-    }
-  };
-  for_each([&](std::size_t i, std::size_t colour) {
-    if (!corrections.dark.is_empty()) {
-      flat.pixels()[i] -= corrections.dark.pixels()[i];
-    }
-    sum[colour] += flat.pixels()[i];
-    count[colour] += 1.0;
-  });
-  for_each([&](std::size_t i, std::size_t colour) {
-    const double mean = count[colour] > 0.0 ? sum[colour] / count[colour] : 0.0;
-    const float relative = mean > 0.0 ? static_cast<float>(flat.pixels()[i] / mean) : 0.0F;
-    const bool is_dead = !(relative > kDeadShare);
-    if (is_dead) {
-      corrections.is_bad[i / static_cast<std::size_t>(form.channels)] = true;
-    }
-    flat.pixels()[i] = is_dead ? 1.0F : relative;
-  });
-}
-
-Corrections make_corrections(const Session& session, const ExposurePlan& plan,
-                             const Lineariser& linear) {
-  const FrameForm& form = session.info().form;
-  Corrections corrections;
-  if (plan.dark.empty() && plan.flat.empty()) {
-    return corrections;
-  }
-  corrections.is_bad.assign(
-      static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.height), false);
-  if (!plan.dark.empty()) {
-    corrections.dark = mean_linear(session, plan.dark, linear);
-    mark_hot(form, corrections.dark, corrections.is_bad);
-  }
-  if (!plan.flat.empty()) {
-    corrections.flat = mean_linear(session, plan.flat, linear);
-    make_flat(form, corrections);
-  }
-  const auto n_bad = std::count(corrections.is_bad.begin(), corrections.is_bad.end(), true);
-  if (n_bad * 20 > static_cast<std::ptrdiff_t>(corrections.is_bad.size())) {
-    throw Error(
-        fmt::format("{} of {} pixels are hot in the dark frames or dead in the flat field",
-                    n_bad, corrections.is_bad.size()),
-        session.folder().string(),
-        "take the dark and flat frames again: the cap off, the flat lit evenly");
-  }
-  if (n_bad == 0) {
-    corrections.is_bad.clear();
-  }
-  return corrections;
-}
-
-/// Bad pixels become the median of the good ones of their colour in the 3 x 3 (mosaic: 5 x 5)
-/// window. Rows are those from y0 of the picture.
-void mend(const FrameForm& form, const Corrections& corrections, int y0, Image<float>& rows) {
-  if (corrections.is_bad.empty()) {
-    return;
-  }
-  const auto is_bad = [&](int y, int x) {
-    return corrections
-        .is_bad[static_cast<std::size_t>(y) * static_cast<std::size_t>(form.width) +
-                static_cast<std::size_t>(x)];
-  };
-  const int step = form.bayer == BayerPattern::none ? 1 : 2;
-  const Image<float> before = rows;
-  for (int y = 0; y < rows.height(); ++y) {
-    for (int x = 0; x < rows.width(); ++x) {
-      if (!is_bad(y0 + y, x)) {
-        continue;
-      }
-      for (int c = 0; c < rows.channels(); ++c) {
-        std::vector<float> good;
-        for (int reach = 1; good.empty() && reach <= 2; ++reach) {
-          for (int dy = -reach * step; dy <= reach * step; dy += step) {
-            for (int dx = -reach * step; dx <= reach * step; dx += step) {
-              const int v = y + dy;
-              const int u = x + dx;
-              if (v >= 0 && v < rows.height() && u >= 0 && u < rows.width() &&
-                  !is_bad(y0 + v, u)) {
-                good.push_back(before(v, u, c));
-              }
-            }
-          }
-        }
-        if (!good.empty()) {
-          const auto middle = good.begin() + static_cast<std::ptrdiff_t>(good.size() / 2);
-          std::nth_element(good.begin(), middle, good.end());
-          rows(y, x, c) = *middle;
-        }
-      }
-    }
-  }
-}
-
-/// Linear radiance of a group's rows [y0, y1): the exposures merged. With w_i = scale_i, the
-/// inverse variance under photon noise, sum(w r) / sum(w) = sum(signal) / sum(scale) over the
-/// unsaturated exposures; where all are saturated the shortest one stands.
-Image<float> measure_group(const Session& session, const PatternGroup& group,
-                           const Lineariser& linear, const Corrections& corrections, int y0,
-                           int y1) {
-  const FrameForm& form = session.info().form;
-  Image<float> signal(y1 - y0, form.width, form.channels);
-  const std::size_t n = signal.pixels().size();
-  const auto shortest = std::min_element(
-      group.frames.begin(), group.frames.end(),
-      [](const ScaledFrame& a, const ScaledFrame& b) { return a.scale < b.scale; });
-  const std::size_t first = static_cast<std::size_t>(y0) *
-                            static_cast<std::size_t>(form.width) *
-                            static_cast<std::size_t>(form.channels);
-  std::vector<double> scale_sum(n, 0.0);
-  std::vector<float> fallback(n, 0.0F);
-  const bool is_merged = group.frames.size() > 1;
-  for (const ScaledFrame& frame : group.frames) {
-    const Image<float> rows = session.read_rows(*frame.frame, y0, y1);
-    const bool is_shortest = &frame == &*shortest;
-    for (std::size_t i = 0; i < n; ++i) {
-      const float dn = rows.pixels()[i];
-      if (!std::isfinite(dn)) {
-        const std::size_t pixel = i / static_cast<std::size_t>(form.channels);
-        const auto width = static_cast<std::size_t>(form.width);
-        throw Error(fmt::format("pixel (x {}, y {}) is not a finite number", pixel % width,
-                                pixel / width + static_cast<std::size_t>(y0)),
-                    (session.folder() / frame.frame->file).string(),
-                    "repair or replace this picture and import again");
-      }
-      float value = linear(dn);
-      if (!corrections.dark.is_empty()) {
-        value -= corrections.dark.pixels()[first + i];
-      }
-      if (!corrections.flat.is_empty()) {
-        value /= corrections.flat.pixels()[first + i];
-      }
-      if (is_shortest) {
-        fallback[i] = static_cast<float>(value / frame.scale);
-      }
-      if (!is_merged || !linear.is_saturated(dn)) {
-        signal.pixels()[i] += value;
-        scale_sum[i] += frame.scale;
-      }
-    }
-  }
-  for (std::size_t i = 0; i < n; ++i) {
-    signal.pixels()[i] = scale_sum[i] > 0.0
-                             ? static_cast<float>(signal.pixels()[i] / scale_sum[i])
-                             : fallback[i];
-  }
-  mend(form, corrections, y0, signal);
-  return signal;
-}
-
+    "develop 2";  // part of the cache's key: bump when results change
 /// (rows, width, channels) a light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
   const int width = pictures[0].width();
@@ -299,6 +57,7 @@ struct Job {
   Demosaic demosaic = Demosaic::none;
   StackShape shape;
   int margin = 0;
+  bool has_error = false;
   std::vector<double> power;  ///< of each light, relative
   PlatePixels plate;          ///< for shots that hold less than their lights do
 };
@@ -311,7 +70,7 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   const std::uint64_t row = static_cast<std::uint64_t>(form.width) * n * sizeof(float);
   const bool is_mosaic = job.demosaic != Demosaic::none;
   const auto channels = static_cast<std::uint64_t>(job.shape.channels);
-  const std::uint64_t raw_copies = job.plan.is_single ? 1 : 2;
+  const std::uint64_t raw_copies = (job.plan.is_single ? 1U : 2U) * (job.has_error ? 2U : 1U);
   const std::uint64_t a_row = row * (static_cast<std::uint64_t>(form.channels) * raw_copies +
                                      channels + (is_mosaic ? channels : 0));
   const std::uint64_t margins = 2 * static_cast<std::uint64_t>(job.margin) * a_row;
@@ -336,8 +95,30 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   return rows;
 }
 
-std::vector<float> develop_band(const Job& job, const Lineariser& linear,
-                                const Corrections& corrections, int i_band) {
+/// The variance of demosaiced colours: bilinear weights w sum to 1, so that sum w var is an
+/// upper bound of sum w^2 var. A neighbour clipped in every exposure marks the pixel too.
+Image<float> demosaic_variance(const Image<float>& variance, BayerPattern bayer) {
+  constexpr float kMark = 1e30F;
+  constexpr float kMarked = 1e25F;  // a ninth of the mark, and less
+  Image<float> marked = variance;
+  for (float& value : marked.pixels()) {
+    value = value < 0.0F ? kMark : value;
+  }
+  Image<float> colour = demosaic(marked.view(), bayer, Demosaic::bilinear);
+  for (float& value : colour.pixels()) {
+    value = value > kMarked ? -1.0F : value;
+  }
+  return colour;
+}
+
+/// One band: values, and standard errors (-1: clipped in every exposure) where they are asked
+/// for.
+struct Band {
+  std::vector<float> values;
+  std::vector<float> errors;
+};
+
+Band develop_band(const Job& job, const Radiometry& radiometry, int i_band, MergeTally& tally) {
   const int height = job.shape.height;
   const int y0 = i_band * job.shape.band_rows;
   const int y1 = std::min(height, y0 + job.shape.band_rows);
@@ -345,25 +126,50 @@ std::vector<float> develop_band(const Job& job, const Lineariser& linear,
   const int top = std::max(0, y0 - job.margin) / 2 * 2;
   const int from = job.margin > 0 ? top : y0;
   const int to = std::min(height, y1 + job.margin);
-  std::vector<Image<float>> pictures(job.plan.groups.size());
-  parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
+  const std::size_t n_groups = job.plan.groups.size();
+  std::vector<Image<float>> pictures(n_groups);
+  std::vector<Image<float>> variances(job.has_error ? n_groups : 0);
+  std::vector<MergeTally> tallies(n_groups);
+  parallel_for(n_groups, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t g = begin; g < end; ++g) {
-      pictures[g] =
-          measure_group(*job.session, job.plan.groups[g], linear, corrections, from, to);
+      RadianceRows rows = radiometry.measure(job.plan.groups[g], {from, to, y0, y1});
+      pictures[g] = std::move(rows.value);
+      tallies[g] = std::move(rows.tally);
+      if (job.has_error) {
+        variances[g] = std::move(rows.variance);
+      }
     }
   });
+  for (const MergeTally& of_group : tallies) {
+    tally.add(of_group);
+  }
   if (!job.plan.is_single) {
     demultiplex_rows(*job.plan.inverse, job.power, job.plate, from, pictures);
   }
+  const BayerPattern bayer = job.session->info().form.bayer;
   if (job.demosaic != Demosaic::none) {
-    const BayerPattern bayer = job.session->info().form.bayer;
     parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t k = begin; k < end; ++k) {
         pictures[k] = demosaic(pictures[k].view(), bayer, job.demosaic);
       }
     });
   }
-  return interleave(pictures, y0 - from, y1 - y0);
+  Band band;
+  band.values = interleave(pictures, y0 - from, y1 - y0);
+  if (job.has_error) {
+    parallel_for(variances.size(), 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t k = begin; k < end; ++k) {
+        if (job.demosaic != Demosaic::none) {
+          variances[k] = demosaic_variance(variances[k], bayer);
+        }
+        for (float& value : variances[k].pixels()) {
+          value = value < 0.0F ? -1.0F : std::sqrt(value);
+        }
+      }
+    });
+    band.errors = interleave(variances, y0 - from, y1 - y0);
+  }
+  return band;
 }
 
 /// The curve of the samples, an unknown one only under the name that the user gave it.
@@ -383,55 +189,122 @@ Transfer transfer_of(const Session& session, const DevelopOptions& options) {
   return *options.unknown_as;
 }
 
+/// What the sharing out of light depends on; empty where no capture of its family needs it.
+std::string plate_key_of(const Session& session, const DevelopOptions& options) {
+  const PatternFamily family = session.info().patterns.family;
+  const bool may_need_plate = family == PatternFamily::bins || family == PatternFamily::haar ||
+                              family == PatternFamily::target;
+  if (!may_need_plate) {
+    return {};
+  }
+  const std::string without_plate = options.share_evenly ? "even" : "none";
+  return options.plate.is_empty() ? without_plate : options.plate.key;
+}
+
 /// Everything that the stack's values depend on.
 std::string cache_key(const Session& session, Demosaic method, Transfer transfer,
-                      const std::string& plate) {
+                      const DevelopOptions& options) {
   SessionInfo info = session.info();
   info.created.clear();
   info.form.transfer = transfer;
-  return content_hash(fmt::format("{}\n{}\n{}\n{}", kRecipe, to_string(method), plate,
+  std::string flat;
+  if (!options.radiometry.flat_session.empty()) {
+    SessionInfo other = Session::open(options.radiometry.flat_session).info();
+    other.created.clear();
+    flat = session_info_to_json(other);
+  }
+  return content_hash(fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, to_string(method),
+                                  plate_key_of(session, options), options.radiometry.key(),
+                                  flat, session.rig() ? session.rig()->hash : std::string(),
                                   session_info_to_json(info)));
 }
 
 /// A cached stack, or nothing when there is none or it is damaged (then it is made again).
-std::unique_ptr<LightStack> open_cached(const fs::path& file) {
+std::optional<LightStack> open_cached(const fs::path& file) {
   std::error_code ignored;
   if (!fs::exists(file, ignored)) {
-    return nullptr;
+    return {};
   }
   try {
-    return std::make_unique<LightStack>(LightStack::open(file));
+    return LightStack::open(file);
   } catch (const Error& error) {
     log_warning(fmt::format("{}; making it again", error.what()));
-    return nullptr;
+    return {};
   }
+}
+
+void note_counts(Developed& developed, const std::string& where) {
+  const JsonValue merge = JsonValue::parse(developed.record, where)["radiometry"]["merge"];
+  developed.n_saturated = merge["saturated_in_all"].unsigned_integer();
+  developed.moved_share = merge["moved_share"].number(0.0, 1.0);
+}
+
+std::optional<Developed> open_all_cached(const fs::path& folder, const std::string& key,
+                                         bool has_error) {
+  std::optional<LightStack> stack = open_cached(folder / fmt::format("stack-{}.hls", key));
+  std::error_code ignored;
+  const fs::path record = folder / fmt::format("stack-{}.json", key);
+  if (!stack || !fs::exists(record, ignored)) {
+    return {};
+  }
+  Developed developed{*std::move(stack), {}, read_file(record, std::uintmax_t{1} << 24U)};
+  note_counts(developed, record.string());
+  if (has_error) {
+    developed.standard_error = open_cached(folder / fmt::format("error-{}.hls", key));
+    if (!developed.standard_error) {
+      return {};
+    }
+  }
+  return developed;
+}
+
+void require_error_known(const Session& session, const ExposurePlan& plan,
+                         const Radiometry& radiometry) {
+  if (!radiometry.response().is_measured) {
+    throw Error(
+        "the camera's noise is not known: no standard error can be given",
+        session.folder().string(),
+        "measure it (haarlight rig commission), or set noise = { gain, read, full_well, "
+        "black } in the rig file");
+  }
+  if (!plan.is_single) {
+    throw Error("standard errors are given for sessions of single lights only",
+                session.folder().string(),
+                "for multiplexed patterns the planner predicts them: haarlight plan --dry-run");
+  }
+}
+
+void require_plate(const Session& session, const Job& job, const DevelopOptions& options) {
+  if (!options.plate.is_empty() || options.share_evenly) {
+    return;
+  }
+  throw Error(
+      fmt::format("{} shots of {} patterns hold less than {} lights: a clean plate must say "
+                  "how each shot's light is shared out",
+                  job.plan.groups.size(), to_string(session.info().patterns.family),
+                  job.power.size()),
+      session.folder().string(),
+      "develop with a rig that has a [[plane]], or with --plate; --plate even shares alike",
+      ExitCode::usage);
 }
 
 }  // namespace
 
-LightStack develop(const Session& session, const DevelopOptions& options) {
+Developed develop_all(const Session& session, const DevelopOptions& options) {
   const FrameForm& form = session.info().form;
   const Transfer transfer = transfer_of(session, options);
   Job job;
   job.session = &session;
+  job.has_error = options.has_standard_error;
   const bool is_mosaic = form.bayer != BayerPattern::none && !options.keep_bayer &&
                          form.width >= 2 && form.height >= 2;
   job.demosaic = is_mosaic ? options.demosaic : Demosaic::none;
-  // Only captures that need a plate depend on it.
-  const PatternFamily family = session.info().patterns.family;
-  const bool may_need_plate = family == PatternFamily::bins || family == PatternFamily::haar ||
-                              family == PatternFamily::target;
-  const std::string without_plate = options.share_evenly ? "even" : "none";
-  const std::string plate_key = !may_need_plate            ? std::string()
-                                : options.plate.is_empty() ? without_plate
-                                                           : options.plate.key;
   const fs::path folder =
       options.cache_folder.empty() ? session.folder() / "cache" : options.cache_folder;
-  const fs::path file = folder / fmt::format("stack-{}.hls", cache_key(session, job.demosaic,
-                                                                       transfer, plate_key));
+  const std::string key = cache_key(session, job.demosaic, transfer, options);
   if (options.use_cache) {
-    if (const auto cached = open_cached(file)) {
-      return std::move(*cached);
+    if (std::optional<Developed> cached = open_all_cached(folder, key, job.has_error)) {
+      return *std::move(cached);
     }
   }
   job.plan = plan_exposures(session);
@@ -439,26 +312,18 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
   job.shape.height = form.height;
   job.shape.channels = job.demosaic != Demosaic::none ? 3 : form.channels;
   job.shape.n_lights = static_cast<int>(session.info().lights.size());
-  const Lineariser linear(form, transfer);
-  const Corrections corrections = make_corrections(session, job.plan, linear);
-  const bool needs_margin = job.demosaic != Demosaic::none || !corrections.is_bad.empty();
+  const Radiometry radiometry(session, job.plan, transfer, options.radiometry);
+  if (job.has_error) {
+    require_error_known(session, job.plan, radiometry);
+  }
+  const bool needs_margin = job.demosaic != Demosaic::none || radiometry.has_bad_pixels();
   job.margin = needs_margin ? 2 * kDemosaicMargin : 0;
   job.shape.band_rows = choose_band_rows(job, options.memory_bytes);
   for (const SessionLight& light : session.info().lights) {
     job.power.push_back(light.relative_power);
   }
   if (!job.plan.is_single && job.plan.inverse->needs_plate()) {
-    if (options.plate.is_empty() && !options.share_evenly) {
-      throw Error(
-          fmt::format(
-              "{} shots of {} patterns hold less than {} lights: a clean plate must say "
-              "how each shot's light is shared out",
-              job.plan.groups.size(), to_string(session.info().patterns.family),
-              job.power.size()),
-          session.folder().string(),
-          "develop with a rig that has a [[plane]], or with --plate; --plate even shares alike",
-          ExitCode::usage);
-    }
+    require_plate(session, job, options);
     job.plate = options.plate;
   }
   std::error_code error;
@@ -468,14 +333,44 @@ LightStack develop(const Session& session, const DevelopOptions& options) {
                 "make the session writable, or name another folder for its cache",
                 ExitCode::io);
   }
+  const fs::path file = folder / fmt::format("stack-{}.hls", key);
+  const fs::path error_file = folder / fmt::format("error-{}.hls", key);
   LightStackWriter writer(file, job.shape);
+  std::optional<LightStackWriter> error_writer;
+  if (job.has_error) {
+    error_writer.emplace(error_file, job.shape);
+  }
+  MergeTally tally;
   Progress progress("develop", static_cast<std::size_t>(job.shape.n_bands()), options.progress);
   for (int i = 0; i < job.shape.n_bands(); ++i) {
-    writer.append_band(develop_band(job, linear, corrections, i));
+    const Band band = develop_band(job, radiometry, i, tally);
+    writer.append_band(band.values);
+    if (error_writer) {
+      error_writer->append_band(band.errors);
+    }
     progress.advance();
   }
+  radiometry.require_levels(tally);
+  const std::string record = fmt::format(
+      "{{\"recipe\": \"{}\", \"demosaic\": \"{}\", \"patterns\": {}, \"lights\": {}, "
+      "\"radiometry\": {}}}\n",
+      kRecipe, to_string(job.demosaic), job.plan.groups.size(), job.shape.n_lights,
+      radiometry.record(tally));
   writer.finish();
-  return LightStack::open(file);
+  if (error_writer) {
+    error_writer->finish();
+  }
+  write_file_atomically(folder / fmt::format("stack-{}.json", key), record);
+  Developed developed{LightStack::open(file), {}, record};
+  note_counts(developed, file.string());
+  if (job.has_error) {
+    developed.standard_error = LightStack::open(error_file);
+  }
+  return developed;
+}
+
+LightStack develop(const Session& session, const DevelopOptions& options) {
+  return develop_all(session, options).stack;
 }
 
 }  // namespace haarlight

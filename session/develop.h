@@ -3,12 +3,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 
 #include "core/image_io.h"
 #include "core/progress.h"
 #include "session/demosaic.h"
 #include "session/demultiplex.h"
 #include "session/light_stack.h"
+#include "session/radiometry.h"
 #include "session/session.h"
 
 /// @file
@@ -31,19 +33,35 @@ struct DevelopOptions {
   /// error for these, unless share_evenly.
   PlatePixels plate{};
   bool share_evenly = false;
+  RadiometryOptions radiometry{};
+  /// Make a second stack of the values' standard errors; -1 where every exposure is clipped.
+  bool has_standard_error = false;
 };
 
-/// Black and dark -> linear -> exposure, gain, drive and power -> hot pixels -> flat -> merge
-/// of exposures, demultiplexing -> demosaic, for every light of a session; returns the stack,
-/// made once and then cached in SESSION/cache/ under a key of everything it depends on. Out of
-/// core: bands are sized to the memory budget.
+/// A light stack and what is known of it.
+struct Developed {
+  LightStack stack;
+  std::optional<LightStack> standard_error;  ///< same shape; when asked for
+  /// What each step did, as JSON (docs/session-format.md); beside the stack as stack-KEY.json.
+  std::string record;
+  std::uint64_t n_saturated = 0;  ///< values clipped in every exposure: lower bounds
+  double moved_share = 0.0;       ///< of compared values whose exposures contradict each other
+};
+
+/// Linear steps above black -> dark -> exposure, gain, drift, drive and power -> flat -> merge
+/// of exposures -> bad pixels -> demultiplexing -> demosaic, for every light of a session. Made
+/// once and then cached in SESSION/cache/ under a key of everything it depends on. Out of core:
+/// bands are sized to the memory budget.
 ///
 /// Values: T = ((DN - black) / (white - black)) / (exposure in s * 10^(gain/20) * level/65535 *
 /// relative power); an exposure of 0 (an import) counts as 1 s. Two sessions of one rig are
-/// thus in the same units whatever their exposures.
+/// thus in the same units whatever their exposures. A value clipped in every exposure is the
+/// greatest lower bound: counted in the record, -1 in the standard error.
 /// @throws Error  samples through an unknown curve (a camera's YUYV) unless `unknown_as` names
-///                one; a light without a frame, a frame that does not fit, NaN (by name), disk
-///                full
+///                one; a light without a frame, a frame that does not fit, NaN (by name), drift
+///                or exposures out of bounds, no noise known for a standard error, disk full
+[[nodiscard]] Developed develop_all(const Session& session, const DevelopOptions& options = {});
+/// The stack alone.
 [[nodiscard]] LightStack develop(const Session& session, const DevelopOptions& options = {});
 
 }  // namespace haarlight

@@ -49,17 +49,21 @@ std::vector<std::string> picture_of_each_light(const Session& session,
     if (shot.kind != ShotKind::light || shot.lit.size() != 1) {
       continue;
     }
-    std::string& picture = pictures[static_cast<std::size_t>(shot.lit[0].light)];
-    if (picture.empty()) {
-      picture =
-          (base / frame.file).lexically_normal().lexically_relative(from).generic_string();
+    const auto k = static_cast<std::size_t>(shot.lit[0].light);
+    if (!pictures[k].empty()) {
+      throw Error(fmt::format("light {} ({}) has several frames: exposures or repeats", k,
+                              info.lights[k].name),
+                  (session.folder() / "session.json").string(),
+                  "give --exr DIR or --png DIR: they are then merged to one picture a light");
     }
+    pictures[k] =
+        (base / frame.file).lexically_normal().lexically_relative(from).generic_string();
   }
   for (std::size_t k = 0; k < pictures.size(); ++k) {
     if (pictures[k].empty()) {
       throw Error(fmt::format("light {} ({}) has no frame of its own", k, info.lights[k].name),
                   (session.folder() / "session.json").string(),
-                  "give --png DIR: pictures of single lights are then developed");
+                  "give --exr DIR or --png DIR: pictures of single lights are then developed");
     }
   }
   return pictures;
@@ -73,9 +77,29 @@ std::string export_lp(const Session& session, const std::vector<std::string>& pi
   return format_lp(directions, pictures);
 }
 
-std::string export_dome(const Session& session) {
-  return format_dome(lights_from_object(session),
-                     {session.info().id, "exported by haarlight; lengths in mm", 0.0});
+std::string export_dome(const Session& session, ExportedPictures pictures) {
+  std::vector<SessionLight> lights = lights_from_object(session);
+  if (pictures == ExportedPictures::developed) {
+    for (SessionLight& light : lights) {
+      light.relative_power = 1.0;
+    }
+  }
+  return format_dome(lights, {session.info().id, "exported by haarlight; lengths in mm", 0.0});
+}
+
+std::string find_lp_problem(const std::vector<std::string>& pictures) {
+  constexpr std::size_t kRelightLimit = 1000;
+  for (const std::string& picture : pictures) {
+    if (picture.find_first_of(" \t") != std::string::npos) {
+      return fmt::format("\"{}\" has a blank in its name: most readers of .lp split there",
+                         picture);
+    }
+  }
+  if (pictures.size() > kRelightLimit) {
+    return fmt::format("{} lights: Relight reads at most {} from a .lp; give it --dome",
+                       pictures.size(), kRelightLimit);
+  }
+  return {};
 }
 
 }  // namespace haarlight

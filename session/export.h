@@ -16,15 +16,25 @@ namespace haarlight {
 /// (the world's origin without a rig), directions as they are.
 [[nodiscard]] std::vector<SessionLight> lights_from_object(const Session& session);
 
-/// The picture of each light: its frame's file, relative to `folder`.
-/// @throws Error  a light without a shot of its own (a multiplexed plan): pictures must be
-///                developed first (`haarlight export --png`)
+/// The raw picture of each light: its frame's file, relative to `folder`.
+/// @throws Error  a light without a shot of its own (a multiplexed plan), or with several
+///                (exposures, repeats): pictures must be developed first (`haarlight export
+///                --exr`)
 [[nodiscard]] std::vector<std::string> picture_of_each_light(
     const Session& session, const std::filesystem::path& folder);
 
 /// @param pictures  one name a light
 [[nodiscard]] std::string export_lp(const Session& session,
                                     const std::vector<std::string>& pictures);
-[[nodiscard]] std::string export_dome(const Session& session);
+/// Which pictures stand beside a list of lights.
+enum class ExportedPictures {
+  raw,        ///< the frames: each LED's own brightness is in them
+  developed,  ///< the LEDs' powers are divided out: ledAdjust is 1
+};
+[[nodiscard]] std::string export_dome(const Session& session, ExportedPictures pictures);
+
+/// What other readers of such a list will not take, in words; empty: nothing known. Relight's
+/// reader of .lp stops at 1000 lights, and everybody's splits lines at blanks.
+[[nodiscard]] std::string find_lp_problem(const std::vector<std::string>& pictures);
 
 }  // namespace haarlight

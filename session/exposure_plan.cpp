@@ -28,11 +28,6 @@ LitKey key_of(const Shot& shot) {
   return key;
 }
 
-std::int64_t time_of(const FrameRecord& frame) {
-  return frame.evidence.kind == EvidenceKind::asserted ? frame.shot
-                                                       : frame.evidence.t_exposure_start_ns;
-}
-
 double exposure_scale(const Shot& shot, const FrameRecord& frame) {
   double exposure_us = frame.evidence.exposure_read_us;
   if (exposure_us <= 0.0) {
@@ -42,50 +37,6 @@ double exposure_scale(const Shot& shot, const FrameRecord& frame) {
   const double seconds = exposure_us > 0.0 ? exposure_us / kUsPerSecond : 1.0;
   return seconds * std::pow(10.0, frame.evidence.gain_db / 20.0);
 }
-
-/// The sentinel's brightness over time, relative to its first frame, linear in between.
-class Drift {
- public:
-  Drift(const SessionInfo& info, const std::vector<const FrameRecord*>& sentinels,
-        double dark_dn) {
-    if (sentinels.empty()) {
-      return;
-    }
-    const auto brightness = [&](const FrameRecord& frame) {
-      const Shot& shot = info.shots[static_cast<std::size_t>(frame.shot)];
-      return (frame.evidence.mean_dn - dark_dn) / exposure_scale(shot, frame);
-    };
-    const LitKey pattern = key_of(info.shots[static_cast<std::size_t>(sentinels[0]->shot)]);
-    const double first = brightness(*sentinels[0]);
-    for (const FrameRecord* frame : sentinels) {
-      const double value = brightness(*frame);
-      const bool is_same = key_of(info.shots[static_cast<std::size_t>(frame->shot)]) == pattern;
-      if (is_same && first > 0.0 && value > 0.0) {
-        points_[time_of(*frame)] = value / first;
-      }
-    }
-  }
-
-  [[nodiscard]] double at(std::int64_t time) const {
-    if (points_.empty()) {
-      return 1.0;
-    }
-    const auto after = points_.lower_bound(time);
-    if (after == points_.begin()) {
-      return after->second;
-    }
-    const auto before = std::prev(after);
-    if (after == points_.end()) {
-      return before->second;
-    }
-    const double t = static_cast<double>(time - before->first) /
-                     static_cast<double>(after->first - before->first);
-    return before->second + t * (after->second - before->second);
-  }
-
- private:
-  std::map<std::int64_t, double> points_;
-};
 
 [[noreturn]] void refuse(const Session& session, const std::string& what,
                          const std::string& cure) {
@@ -149,7 +100,6 @@ ExposurePlan plan_exposures(const Session& session) {
     refuse(session, "a session without lights", "capture or import it again");
   }
   ExposurePlan plan;
-  std::vector<const FrameRecord*> sentinels;
   for (const FrameRecord& frame : info.frames) {
     const ShotKind kind = info.shots[static_cast<std::size_t>(frame.shot)].kind;
     if (kind == ShotKind::dark) {
@@ -157,17 +107,9 @@ ExposurePlan plan_exposures(const Session& session) {
     } else if (kind == ShotKind::flat) {
       plan.flat.push_back(&frame);
     } else if (kind == ShotKind::sentinel) {
-      sentinels.push_back(&frame);
+      plan.sentinels.push_back(&frame);
     }
   }
-  double dark_dn = info.form.black_level;
-  if (!plan.dark.empty()) {
-    dark_dn = 0.0;
-    for (const FrameRecord* frame : plan.dark) {
-      dark_dn += frame->evidence.mean_dn / static_cast<double>(plan.dark.size());
-    }
-  }
-  const Drift drift(info, sentinels, dark_dn);
   std::map<LitKey, PatternGroup> by_pattern;
   bool is_single = true;
   for (const FrameRecord& frame : info.frames) {
@@ -183,7 +125,7 @@ ExposurePlan plan_exposures(const Session& session) {
     is_single = is_single && key.size() == 1;
     PatternGroup& group = by_pattern[key];
     group.lit = shot.lit;
-    group.frames.push_back({&frame, exposure_scale(shot, frame) * drift.at(time_of(frame))});
+    group.frames.push_back({&frame, exposure_scale(shot, frame)});
   }
   // A target shot of one light is still a lighting, and one bin may hold one light.
   const PatternFamily family = info.patterns.family;

@@ -16,7 +16,7 @@ namespace haarlight {
 /// A frame's part in a measurement: linear signal / scale = radiance at unit drive and power.
 struct ScaledFrame {
   const FrameRecord* frame = nullptr;
-  double scale = 1.0;  ///< exposure in s * 10^(gain_db/20) * drift [* drive * power]
+  double scale = 1.0;  ///< exposure in s * 10^(gain_db/20) [* drive * power]
 };
 
 /// Exposures of one pattern.
@@ -34,6 +34,7 @@ struct ExposurePlan {
   std::shared_ptr<const PatternInverse> inverse;
   std::vector<const FrameRecord*> dark;
   std::vector<const FrameRecord*> flat;
+  std::vector<const FrameRecord*> sentinels;
 };
 
 /// @throws Error  a light that no committed shot lights, patterns that do not tell lights apart

@@ -3,6 +3,10 @@
 
 #include "session/develop.h"
 
+#include <algorithm>
+#include <string>
+#include <vector>
+
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
@@ -16,6 +20,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr double kMuchMoved = 1e-3;  // of the values: noise alone gives 1e-8
+
 struct DevelopArguments {
   std::string session;
   std::string demosaic = "bilinear";
@@ -23,16 +29,23 @@ struct DevelopArguments {
   std::string cache;
   std::string transfer;
   std::string plate;
+  std::vector<std::string> without;
+  std::string flat;
+  std::string flat_kind = "whole";
+  std::string bad_pixels = "inpaint";
+  double max_drift = 0.25;
+  double max_level_error = 0.1;
+  bool has_standard_error = false;
 };
 
-std::uint64_t write_pictures(const LightStack& stack, const fs::path& folder, bool force,
-                             ProgressStyle style) {
-  require_absent(folder, force);
+/// One EXR a light; with standard errors light_0000.error.exr beside it.
+std::uint64_t write_pictures(const LightStack& stack, const std::string& ending,
+                             const fs::path& folder, ProgressStyle style) {
   fs::create_directories(folder);
   Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights), style);
   std::uint64_t bytes = 0;
   for (int k = 0; k < stack.shape().n_lights; ++k) {
-    const fs::path file = folder / fmt::format("light_{:04}.exr", k);
+    const fs::path file = folder / fmt::format("light_{:04}{}.exr", k, ending);
     write_image(file, stack.light_image(k).view());
     bytes += fs::file_size(file);
     progress.advance();
@@ -56,12 +69,27 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   if (arguments.demosaic != "bilinear") {
     options.demosaic = arguments.demosaic == "none" ? Demosaic::none : Demosaic::edge_aware;
   }
+  RadiometryOptions& steps = options.radiometry;
+  const auto is_left_out = [&](const char* step) {
+    return std::find(arguments.without.begin(), arguments.without.end(), step) !=
+           arguments.without.end();
+  };
+  steps.has_dark = !is_left_out("dark");
+  steps.has_flat = !is_left_out("flat");
+  steps.has_drift = !is_left_out("drift");
+  steps.flat_session = arguments.flat;
+  steps.flat = arguments.flat_kind == "fine" ? FlatKind::fine : FlatKind::whole;
+  steps.bad_pixels = arguments.bad_pixels == "keep" ? BadPixels::keep : BadPixels::inpaint;
+  steps.max_drift = arguments.max_drift;
+  steps.max_level_error = arguments.max_level_error;
+  options.has_standard_error = arguments.has_standard_error;
   const Session session = Session::open(arguments.session);
   options.share_evenly = arguments.plate == "even";
   if (!options.share_evenly) {
     options.plate = sharing_plate(session, PlateChoice::parse(arguments.plate));
   }
-  const LightStack stack = develop(session, options);
+  const Developed developed = develop_all(session, options);
+  const LightStack& stack = developed.stack;
   const StackShape& shape = stack.shape();
   std::uint64_t bytes = sizeof(float) * static_cast<std::uint64_t>(shape.width) *
                         static_cast<std::uint64_t>(shape.height) *
@@ -70,11 +98,29 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   report.add_reached("lights", std::int64_t{shape.n_lights});
   report.add_reached("bands", std::int64_t{shape.n_bands()});
   if (!arguments.exr.empty()) {
-    bytes += write_pictures(stack, arguments.exr, common.force, options.progress);
+    require_absent(arguments.exr, common.force);
+    bytes += write_pictures(stack, "", arguments.exr, options.progress);
+    if (developed.standard_error) {
+      bytes +=
+          write_pictures(*developed.standard_error, ".error", arguments.exr, options.progress);
+    }
   }
+  report.add_reached("saturated_in_all", static_cast<std::int64_t>(developed.n_saturated));
+  report.add_reached("moved_share", developed.moved_share);
+  report.add_detail("steps", developed.record);
   report.set_bytes(bytes);
   fmt::print("{}: {} x {} x {} under {} lights, {} bands\n", arguments.session, shape.width,
              shape.height, shape.channels, shape.n_lights, shape.n_bands());
+  if (developed.n_saturated > 0) {
+    fmt::print("{} values are clipped in every exposure: lower bounds, not measurements\n",
+               developed.n_saturated);
+  }
+  if (developed.moved_share > kMuchMoved) {
+    fmt::print(
+        "{:.2g} of the compared values contradict each other between exposures: did "
+        "something move?\n",
+        developed.moved_share);
+  }
   return ExitCode::done;
 }
 
@@ -100,6 +146,26 @@ void add_develop(Command root, Invocation& invocation) {
       "Captures of several lights at once: the clean plate that shares their light out, "
       "a .hlb or a session of the empty rig; even: alike (default: computed from the rig)",
       {.type = "P.hlb|DIR|even"});
+  verb.option("--without", &arguments->without, "Leave a step out (may be repeated)",
+              {.type = "STEP", .choices = {"dark", "flat", "drift"}});
+  verb.option("--flat", &arguments->flat,
+              "Flat field from this session of an evenly lit target instead of its own",
+              {.type = "DIR"});
+  verb.option("--flat-kind", &arguments->flat_kind,
+              "whole: the target was lit evenly; fine: only what is not smooth is sensitivity",
+              {.choices = {"whole", "fine"}, .shows_default = true});
+  verb.option("--bad-pixels", &arguments->bad_pixels,
+              "Hot and dead pixels: the median of their neighbours, or as measured",
+              {.choices = {"inpaint", "keep"}, .shows_default = true});
+  verb.option("--max-drift", &arguments->max_drift,
+              "Refuse a session whose sentinel light drifts by more than this share",
+              {.shows_default = true});
+  verb.option("--max-level-error", &arguments->max_level_error,
+              "Refuse exposures whose levels contradict each other by more than this share",
+              {.shows_default = true});
+  verb.flag("--standard-error", &arguments->has_standard_error,
+            "Also make the values' standard errors (with --exr: light_0000.error.exr); -1: "
+            "clipped in every exposure");
   verb.footer(
       "Values are linear shares of the camera's range a second at full drive and unit power.\n"
       "The result is a cache that compress and relight use; --force makes it again.\n"

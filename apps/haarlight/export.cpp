@@ -12,6 +12,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "core/log.h"
 #include "relight/basis/compress_session.h"
 #include "session/develop.h"
 
@@ -27,6 +28,8 @@ struct ExportArguments {
   bool dome = false;
   std::string out;
   std::string png;
+  std::string exr;
+  [[nodiscard]] bool is_developed() const { return !png.empty() || !exr.empty(); }
 };
 
 /// The exposure that puts the 99.9th percentile of all lights' values at white.
@@ -42,28 +45,35 @@ double choose_exposure(const LightStack& stack) {
   return display_exposure(std::move(sample), 0.999);
 }
 
-/// Writes one PNG a light; their names relative to the list's folder.
-std::vector<std::string> write_pngs(const Session& session, const ExportArguments& arguments,
-                                    const CommonOptions& common) {
+/// Develops and writes one picture a light; their names relative to the list's folder. Dark,
+/// drift, flat field and exposures are in them.
+std::vector<std::string> write_pictures(const Session& session,
+                                        const ExportArguments& arguments,
+                                        const CommonOptions& common) {
   DevelopOptions options;
   options.memory_bytes = common.memory_bytes;
   options.progress = common.progress();
   options.plate = sharing_plate(session, {});
   const LightStack stack = develop(session, options);
-  const double exposure = choose_exposure(stack);
-  const fs::path folder = arguments.png;
+  const bool is_exr = !arguments.exr.empty();
+  const double exposure = is_exr ? 1.0 : choose_exposure(stack);
+  const fs::path folder = is_exr ? arguments.exr : arguments.png;
   require_absent(folder, common.force);
   fs::create_directories(folder);
   std::vector<std::string> names;
   for (int k = 0; k < stack.shape().n_lights; ++k) {
-    const fs::path file = folder / fmt::format("light_{:04}.png", k);
+    const fs::path file = folder / fmt::format("light_{:04}.{}", k, is_exr ? "exr" : "png");
     write_image(file, stack.light_image(k).view(), exposure);
     names.push_back(fs::absolute(file)
                         .lexically_normal()
                         .lexically_relative(fs::absolute(arguments.out).parent_path())
                         .generic_string());
   }
-  fmt::print("{}: {} pictures, exposure {:.6g}\n", folder.string(), names.size(), exposure);
+  if (is_exr) {
+    fmt::print("{}: {} linear pictures\n", folder.string(), names.size());
+  } else {
+    fmt::print("{}: {} pictures, exposure {:.6g}\n", folder.string(), names.size(), exposure);
+  }
   return names;
 }
 
@@ -77,17 +87,21 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
   require_absent(arguments.out, common.force);
   const Session session = Session::open(arguments.session);
   std::string text;
+  std::vector<std::string> pictures;
+  if (arguments.is_developed()) {
+    pictures = write_pictures(session, arguments, common);
+  }
   if (arguments.lp) {
-    const std::vector<std::string> pictures =
-        arguments.png.empty()
-            ? picture_of_each_light(session, fs::path(arguments.out).parent_path())
-            : write_pngs(session, arguments, common);
-    text = export_lp(session, pictures);
-  } else {
-    if (!arguments.png.empty()) {
-      (void)write_pngs(session, arguments, common);
+    if (pictures.empty()) {
+      pictures = picture_of_each_light(session, fs::path(arguments.out).parent_path());
     }
-    text = export_dome(session);
+    text = export_lp(session, pictures);
+    if (const std::string problem = find_lp_problem(pictures); !problem.empty()) {
+      log_warning(problem);
+    }
+  } else {
+    text = export_dome(session, arguments.is_developed() ? ExportedPictures::developed
+                                                         : ExportedPictures::raw);
   }
   write_file_atomically(arguments.out, text);
   report.set_bytes(text.size());
@@ -109,11 +123,15 @@ void add_export(Command root, Invocation& invocation) {
   verb.option("--png", &arguments->png,
               "Also develop one sRGB PNG a light here, and name these in the .lp",
               {.type = "DIR"});
+  verb.option("--exr", &arguments->exr,
+              "Also develop one linear EXR a light here (all exposures merged), and name these "
+              "in the .lp",
+              {.type = "DIR", .excludes = "--png"});
   verb.footer(
       "Directions are seen from the rig's object_centre.\n"
       "Examples:\n"
       "  haarlight export cube.session --lp -o cube.lp --png cube.png/\n"
-      "  haarlight export cube.session --dome -o cube.dome");
+      "  haarlight export cube.session --dome -o cube.dome --exr cube.exr/");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_export(*arguments, common, report);
   });

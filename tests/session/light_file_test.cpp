@@ -180,5 +180,38 @@ TEST(Export, NamesEachLightsPictureFromTheListsFolder) {
   EXPECT_TRUE(list.lights[1].place.isApprox(session.info().lights[1].place.normalized()));
 }
 
+TEST(Export, RefusesOneOfSeveralRawFramesOfALight) {
+  test::TemporaryFolder folder;
+  SessionInfo info = test::small_info(2);
+  info.shots.push_back(Shot{2, ShotKind::light, {{1, 65535}}, 16000.0});
+  test::make_session(folder.path() / "s", info,
+                     [](int shot) { return test::small_pixels(shot); });
+  const Session session = Session::open(folder.path() / "s");
+  const std::string told =
+      refusal([&] { (void)picture_of_each_light(session, folder.path()); });
+  EXPECT_THAT(told, HasSubstr("light 1 (top/0/1) has several frames"));
+}
+
+TEST(Export, DevelopedPicturesNeedNoLedAdjust) {
+  test::TemporaryFolder folder;
+  SessionInfo info = test::small_info(2);
+  info.lights[1].relative_power = 0.5;
+  test::make_session(folder.path() / "s", info,
+                     [](int shot) { return test::small_pixels(shot); });
+  const Session session = Session::open(folder.path() / "s");
+  const auto power = [&](ExportedPictures pictures) {
+    return parse_dome(export_dome(session, pictures), "x.dome").lights[1].relative_power;
+  };
+  EXPECT_DOUBLE_EQ(power(ExportedPictures::raw), 0.5);
+  EXPECT_DOUBLE_EQ(power(ExportedPictures::developed), 1.0);
+}
+
+TEST(Export, SaysWhatOtherReadersOfLpDoNotTake) {
+  EXPECT_EQ(find_lp_problem({"a.png", "b.png"}), "");
+  EXPECT_THAT(find_lp_problem({"a.png", "my b.png"}), HasSubstr("a blank in its name"));
+  EXPECT_THAT(find_lp_problem(std::vector<std::string>(1024, "a.png")),
+              HasSubstr("Relight reads at most 1000"));
+}
+
 }  // namespace
 }  // namespace haarlight

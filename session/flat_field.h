@@ -1,0 +1,39 @@
+#pragma once
+
+#include <string_view>
+#include <vector>
+
+#include "session/bad_pixels.h"
+#include "session/dark_model.h"
+
+/// @file
+/// The pixels' relative sensitivity, from frames of an evenly lit target.
+
+namespace haarlight {
+
+/// What of the flat frames is sensitivity.
+enum class FlatKind {
+  whole,  ///< all of it: the target was lit evenly (integrating sphere, opal glass, sky)
+  /// What a polynomial of degree 4 in x and y does not explain: pixels, dust, fixed pattern.
+  /// For a white sheet lit by the rig itself; the lens's vignetting stays in the pictures.
+  fine,
+};
+[[nodiscard]] std::string_view to_string(FlatKind kind) noexcept;
+
+struct FlatField {
+  Image<float> relative;  ///< mean 1 of the good pixels of each colour; empty: none
+  int n_frames = 0;
+  double least = 1.0;
+  double greatest = 1.0;
+  double relative_variance = 0.0;  ///< of a typical pixel, by the flat frames' own noise
+};
+
+/// Mean of the frames, dark subtracted; marks pixels below 2 % of the mean as dead.
+/// @throws Error  more than 0.1 % of the samples are clipped, no light in the frames
+[[nodiscard]] FlatField measure_flat(const Session& session,
+                                     const std::vector<const FrameRecord*>& frames,
+                                     const DarkModel& dark, const Lineariser& linear,
+                                     const SensorResponse& response, FlatKind kind,
+                                     BadPixelMap& bad);
+
+}  // namespace haarlight

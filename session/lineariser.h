@@ -1,0 +1,41 @@
+#pragma once
+
+#include <vector>
+
+#include "session/sensor_response.h"
+
+/// @file
+/// The first step of develop: stored samples to linear steps above black.
+
+namespace haarlight {
+
+/// Linear steps above black, (DN - black), or the sRGB curve undone over the same range. Pure
+/// after construction.
+class Lineariser {
+ public:
+  Lineariser(const FrameForm& form, Transfer transfer, const SensorResponse& response);
+
+  [[nodiscard]] float operator()(float dn) const {
+    if (!table_.empty()) {
+      return table_[static_cast<std::size_t>(dn)];
+    }
+    return is_srgb_ ? decode(dn) : dn - black_;
+  }
+  /// At or above the level from which samples say only "at least".
+  [[nodiscard]] bool is_clipped(float dn) const { return dn >= clip_; }
+  /// The clip level, linear.
+  [[nodiscard]] double clip() const { return (*this)(clip_); }
+  /// White minus black: what a value of 1 share of the range is.
+  [[nodiscard]] double range() const { return range_; }
+
+ private:
+  [[nodiscard]] float decode(float dn) const;
+
+  float black_;
+  float clip_;
+  float range_;
+  bool is_srgb_;
+  std::vector<float> table_;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,354 @@
+#include "session/radiometry.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "session/merge_exposures.h"
+
+namespace haarlight {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kStrip = 64;  // rows of a TIFF's strip, read at once
+// Two exposures are compared where the shorter has this signal to noise ratio, and the longer
+// is below this share of the clip level: noise selects nothing there.
+constexpr double kComparedSnr = 10.0;
+constexpr double kComparedShare = 0.7;
+constexpr double kMovedSigmas = 6.0;
+
+double rounded(double value) {
+  constexpr double kDigits = 1e6;
+  return std::isfinite(value) && std::abs(value) < 1e9 ? std::round(value * kDigits) / kDigits
+                                                       : value;
+}
+
+std::vector<const FrameRecord*> frames_of(const Session& session, ShotKind kind) {
+  std::vector<const FrameRecord*> frames;
+  for (const FrameRecord& frame : session.info().frames) {
+    if (session.info().shots[static_cast<std::size_t>(frame.shot)].kind == kind) {
+      frames.push_back(&frame);
+    }
+  }
+  return frames;
+}
+
+[[noreturn]] void refuse_sample(const Session& session, const FrameRecord& frame,
+                                std::size_t sample, int y0) {
+  const FrameForm& form = session.info().form;
+  const std::size_t pixel = sample / static_cast<std::size_t>(form.channels);
+  const auto width = static_cast<std::size_t>(form.width);
+  throw Error(fmt::format("pixel (x {}, y {}) is not a finite number", pixel % width,
+                          pixel / width + static_cast<std::size_t>(y0)),
+              (session.folder() / frame.file).string(),
+              "repair or replace this picture and import again");
+}
+
+}  // namespace
+
+std::string RadiometryOptions::key() const {
+  return fmt::format("{} {} {} {} {} {} {} {}", has_dark, has_flat, has_drift, to_string(flat),
+                     flat_session.string(), bad_pixels == BadPixels::keep, max_drift,
+                     max_level_error);
+}
+
+void MergeTally::add(const MergeTally& other) {
+  n_pixels += other.n_pixels;
+  n_saturated += other.n_saturated;
+  n_compared += other.n_compared;
+  n_moved += other.n_moved;
+  for (const auto& [scales, pair] : other.levels) {
+    LevelPair& sum = levels[scales];
+    sum.sum_longer += pair.sum_longer;
+    sum.sum_predicted += pair.sum_predicted;
+  }
+}
+
+/// What is the same for all samples of one frame. In steps (DN) where the noise is unknown:
+/// electrons_per_step is then 1.
+struct Radiometry::Factors {
+  double electrons_per_step = 1.0;
+  double per_unit = 1.0;  ///< electrons of radiance 1
+  double floor = 0.0;     ///< variance without light, electrons^2, the dark model's included
+  double dark_level = 0.0;
+  double drift_sigma = 0.0;
+  double scale = 1.0;  ///< exposure and gain: names the exposure in the tally
+};
+
+Radiometry::Radiometry(const Session& session, const ExposurePlan& plan, Transfer transfer,
+                       const RadiometryOptions& options)
+    : session_(&session),
+      options_(options),
+      response_(sensor_response(session)),
+      linear_(session.info().form, transfer, response_) {
+  if (options_.has_dark && !plan.dark.empty()) {
+    dark_ = DarkModel(session, plan.dark, linear_, response_);
+    mark_hot(dark_.brightest(), linear_.range(), bad_);
+  }
+  measure_flat_field(plan, transfer);
+  if (bad_.n_hot + bad_.n_dead == 0) {
+    bad_.is_bad.clear();
+  } else {
+    require_few_bad(session, bad_);
+  }
+  if (options_.has_drift && !plan.sentinels.empty()) {
+    const auto lit_of = [&](const FrameRecord* frame) {
+      return session.info().shots[static_cast<std::size_t>(frame->shot)].lit;
+    };
+    std::vector<const FrameRecord*> same;
+    for (const FrameRecord* frame : plan.sentinels) {
+      if (lit_of(frame) == lit_of(plan.sentinels.front())) {
+        same.push_back(frame);
+      }
+    }
+    n_ignored_sentinels_ = static_cast<int>(plan.sentinels.size() - same.size());
+    drift_ = DriftModel(session, same, dark_, linear_, response_);
+    const double drift = std::max(drift_.greatest() - 1.0, 1.0 - drift_.least());
+    if (drift > options_.max_drift) {
+      throw Error(fmt::format("the sentinel light drifts by {:.1f} % (from {:.4f} to {:.4f} of "
+                              "its median brightness), allowed are {:.1f} %",
+                              100.0 * drift, drift_.least(), drift_.greatest(),
+                              100.0 * options_.max_drift),
+                  session.folder().string(),
+                  "let the rig warm up and capture again, or allow it with --max-drift");
+    }
+  }
+}
+
+void Radiometry::measure_flat_field(const ExposurePlan& plan, Transfer transfer) {
+  if (!options_.has_flat) {
+    return;
+  }
+  if (options_.flat_session.empty()) {
+    if (!plan.flat.empty()) {
+      flat_ =
+          measure_flat(*session_, plan.flat, dark_, linear_, response_, options_.flat, bad_);
+    }
+    return;
+  }
+  const Session other = Session::open(options_.flat_session);
+  const FrameForm& form = session_->info().form;
+  const FrameForm& theirs = other.info().form;
+  if (theirs.width != form.width || theirs.height != form.height ||
+      theirs.channels != form.channels || theirs.bayer != form.bayer) {
+    throw Error(
+        fmt::format("flat frames of {} x {} x {} for a session of {} x {} x {}", theirs.width,
+                    theirs.height, theirs.channels, form.width, form.height, form.channels),
+        options_.flat_session.string(),
+        "take the flat frames with this camera and this region of its sensor");
+  }
+  std::vector<const FrameRecord*> frames = frames_of(other, ShotKind::flat);
+  if (frames.empty()) {
+    frames = frames_of(other, ShotKind::light);
+  }
+  if (frames.empty()) {
+    throw Error("a flat field session without flat or light frames",
+                options_.flat_session.string(), "capture a plan with flats = 16");
+  }
+  const SensorResponse response = sensor_response(other);
+  const Transfer their_transfer = theirs.transfer == form.transfer ? transfer : theirs.transfer;
+  const Lineariser linear(theirs, their_transfer, response);
+  const std::vector<const FrameRecord*> darks = frames_of(other, ShotKind::dark);
+  const DarkModel dark =
+      darks.empty() ? DarkModel() : DarkModel(other, darks, linear, response);
+  flat_ = measure_flat(other, frames, dark, linear, response, options_.flat, bad_);
+}
+
+Radiometry::Factors Radiometry::factors_of(const ScaledFrame& frame) const {
+  const double gain_db = frame.frame->evidence.gain_db;
+  const DriftGain drift = drift_.at(time_of(*frame.frame));
+  Factors factors;
+  factors.scale = frame.scale;
+  factors.drift_sigma = drift.gain > 0.0 ? drift.sigma / drift.gain : 0.0;
+  if (response_.is_measured) {
+    factors.electrons_per_step = response_.electrons_per_dn_at(gain_db);
+    factors.floor = response_.floor_variance(gain_db);
+  }
+  factors.per_unit = linear_.range() * factors.electrons_per_step * frame.scale * drift.gain;
+  if (!dark_.is_empty()) {
+    factors.dark_level = dark_.level_of(*session_, *frame.frame);
+    const double k = factors.electrons_per_step;
+    factors.floor += response_.is_measured ? k * k * dark_.variance(factors.dark_level) +
+                                                 k * std::max(factors.dark_level, 0.0)
+                                           : 0.0;
+  }
+  return factors;
+}
+
+void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
+                               RadianceRows& out) const {
+  const FrameForm& form = session_->info().form;
+  const auto row_samples =
+      static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.channels);
+  const std::size_t n = static_cast<std::size_t>(y1 - y0) * row_samples;
+  const std::size_t in_picture = static_cast<std::size_t>(y0) * row_samples;
+  const std::size_t in_rows = static_cast<std::size_t>(y0 - rows.y0) * row_samples;
+  const std::size_t n_frames = group.frames.size();
+  std::vector<Factors> factors;
+  std::vector<Image<float>> words;
+  std::vector<LevelPair> levels(n_frames);
+  for (const ScaledFrame& frame : group.frames) {
+    factors.push_back(factors_of(frame));
+    words.push_back(session_->read_rows(*frame.frame, y0, y1));
+  }
+  std::vector<ExposureSample> samples(n_frames);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t at = in_picture + i;
+    const double flat = flat_.relative.is_empty() ? 1.0 : flat_.relative.pixels()[at];
+    for (std::size_t k = 0; k < n_frames; ++k) {
+      const Factors& f = factors[k];
+      const float dn = words[k].pixels()[i];
+      if (!std::isfinite(dn)) {
+        refuse_sample(*session_, *group.frames[k].frame, i, y0);
+      }
+      const double dark = dark_.is_empty() ? 0.0 : dark_.at(at, f.dark_level);
+      const bool is_clipped = linear_.is_clipped(dn);
+      const double clip = (linear_.clip() - dark) * f.electrons_per_step;
+      const double electrons = (linear_(dn) - dark) * f.electrons_per_step;
+      samples[k] = {is_clipped ? std::max(electrons, clip) : electrons, f.per_unit * flat,
+                    f.floor, clip};
+    }
+    MergedRadiance merged;
+    if (n_frames == 1) {
+      const ExposureSample& s = samples[0];
+      merged.radiance = s.electrons / s.per_unit;
+      merged.variance = (std::max(s.electrons, 0.0) + s.floor) / (s.per_unit * s.per_unit);
+      merged.is_saturated = s.is_clipped();
+    } else {
+      merged = response_.is_measured ? merge_exposures(samples) : merge_by_photons(samples);
+    }
+    out.value.pixels()[in_rows + i] = static_cast<float>(merged.radiance);
+    const double common =
+        factors[0].drift_sigma * factors[0].drift_sigma + flat_.relative_variance;
+    out.variance.pixels()[in_rows + i] =
+        merged.is_saturated
+            ? -1.0F
+            : static_cast<float>(merged.variance + merged.radiance * merged.radiance * common);
+    const int y = y0 + static_cast<int>(i / row_samples);
+    if (y < rows.count_from || y >= rows.count_to) {
+      continue;
+    }
+    MergeTally& tally = out.tally;
+    ++tally.n_pixels;
+    if (n_frames < 2 || merged.n_used < 2) {
+      continue;
+    }
+    ++tally.n_compared;
+    tally.n_moved += merged.chi_square > kMovedSigmas * kMovedSigmas + merged.n_used ? 1U : 0U;
+    for (std::size_t k = 1; k < n_frames; ++k) {
+      const ExposureSample& shorter = samples[k - 1];
+      const ExposureSample& longer = samples[k];
+      const double noise = std::sqrt(std::max(shorter.electrons, 0.0) + shorter.floor);
+      if (shorter.electrons > kComparedSnr * noise &&
+          longer.electrons < kComparedShare * longer.clip) {
+        levels[k].sum_longer += longer.electrons;
+        levels[k].sum_predicted += shorter.electrons * longer.per_unit / shorter.per_unit;
+      }
+    }
+  }
+  for (std::size_t k = 1; k < n_frames; ++k) {
+    if (levels[k].sum_predicted > 0.0) {
+      LevelPair& pair = out.tally.levels[{factors[k - 1].scale, factors[k].scale}];
+      pair.sum_longer += levels[k].sum_longer;
+      pair.sum_predicted += levels[k].sum_predicted;
+    }
+  }
+}
+
+RadianceRows Radiometry::measure(const PatternGroup& group, const Rows& rows) const {
+  const FrameForm& form = session_->info().form;
+  RadianceRows out;
+  out.value = Image<float>(rows.y1 - rows.y0, form.width, form.channels);
+  out.variance = Image<float>(rows.y1 - rows.y0, form.width, form.channels);
+  PatternGroup sorted = group;
+  std::stable_sort(
+      sorted.frames.begin(), sorted.frames.end(),
+      [](const ScaledFrame& a, const ScaledFrame& b) { return a.scale < b.scale; });
+  for (int y = rows.y0; y < rows.y1;) {
+    const int end = std::min(rows.y1, (y / kStrip + 1) * kStrip);
+    measure_strip(sorted, rows, y, end, out);
+    y = end;
+  }
+  if (!bad_.is_empty() && options_.bad_pixels == BadPixels::inpaint) {
+    inpaint(form, bad_, rows.y0, out.value, out.variance);
+  }
+  for (int y = std::max(rows.y0, rows.count_from); y < std::min(rows.y1, rows.count_to); ++y) {
+    for (const float variance : out.variance.view().row(y - rows.y0)) {
+      out.tally.n_saturated += variance < 0.0F ? 1U : 0U;
+    }
+  }
+  return out;
+}
+
+void Radiometry::require_levels(const MergeTally& tally) const {
+  for (const auto& [scales, pair] : tally.levels) {
+    if (std::abs(pair.ratio() - 1.0) > options_.max_level_error) {
+      throw Error(
+          fmt::format("an exposure {:.4g} times longer is only {:.4f} times as bright as the "
+                      "shorter one predicts (allowed: {:.0f} % off)",
+                      scales.second / scales.first, pair.ratio(),
+                      100.0 * options_.max_level_error),
+          session_->folder().string(),
+          "correct the black level, check that the camera takes its exposures on, or allow it "
+          "with --max-level-error");
+    }
+  }
+}
+
+std::string Radiometry::record(const MergeTally& tally) const {
+  Json json;
+  json["noise"] = {{"source", response_.is_measured ? "rig" : "unknown"},
+                   {"electrons_per_dn", response_.electrons_per_dn},
+                   {"read_e", response_.read_e},
+                   {"black_dn", response_.black_dn},
+                   {"white_dn", response_.white_dn},
+                   {"clip_dn", response_.clip_dn}};
+  json["dark"] = {{"frames", dark_.n_frames()}};
+  if (!dark_.is_empty()) {
+    json["dark"]["exposures"] = dark_.n_exposures();
+    json["dark"]["least_level_dn"] = rounded(dark_.least_level());
+    json["dark"]["greatest_level_dn"] = rounded(dark_.greatest_level());
+    json["dark"]["slope_by_pixel"] = dark_.has_slope();
+  }
+  json["bad_pixels"] = {
+      {"hot", bad_.n_hot},
+      {"dead", bad_.n_dead},
+      {"made", options_.bad_pixels == BadPixels::inpaint ? "median of neighbours" : "kept"}};
+  json["flat"] = {{"frames", flat_.n_frames}};
+  if (flat_.n_frames > 0) {
+    json["flat"]["kind"] = to_string(options_.flat);
+    json["flat"]["from"] = options_.flat_session.string();
+    json["flat"]["least"] = rounded(flat_.least);
+    json["flat"]["greatest"] = rounded(flat_.greatest);
+  }
+  json["drift"] = {{"sentinels", drift_.n_sentinels()}, {"ignored", n_ignored_sentinels_}};
+  if (!drift_.is_empty()) {
+    json["drift"]["least"] = rounded(drift_.least());
+    json["drift"]["greatest"] = rounded(drift_.greatest());
+    json["drift"]["largest_step"] = rounded(drift_.largest_step());
+    json["drift"]["sigma"] = rounded(drift_.largest_sigma());
+  }
+  const auto share = [](std::uint64_t part, std::uint64_t whole) {
+    return whole > 0 ? rounded(static_cast<double>(part) / static_cast<double>(whole)) : 0.0;
+  };
+  Json levels = Json::array();
+  for (const auto& [scales, pair] : tally.levels) {
+    levels.push_back(
+        {{"ratio", rounded(scales.second / scales.first)}, {"level", rounded(pair.ratio())}});
+  }
+  json["merge"] = {{"weights", response_.is_measured ? "measured noise" : "photon noise"},
+                   {"samples", tally.n_pixels},
+                   {"saturated_in_all", tally.n_saturated},
+                   {"compared", tally.n_compared},
+                   {"moved_share", share(tally.n_moved, tally.n_compared)},
+                   {"levels", std::move(levels)}};
+  return json.dump();
+}
+
+}  // namespace haarlight

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "session/drift_model.h"
+#include "session/exposure_plan.h"
+#include "session/flat_field.h"
+
+/// @file
+/// From a session's raw frames to linear radiance, pattern by pattern: the steps of develop
+/// before demultiplexing and demosaicing. Each step can be left out by name, and what each did
+/// is told as JSON.
+
+namespace haarlight {
+
+/// The steps that can be left out, and how the others work.
+struct RadiometryOptions {
+  bool has_dark = true;   ///< subtract the dark frames' picture
+  bool has_flat = true;   ///< divide by the flat field
+  bool has_drift = true;  ///< divide by the sentinel's brightness
+  FlatKind flat = FlatKind::whole;
+  /// A session of flat frames (or of an evenly lit target under every light) instead of this
+  /// session's own; empty: its own.
+  std::filesystem::path flat_session{};
+  BadPixels bad_pixels = BadPixels::inpaint;
+  double max_drift = 0.25;  ///< refused beyond
+  /// Relative distance of two exposures' levels, beyond which the merge is refused.
+  double max_level_error = 0.1;
+  [[nodiscard]] std::string key() const;
+};
+
+/// The level of a longer exposure against what the one before it predicts.
+struct LevelPair {
+  double sum_longer = 0.0;
+  double sum_predicted = 0.0;
+  [[nodiscard]] double ratio() const { return sum_longer / sum_predicted; }
+};
+
+/// Counted while pictures are measured; summed over bands and patterns.
+struct MergeTally {
+  std::uint64_t n_pixels = 0;     ///< samples of all patterns
+  std::uint64_t n_saturated = 0;  ///< clipped in every exposure
+  std::uint64_t n_compared = 0;   ///< samples with two or more unclipped exposures
+  std::uint64_t n_moved = 0;      ///< of these: exposures that contradict each other (6 sigma)
+  std::map<std::pair<double, double>, LevelPair> levels;  ///< by the exposures' scales
+  void add(const MergeTally& other);
+};
+
+/// Rows of one pattern.
+struct RadianceRows {
+  Image<float> value;     ///< radiance at unit exposure, gain (and drive, power where single)
+  Image<float> variance;  ///< of it; -1 where clipped in every exposure: a lower bound
+  MergeTally tally;
+};
+
+/// All corrections of one session, measured once. Safe to share between threads (const calls).
+class Radiometry {
+ public:
+  /// @throws Error  as its parts do; drift beyond max_drift
+  Radiometry(const Session& session, const ExposurePlan& plan, Transfer transfer,
+             const RadiometryOptions& options);
+
+  /// Rows [y0, y1) of the active area under one pattern. Only rows [count_from, count_to) of
+  /// the picture are counted in the tally.
+  struct Rows {
+    int y0 = 0;
+    int y1 = 0;
+    int count_from = 0;
+    int count_to = 0;
+  };
+  /// @throws Error  a sample that is not a finite number, a frame that cannot be read
+  [[nodiscard]] RadianceRows measure(const PatternGroup& group, const Rows& rows) const;
+
+  /// @throws Error  an exposure whose level contradicts the others by more than max_level_error
+  void require_levels(const MergeTally& tally) const;
+
+  /// Pixels around a band that inpainting looks at, 0 when nothing is bad.
+  [[nodiscard]] bool has_bad_pixels() const { return !bad_.is_empty(); }
+  [[nodiscard]] const SensorResponse& response() const { return response_; }
+  /// What each step did, as a JSON object.
+  [[nodiscard]] std::string record(const MergeTally& tally) const;
+
+ private:
+  struct Factors;
+  void measure_flat_field(const ExposurePlan& plan, Transfer transfer);
+  [[nodiscard]] Factors factors_of(const ScaledFrame& frame) const;
+  void measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
+                     RadianceRows& out) const;
+
+  const Session* session_;
+  RadiometryOptions options_;
+  SensorResponse response_;
+  Lineariser linear_;
+  DarkModel dark_;
+  FlatField flat_;
+  DriftModel drift_;
+  BadPixelMap bad_;
+  int n_ignored_sentinels_ = 0;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,39 @@
+#pragma once
+
+#include "session/session.h"
+
+/// @file
+/// How a session's samples stand for electrons, from the noise that the rig file holds
+/// (measured by `haarlight rig commission`, or the maker's). Pure.
+
+namespace haarlight {
+
+/// Electrons of a sample: (DN - black) * electrons_per_dn_at(gain). Variance of a sample of n
+/// electrons, in electrons^2: n + read^2 + rounding^2 / 12.
+struct SensorResponse {
+  double electrons_per_dn = 1.0;  ///< at gain_db
+  double gain_db = 0.0;           ///< at which it was measured
+  double read_e = 0.0;            ///< rms
+  double black_dn = 0.0;
+  double white_dn = 65535.0;
+  /// From here on a sample is clipped: the white level, or 0.97 of the full well where that
+  /// comes first (a full well is known to within 3 %).
+  double clip_dn = 65535.0;
+  /// The rig file gives the noise. Else samples are weighted as if only photons made noise, and
+  /// no standard error can be given.
+  bool is_measured = false;
+
+  /// Amplification divides the electrons that make one step.
+  [[nodiscard]] double electrons_per_dn_at(double frame_gain_db) const;
+  /// Variance without light, electrons^2: read noise and rounding.
+  [[nodiscard]] double floor_variance(double frame_gain_db) const;
+  [[nodiscard]] double range_dn() const { return white_dn - black_dn; }
+};
+
+/// The response of a session's frames.
+/// @throws Error  a gain of zero, a white level at or below black, a black level above the
+///                picture (every light frame's mean lies below it), a noise model for samples
+///                that are not linear
+[[nodiscard]] SensorResponse sensor_response(const Session& session);
+
+}  // namespace haarlight
