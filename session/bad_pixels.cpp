@@ -45,7 +45,7 @@ void mark_hot(const Image<float>& dark, double range, BadPixelMap& map) {
 }
 
 void require_few_bad(const Session& session, const BadPixelMap& map) {
-  const auto n_bad = static_cast<std::size_t>(map.n_hot + map.n_dead);
+  const auto n_bad = static_cast<std::size_t>(map.n_hot) + static_cast<std::size_t>(map.n_dead);
   if (n_bad * kMostBad > map.is_bad.size()) {
     throw Error(
         fmt::format("{} of {} pixels are hot in the dark frames or dead in the flat field",
