@@ -370,6 +370,10 @@ Rig parse_parts(const RigText& parts, const std::string& name,
   ConfigTable root = ConfigTable::parse_text(parts.written, name);
   Rig rig = read_tables(root);
   rig.file = name;
+  rig.controller.rig_file = name;
+  for (const Face& face : rig.faces) {
+    rig.controller.max_watts += face.max_power.value();
+  }
   rig.text = parts.written + parts.measured;
   rig.hash = content_hash(rig.text);
   if (!parts.measured.empty()) {

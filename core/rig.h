@@ -124,11 +124,14 @@ struct ControllerSpec {
   std::string
       address;  ///< "127.0.0.1:1502", "/dev/serial/by-id/...:115200" or a USB serial number
   int unit = 1;
-  std::string profile = "haarlight";
+  std::string profile = "haarlight";  ///< or another vendor's registers: docs/controllers.md
   std::chrono::milliseconds lease{2000};
   double rise_us = 0.0;   ///< light rise after the latch
   double fall_us = 0.0;   ///< light fall after the latch
   double latch_us = 0.0;  ///< acknowledged latch to the change of light
+  // Not written in [controller]:
+  double max_watts = 0.0;          ///< of all faces together; 0 = not known
+  std::filesystem::path rig_file;  ///< beside which a profile is looked for
 };
 
 enum class SyncMode { free_run, light_leads, camera_leads, controller_leads };

@@ -13,7 +13,8 @@
 
 /// @file
 /// The light controller as a device. One thread owns one LightArray. Implementations:
-/// modbus_light_array (TCP and RTU); a USB one has its place beside it.
+/// RegisterLightArray (our own registers over Modbus or USB) and ProfileLightArray (another
+/// vendor's registers).
 
 namespace haarlight {
 
@@ -25,6 +26,8 @@ struct ControllerIdentity {
   std::uint32_t uptime_ms = 0;
   int n_elements = 0;
   int table_depth = 0;
+  /// What this controller does not promise, in plain sentences; empty for our own register map.
+  std::vector<std::string> missing;
 };
 
 struct ControllerStatus {
@@ -53,11 +56,19 @@ struct StrobeRun {
   int divider = 1;  ///< steps at every n-th edge
 };
 
+/// How a receipt knows what is lit.
+enum class LightProof {
+  tag,        ///< the controller gave back the tag and the sum of what it shows
+  read_back,  ///< it has no tags: every channel was read back and holds what was written
+};
+
 /// The proof of what is lit.
 struct LatchReceipt {
   std::int64_t t_command_ns = 0;  ///< CLOCK_MONOTONIC just before the latch was sent
   std::int64_t t_ack_ns = 0;      ///< just after its acknowledgement came
-  std::uint32_t tag_echo = 0;     ///< read back after the latch
+  std::uint32_t tag_echo = 0;     ///< read back after the latch; for LightProof::read_back the
+                                  ///< host's own, given to what was read
+  LightProof proof = LightProof::tag;
 };
 
 /// Faults: timeout, device_gone, protocol (state UNKNOWN: call all_off or show again),

@@ -10,13 +10,16 @@
 #include <fmt/format.h>
 #include <modbus.h>
 #include <poll.h>
+#include <sys/file.h>
 #include <sys/ioctl.h>
 #include <sys/select.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include "core/files.h"
+#include "core/log.h"
 #include "firmware_iface/register_light_array.h"
+#include "firmware_iface/serial_ports.h"
 
 namespace haarlight {
 
@@ -99,7 +102,10 @@ class ModbusBus : public RegisterBus {
  public:
   ModbusBus(int unit, ModbusTiming timing) : unit_(unit), timing_(timing) {}
 
-  void close() noexcept override { handle_.reset(); }
+  void close() noexcept override {
+    handle_.reset();
+    leave_line();
+  }
 
   [[nodiscard]] Result<void> open() override {
     close();
@@ -122,8 +128,13 @@ class ModbusBus : public RegisterBus {
     const std::int64_t turnaround_us = timing_.turnaround.count() * 1000;
     modbus_set_byte_timeout(m, static_cast<std::uint32_t>(turnaround_us / 1'000'000),
                             static_cast<std::uint32_t>(turnaround_us % 1'000'000));
+    if (auto own = take_line(); !own) {
+      return own;
+    }
     if (modbus_connect(m) != 0) {
-      return open_fault(errno);
+      auto fault = open_fault(errno);
+      leave_line();
+      return fault;
     }
     handle_ = std::move(handle);
     trouble_ns_ = 0;
@@ -176,11 +187,36 @@ class ModbusBus : public RegisterBus {
         });
   }
 
+  [[nodiscard]] Result<Exception> read_coils(std::uint16_t first,
+                                             std::span<std::uint8_t> bits) override {
+    HAARLIGHT_EXPECTS(!bits.empty() && bits.size() <= registers::kMaxCoilsRead,
+                      "one request's worth of bits");
+    return request("reading coils", bits.size(), kReadRequestBytes,
+                   kReadReplyOverhead + (bits.size() + 7) / 8, [&](modbus_t* m) {
+                     return modbus_read_bits(m, first, static_cast<int>(bits.size()),
+                                             bits.data());
+                   });
+  }
+
+  [[nodiscard]] Result<Exception> write_coil(std::uint16_t address, bool is_on) override {
+    return request("writing one coil", 1, kWriteReplyBytes, kWriteReplyBytes,
+                   [&](modbus_t* m) { return modbus_write_bit(m, address, is_on ? 1 : 0); });
+  }
+
+  [[nodiscard]] Result<Exception> write_register(std::uint16_t address,
+                                                 std::uint16_t value) override {
+    return request("writing one register", 1, kWriteReplyBytes, kWriteReplyBytes,
+                   [&](modbus_t* m) { return modbus_write_register(m, address, value); });
+  }
+
  protected:
   /// A new context, or null with errno.
   [[nodiscard]] virtual modbus_t* make_context() const = 0;
   /// Time that bytes take on the wire.
   [[nodiscard]] virtual std::int64_t wire_ns(std::size_t n_bytes) const = 0;
+  /// Makes the line ours alone, before libmodbus opens it. Faults device_busy, device_gone.
+  [[nodiscard]] virtual Result<void> take_line() { return {}; }
+  virtual void leave_line() noexcept {}
   virtual void opened(int fd) = 0;
 
   [[nodiscard]] modbus_t* handle() const { return handle_.get(); }
@@ -188,6 +224,12 @@ class ModbusBus : public RegisterBus {
   /// When a fault was last noticed; 0 = the line is trusted.
   [[nodiscard]] std::int64_t trouble_ns() const { return trouble_ns_; }
   void trust_line() { trouble_ns_ = 0; }
+
+  [[nodiscard]] tl::unexpected<Fault> open_fault(int error) const {
+    const Errc code =
+        code_of(error) == Errc::device_busy ? Errc::device_busy : Errc::device_gone;
+    return fail(code, fmt::format("{}: opening: {}", name(), modbus_strerror(error)), error);
+  }
 
   [[nodiscard]] tl::unexpected<Fault> fault(const char* operation, int error) {
     trouble_ns_ = monotonic_now_ns();
@@ -200,12 +242,6 @@ class ModbusBus : public RegisterBus {
     const std::int64_t us = std::max<std::int64_t>(timeout_ns / 1000, 1);
     modbus_set_response_timeout(m, static_cast<std::uint32_t>(us / 1'000'000),
                                 static_cast<std::uint32_t>(us % 1'000'000));
-  }
-
-  [[nodiscard]] tl::unexpected<Fault> open_fault(int error) const {
-    const Errc code =
-        code_of(error) == Errc::device_busy ? Errc::device_busy : Errc::device_gone;
-    return fail(code, fmt::format("{}: opening: {}", name(), modbus_strerror(error)), error);
   }
 
   /// 0 when the line is silent, an errno when it is not: bytes that nobody asked for are a late
@@ -340,13 +376,39 @@ class ModbusRtuBus final : public ModbusBus {
   [[nodiscard]] std::int64_t wire_ns(std::size_t n_bytes) const override {
     return static_cast<std::int64_t>(n_bytes) * kBitsPerByte * 1'000'000'000 / address_.baud;
   }
+  /// A second program on the line would mix its requests with ours. TIOCEXCL, set below, keeps
+  /// others from opening it, but not root; the lock keeps out whoever asks for it, root's other
+  /// daemon included.
+  [[nodiscard]] Result<void> take_line() override {
+    lock_.reset(::open(address_.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+    if (!lock_.is_open()) {
+      return open_fault(errno);
+    }
+    if (::flock(lock_.get(), LOCK_EX | LOCK_NB) != 0) {
+      const int error = errno;
+      lock_.reset();
+      return fail(Errc::device_busy,
+                  fmt::format("{}: another program has this serial line", name()), error);
+    }
+    return {};
+  }
+  void leave_line() noexcept override { lock_.reset(); }
+
   void opened(int fd) override {
-    ::ioctl(fd, TIOCEXCL);  // a second program on the line would mix its requests with ours
+    ::ioctl(fd, TIOCEXCL);
     ::fcntl(fd, F_SETFD, FD_CLOEXEC);
+    if (!has_advised_) {
+      has_advised_ = true;
+      for (const std::string& advice : serial_advice(address_.device)) {
+        log_warning(advice);
+      }
+    }
   }
 
  private:
   SerialAddress address_;
+  Fd lock_;  ///< the line a second time: holds the lock while the bus is open
+  bool has_advised_ = false;
 };
 
 bool parse_number(const std::string& text, int& value) {

@@ -10,7 +10,7 @@
 
 /// @file
 /// How register requests reach a controller: what differs between Modbus TCP, Modbus RTU, a
-/// controller in the same process and, one day, USB. RegisterLightArray does everything else.
+/// controller in the same process and USB. RegisterLightArray does everything else.
 
 namespace haarlight {
 
@@ -53,6 +53,16 @@ class RegisterBus {
   /// @param bits  1 .. kMaxCoilsWritten, each 0 or 1
   [[nodiscard]] virtual Result<registers::Exception> write_coils(
       std::uint16_t first, std::span<const std::uint8_t> bits) = 0;
+
+  // What only other vendors' registers need (functions 1, 5 and 6). Fault unsupported: this bus
+  // does not carry them.
+  /// @param bits  1 .. kMaxCoilsRead, filled with 0 or 1
+  [[nodiscard]] virtual Result<registers::Exception> read_coils(std::uint16_t first,
+                                                                std::span<std::uint8_t> bits);
+  [[nodiscard]] virtual Result<registers::Exception> write_coil(std::uint16_t address,
+                                                                bool is_on);
+  [[nodiscard]] virtual Result<registers::Exception> write_register(std::uint16_t address,
+                                                                    std::uint16_t value);
 };
 
 }  // namespace haarlight

@@ -196,22 +196,43 @@ Result<void> RegisterLightArray::resynchronise() {
                         0, __FILE__, __LINE__});
     }
   }
-  std::vector<std::uint16_t> words = {static_cast<std::uint16_t>(options_.lease.count())};
+  const std::vector<std::uint16_t> words = {static_cast<std::uint16_t>(options_.lease.count())};
   if (auto ok = demand(bus_->write_holding(hold::kLeaseMs, words), "setting the lease"); !ok) {
     return ok;
   }
-  if (options_.power_limit) {
-    const auto limit =
-        static_cast<std::uint32_t>(std::llround(options_.power_limit->value() * 10.0));
-    words = {high_word(limit), low_word(limit)};
-    if (auto ok =
-            demand(bus_->write_holding(hold::kPowerLimit, words), "setting the power limit");
-        !ok) {
-      return ok;
-    }
+  if (auto limited = set_power_limit(); !limited) {
+    return limited;
   }
   n_open_failures_ = 0;
   on_link(LinkEvent::resynchronised);
+  return {};
+}
+
+Result<void> RegisterLightArray::set_power_limit() {
+  if (!options_.power_limit) {
+    return {};
+  }
+  // Rounded down, and no more than the controller allows at all.
+  const double asked_dw = std::floor(options_.power_limit->value() * 10.0 + 1e-6);
+  const auto limit = static_cast<std::uint32_t>(
+      std::clamp(asked_dw, 0.0, static_cast<double>(hard_limit_dw_)));
+  const std::array<std::uint16_t, 2> words = {high_word(limit), low_word(limit)};
+  if (auto ok =
+          demand(bus_->write_holding(hold::kPowerLimit, words), "setting the power limit");
+      !ok) {
+    return ok;
+  }
+  std::array<std::uint16_t, 2> got{};
+  if (auto ok = demand(bus_->read_holding(hold::kPowerLimit, got), "reading the power limit");
+      !ok) {
+    return ok;
+  }
+  if (got != words) {
+    return lose(Fault{Errc::protocol,
+                      fmt::format("{}: the power limit was set to {} W and reads {} W", name(),
+                                  limit / 10.0, join_words(got[0], got[1]) / 10.0),
+                      0, __FILE__, __LINE__});
+  }
   return {};
 }
 
@@ -224,6 +245,8 @@ Result<ControllerIdentity> RegisterLightArray::read_identity() {
   if (!identity) {
     return lose(identity.error());
   }
+  hard_limit_dw_ = join_words(words[in::kHardPowerLimit - in::kMagic],
+                              words[in::kHardPowerLimit + 1 - in::kMagic]);
   if (identity->n_elements < options_.n_elements) {
     return lose(Fault{Errc::unsupported,
                       fmt::format("{}: the controller has {} elements, the rig {}", name(),

@@ -22,7 +22,9 @@ namespace haarlight {
 struct RegisterLightArrayOptions {
   int n_elements = 0;  ///< of the rig
   std::chrono::milliseconds lease{2000};
-  std::optional<Watts> power_limit = std::nullopt;  ///< none: the controller's own
+  /// Written to the controller at every connection and read back, if it is below the
+  /// controller's hard limit; none: the controller's own.
+  std::optional<Watts> power_limit = std::nullopt;
 };
 
 /// Monotonic nanoseconds; a virtual one in simulations.
@@ -74,6 +76,7 @@ class RegisterLightArray final : public LightArray {
   [[nodiscard]] Result<void> open_bus();
   [[nodiscard]] Result<void> resynchronise();
   [[nodiscard]] Result<void> prove_line();
+  [[nodiscard]] Result<void> set_power_limit();
   [[nodiscard]] Result<ControllerIdentity> read_identity();
   [[nodiscard]] Result<StatusBlock> read_status();
   /// A request that the controller must accept, or a fault.
@@ -99,6 +102,7 @@ class RegisterLightArray final : public LightArray {
   std::int64_t reopen_at_ns_ = 0;
   std::uint32_t echo_ = 0;
   std::optional<ControllerIdentity> identity_;
+  std::uint32_t hard_limit_dw_ = 0;  ///< 0.1 W
 
   // What the shadow bank holds, as far as it was confirmed.
   bool is_bank_certain_ = false;

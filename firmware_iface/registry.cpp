@@ -1,6 +1,7 @@
 #include "core/rig.h"
 #include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"
+#include "firmware_iface/profile_light_array.h"
 #include "firmware_iface/register_light_array.h"
 #include "firmware_iface/usb_bus.h"
 
@@ -33,14 +34,36 @@ Result<std::unique_ptr<RegisterBus>> make_bus(const ControllerSpec& spec) {
   return fail(Errc::unsupported, "unknown controller kind");
 }
 
+Result<std::unique_ptr<LightArray>> make_profile_array(const ControllerSpec& spec,
+                                                       std::unique_ptr<RegisterBus> bus,
+                                                       int n_elements) {
+  const std::filesystem::path file = find_controller_profile(spec.profile, spec.rig_file);
+  if (file.empty()) {
+    return fail(Errc::unsupported,
+                "controller profile '" + spec.profile +
+                    "': neither \"haarlight\" nor a file beside the rig file or in profiles/");
+  }
+  if (spec.kind == ControllerKind::usb) {
+    return fail(Errc::unsupported, "controller profile '" + spec.profile +
+                                       "': profiles are for Modbus, not for kind = \"usb\"");
+  }
+  try {
+    ControllerProfile profile = read_controller_profile(file);
+    if (n_elements > profile.channels) {
+      return fail(Errc::unsupported, "a rig of " + std::to_string(n_elements) + " lights: a " +
+                                         profile.name + " has " +
+                                         std::to_string(profile.channels) + " channels");
+    }
+    return std::make_unique<ProfileLightArray>(std::move(bus), std::move(profile), n_elements);
+  } catch (const Error& error) {
+    return fail(Errc::unsupported, error.what());
+  }
+}
+
 }  // namespace
 
 Result<std::unique_ptr<LightArray>> make_light_array(const ControllerSpec& spec,
                                                      int n_elements) {
-  if (spec.profile != "haarlight") {
-    return fail(Errc::unsupported, "controller profile '" + spec.profile +
-                                       "': only \"haarlight\" is known (docs/register-map.md)");
-  }
   if (n_elements < 1 || n_elements > registers::kMaxElements) {
     return fail(Errc::unsupported, "a rig of " + std::to_string(n_elements) +
                                        " lights: a controller has 1 to " +
@@ -57,8 +80,14 @@ Result<std::unique_ptr<LightArray>> make_light_array(const ControllerSpec& spec,
   if (!bus) {
     return tl::unexpected<Fault>(bus.error());
   }
+  if (spec.profile != "haarlight") {
+    return make_profile_array(spec, std::move(*bus), n_elements);
+  }
   const RegisterLightArrayOptions options{
-      .n_elements = n_elements, .lease = spec.lease, .power_limit = std::nullopt};
+      .n_elements = n_elements,
+      .lease = spec.lease,
+      .power_limit =
+          spec.max_watts > 0.0 ? std::optional(Watts(spec.max_watts)) : std::nullopt};
   return std::make_unique<RegisterLightArray>(std::move(*bus), options);
 }
 

@@ -233,7 +233,7 @@ TEST_P(UsbTransferFaults, AtEveryTransferAreReportedAndHealed) {
 // The recovery itself is hit: clearing, resynchronising, identity, reading back.
 TEST_P(UsbTransferFaults, DuringTheRecoveryAreHealedToo) {
   const UsbStatus kind = GetParam();
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < 8; ++i) {
     SCOPED_TRACE(i);
     Bench bench;
     auto array = make_array(64, {.turnaround = 120ms, .open = 1500ms});

@@ -1,0 +1,429 @@
+#include "firmware_iface/profile_light_array.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include <fmt/format.h>
+
+namespace haarlight {
+
+namespace {
+
+using registers::Exception;
+
+constexpr std::uint32_t kFullLevel = 65535;
+
+tl::unexpected<Fault> table_fault(const std::string& name) {
+  return fail(Errc::unsupported, name + ": a controller behind a profile has no pattern table");
+}
+
+}  // namespace
+
+ProfileLightArray::ProfileLightArray(std::unique_ptr<RegisterBus> bus,
+                                     ControllerProfile profile, int n_elements,
+                                     NanosecondClock clock)
+    : bus_(std::move(bus)),
+      profile_(std::move(profile)),
+      clock_(std::move(clock)),
+      n_elements_(static_cast<std::size_t>(n_elements)) {
+  HAARLIGHT_EXPECTS(bus_ != nullptr, "a light array needs a bus");
+  HAARLIGHT_EXPECTS(n_elements > 0 && n_elements <= profile_.channels,
+                    "as many channels as elements");
+}
+
+ProfileLightArray::~ProfileLightArray() { disconnect(); }
+
+std::string ProfileLightArray::name() const {
+  return fmt::format("{} ({})", bus_->name(), profile_.name);
+}
+
+// ---- link: the same states as RegisterLightArray's ----
+
+void ProfileLightArray::on_link(LinkEvent event) {
+  const LinkState old = state_;
+  state_ = next_link_state(state_, event, bus_->recovery());
+  if (state_ != LinkState::up) {
+    is_certain_ = false;
+  }
+  if (state_ == LinkState::lost && old != LinkState::lost) {
+    bus_->close();
+    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
+  }
+}
+
+tl::unexpected<Fault> ProfileLightArray::lose(Fault fault) {
+  on_link(link_event(fault));
+  return tl::unexpected<Fault>(std::move(fault));
+}
+
+Result<void> ProfileLightArray::make_ready(Hurry hurry) {
+  switch (state_) {
+    case LinkState::up:
+      return {};
+    case LinkState::closed:
+      if (hurry == Hurry::patient) {
+        return fail(Errc::device_gone, name() + ": not connected");
+      }
+      break;
+    case LinkState::lost:
+      if (const std::int64_t left_ns = reopen_at_ns_ - clock_();
+          hurry == Hurry::patient && left_ns > 0) {
+        return fail(Errc::device_gone, fmt::format("{}: link lost, opened again in {} ms",
+                                                   name(), left_ns / 1'000'000 + 1));
+      }
+      break;
+    case LinkState::unknown: {
+      if (auto settled = bus_->settle(); !settled) {
+        return lose(settled.error());
+      }
+      return resynchronise();
+    }
+  }
+  bus_->close();
+  if (auto opened = bus_->open(); !opened) {
+    ++n_open_failures_;
+    state_ = LinkState::lost;
+    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
+    return opened;
+  }
+  on_link(LinkEvent::opened);
+  return resynchronise();
+}
+
+Result<void> ProfileLightArray::resynchronise() {
+  for (const ProfileExpectation& e : profile_.identity) {
+    const auto got = read(e.read, e.address, 1);
+    if (!got) {
+      return tl::unexpected<Fault>(got.error());
+    }
+    if (got->front() != e.value) {
+      return lose(Fault{Errc::unsupported,
+                        fmt::format("{}: address {} holds {}, a {} holds {}: another device?",
+                                    name(), e.address, got->front(), profile_.name, e.value),
+                        0, __FILE__, __LINE__});
+    }
+  }
+  // Dark first, then its settings: they may change what a value means.
+  const Values dark(n_elements_, 0);
+  is_certain_ = false;
+  if (auto off = set(dark, 0); !off) {
+    return tl::unexpected<Fault>(off.error());
+  }
+  for (const ProfileValue& value : profile_.at_connect) {
+    if (auto ok = write(value, "setting it up"); !ok) {
+      return ok;
+    }
+    const bool is_bit =
+        value.write == WriteFunction::coil || value.write == WriteFunction::coils;
+    const auto got =
+        read(is_bit ? CheckFunction::coils : CheckFunction::holding, value.address, 1);
+    if (!got) {
+      return tl::unexpected<Fault>(got.error());
+    }
+    if (got->front() != value.value) {
+      return lose(Fault{Errc::protocol,
+                        fmt::format("{}: address {} was set to {} and reads {}", name(),
+                                    value.address, value.value, got->front()),
+                        0, __FILE__, __LINE__});
+    }
+  }
+  n_open_failures_ = 0;
+  ++n_resynchronised_;
+  on_link(LinkEvent::resynchronised);
+  held_ = dark;
+  is_certain_ = true;
+  return {};
+}
+
+Result<void> ProfileLightArray::demand(Result<Exception> answer, const char* operation) {
+  if (!answer) {
+    answer.error().what = fmt::format("{}: {}", operation, answer.error().what);
+    return lose(answer.error());
+  }
+  switch (*answer) {
+    case Exception::none:
+      return {};
+    case Exception::busy:
+      on_link(LinkEvent::doubt);
+      return fail(Errc::device_busy, fmt::format("{}: {}: busy", name(), operation));
+    case Exception::device_failure:
+      on_link(LinkEvent::doubt);
+      return fail(Errc::refused, fmt::format("{}: {} refused", name(), operation));
+    case Exception::illegal_function:
+    case Exception::illegal_address:
+    case Exception::illegal_value:
+    case Exception::bank_sum:
+    case Exception::gateway_target:
+      break;
+  }
+  on_link(LinkEvent::doubt);
+  return fail(Errc::protocol,
+              fmt::format("{}: {}: Modbus exception {}: does the profile fit the device?",
+                          name(), operation, static_cast<int>(*answer)));
+}
+
+// ---- registers ----
+
+Result<void> ProfileLightArray::write(const ProfileValue& value, const char* operation) {
+  const std::array<std::uint16_t, 1> word = {value.value};
+  const std::array<std::uint8_t, 1> bit = {static_cast<std::uint8_t>(value.value != 0)};
+  switch (value.write) {
+    case WriteFunction::coil:
+      return demand(bus_->write_coil(value.address, value.value != 0), operation);
+    case WriteFunction::word:
+      return demand(bus_->write_register(value.address, value.value), operation);
+    case WriteFunction::coils:
+      return demand(bus_->write_coils(value.address, bit), operation);
+    case WriteFunction::words:
+      return demand(bus_->write_holding(value.address, word), operation);
+  }
+  return {};
+}
+
+Result<ProfileLightArray::Values> ProfileLightArray::read(CheckFunction function,
+                                                          std::uint16_t first, std::size_t n) {
+  Values values(n);
+  const std::size_t longest = function == CheckFunction::coils
+                                  ? std::size_t{registers::kMaxCoilsRead}
+                                  : std::size_t{registers::kMaxRegistersRead};
+  std::vector<std::uint8_t> bits;
+  for (std::size_t k = 0; k < n; k += longest) {
+    const std::size_t count = std::min(longest, n - k);
+    const auto address = static_cast<std::uint16_t>(first + k);
+    const std::span<std::uint16_t> part(values.data() + k, count);
+    Result<Exception> answer = Exception::none;
+    switch (function) {
+      case CheckFunction::coils:
+        bits.assign(count, 0);
+        answer = bus_->read_coils(address, bits);
+        std::copy(bits.begin(), bits.end(), part.begin());
+        break;
+      case CheckFunction::holding:
+        answer = bus_->read_holding(address, part);
+        break;
+      case CheckFunction::input:
+        answer = bus_->read_input(address, part);
+        break;
+    }
+    if (auto ok = demand(std::move(answer), "reading back"); !ok) {
+      return tl::unexpected<Fault>(ok.error());
+    }
+  }
+  return values;
+}
+
+Result<void> ProfileLightArray::write_channels(const Values& wanted) {
+  const ProfileChannels& c = profile_.channel;
+  const auto longest = static_cast<std::size_t>(c.per_request);
+  std::vector<std::uint8_t> bits;
+  for (std::size_t k = 0; k < wanted.size();) {
+    if (is_certain_ && held_[k] == wanted[k]) {
+      ++k;
+      continue;
+    }
+    std::size_t end = k + 1;
+    while (end < wanted.size() && end - k < longest &&
+           (!is_certain_ || held_[end] != wanted[end])) {
+      ++end;
+    }
+    const auto address = static_cast<std::uint16_t>(c.first + k);
+    Result<void> done;
+    if (c.write == WriteFunction::coils) {
+      bits.clear();
+      for (std::size_t i = k; i < end; ++i) {
+        bits.push_back(wanted[i] != 0 ? 1 : 0);
+      }
+      done = demand(bus_->write_coils(address, bits), "writing channels");
+    } else if (c.write == WriteFunction::words) {
+      done = demand(bus_->write_holding(address, {wanted.data() + k, end - k}),
+                    "writing channels");
+    } else {
+      done = write({.address = address, .value = wanted[k], .write = c.write},
+                   "writing a channel");
+    }
+    if (!done) {
+      return done;
+    }
+    k = end;
+  }
+  return {};
+}
+
+Result<void> ProfileLightArray::confirm(const Values& wanted) {
+  const auto got = read(profile_.channel.read, profile_.channel.first, wanted.size());
+  if (!got) {
+    return tl::unexpected<Fault>(got.error());
+  }
+  for (std::size_t k = 0; k < wanted.size(); ++k) {
+    if ((*got)[k] != wanted[k]) {
+      on_link(LinkEvent::doubt);
+      return fail(Errc::protocol, fmt::format("{}: channel {} reads {}, expected {}", name(), k,
+                                              (*got)[k], wanted[k]));
+    }
+  }
+  return {};
+}
+
+Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t tag) {
+  LatchReceipt receipt;
+  const auto run = [this](const std::vector<ProfileValue>& values,
+                          const char* operation) -> Result<void> {
+    for (const ProfileValue& value : values) {
+      if (auto ok = write(value, operation); !ok) {
+        return ok;
+      }
+    }
+    return {};
+  };
+  if (auto ok = run(profile_.before, "before a pattern"); !ok) {
+    return tl::unexpected<Fault>(ok.error());
+  }
+  // Without a latch the light changes while the channels are written.
+  receipt.t_command_ns = clock_();
+  auto written = write_channels(wanted);
+  if (written && !profile_.latch.empty()) {
+    receipt.t_command_ns = clock_();
+    written = run(profile_.latch, "latching");
+  }
+  receipt.t_ack_ns = clock_();
+  if (!written) {
+    is_certain_ = false;
+    return tl::unexpected<Fault>(written.error());
+  }
+  is_certain_ = false;
+  if (auto same = confirm(wanted); !same) {
+    return tl::unexpected<Fault>(same.error());
+  }
+  for (const ProfileValue& value : profile_.latch) {
+    if (!value.is_kept) {
+      continue;
+    }
+    const bool is_bit =
+        value.write == WriteFunction::coil || value.write == WriteFunction::coils;
+    const auto got =
+        read(is_bit ? CheckFunction::coils : CheckFunction::holding, value.address, 1);
+    if (!got) {
+      return tl::unexpected<Fault>(got.error());
+    }
+    if (got->front() != value.value) {
+      on_link(LinkEvent::doubt);
+      return fail(Errc::protocol, fmt::format("{}: the latch reads {}, expected {}", name(),
+                                              got->front(), value.value));
+    }
+  }
+  held_ = wanted;
+  is_certain_ = true;
+  tag_ = tag;
+  receipt.tag_echo = tag;
+  receipt.proof = LightProof::read_back;
+  return receipt;
+}
+
+// ---- LightArray ----
+
+Result<ControllerIdentity> ProfileLightArray::connect() {
+  bus_->close();
+  on_link(LinkEvent::close);
+  n_open_failures_ = 0;
+  if (auto ready = make_ready(Hurry::at_once); !ready) {
+    return tl::unexpected<Fault>(ready.error());
+  }
+  connected_ns_ = clock_();
+  ControllerIdentity identity;
+  identity.model = profile_.name;
+  identity.n_elements = profile_.channels;
+  identity.missing = missing_promises(profile_);
+  return identity;
+}
+
+void ProfileLightArray::disconnect() noexcept {
+  try {
+    if (state_ == LinkState::up || state_ == LinkState::unknown) {
+      // There is no lease behind this one: try twice.
+      if (!all_off()) {
+        [[maybe_unused]] const auto dark = all_off();
+      }
+    }
+  } catch (...) {
+    state_ = LinkState::lost;
+  }
+  bus_->close();
+  state_ = LinkState::closed;
+}
+
+Result<LatchReceipt> ProfileLightArray::show(std::span<const ElementLevel> pattern,
+                                             std::uint32_t tag) {
+  if (tag == 0) {
+    return fail(Errc::refused, name() + ": tag 0 stands for dark; a pattern needs another one");
+  }
+  Values wanted(n_elements_, 0);
+  std::vector<bool> is_seen(n_elements_);
+  for (const ElementLevel& e : pattern) {
+    if (e.element < 0 || static_cast<std::size_t>(e.element) >= n_elements_ ||
+        is_seen[static_cast<std::size_t>(e.element)]) {
+      return fail(Errc::refused,
+                  fmt::format("{}: element {} twice, or not of this rig", name(), e.element));
+    }
+    const auto k = static_cast<std::size_t>(e.element);
+    is_seen[k] = true;
+    if (!profile_.has_levels() && e.level != 0 && e.level != kFullLevel) {
+      return fail(
+          Errc::refused,
+          fmt::format("{}: element {} at level {}: this controller knows on and off only",
+                      name(), e.element, e.level));
+    }
+    wanted[k] = static_cast<std::uint16_t>(
+        (std::uint32_t{e.level} * profile_.channel.full + kFullLevel / 2) / kFullLevel);
+    if (e.level != 0 && wanted[k] == 0) {
+      return fail(Errc::refused,
+                  fmt::format("{}: element {} at level {} is below the first of its {} steps",
+                              name(), e.element, e.level, profile_.channel.full));
+    }
+  }
+  if (auto ready = make_ready(Hurry::patient); !ready) {
+    return tl::unexpected<Fault>(ready.error());
+  }
+  return set(wanted, tag);
+}
+
+Result<LatchReceipt> ProfileLightArray::all_off() {
+  if (auto ready = make_ready(Hurry::at_once); !ready) {
+    return tl::unexpected<Fault>(ready.error());
+  }
+  is_certain_ = false;  // every channel is written, whatever we believe
+  return set(Values(n_elements_, 0), 0);
+}
+
+Result<void> ProfileLightArray::renew_lease() {
+  if (auto ready = make_ready(Hurry::patient); !ready) {
+    return ready;
+  }
+  return confirm(held_);
+}
+
+Result<ControllerStatus> ProfileLightArray::status() {
+  if (auto ready = make_ready(Hurry::patient); !ready) {
+    return tl::unexpected<Fault>(ready.error());
+  }
+  if (auto same = confirm(held_); !same) {
+    return tl::unexpected<Fault>(same.error());
+  }
+  ControllerStatus status;
+  // Its own start number is not known; each time its state had to be set anew counts as one.
+  status.boot_id = n_resynchronised_;
+  status.uptime_ms = static_cast<std::uint32_t>((clock_() - connected_ns_) / 1'000'000);
+  status.tag = tag_;
+  status.is_dark = std::all_of(held_.begin(), held_.end(), [](auto v) { return v == 0; });
+  return status;
+}
+
+Result<void> ProfileLightArray::upload_table(
+    std::span<const std::vector<ElementLevel>> /*patterns*/,
+    std::span<const std::uint32_t> /*tags*/) {
+  return table_fault(name());
+}
+
+Result<LatchReceipt> ProfileLightArray::step_table() { return table_fault(name()); }
+
+}  // namespace haarlight

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "firmware_iface/controller_profile.h"
+#include "firmware_iface/light_array.h"
+#include "firmware_iface/link_state.h"
+#include "firmware_iface/register_bus.h"
+#include "firmware_iface/register_light_array.h"
+
+/// @file
+/// A light array behind another vendor's registers. What such a controller lacks is said, not
+/// imitated: missing_promises().
+
+namespace haarlight {
+
+/// See LightArray. `show` writes the channels that differ, latches where there is a latch, and
+/// reads every channel of the rig back; the tag it then reports is the host's own, given to
+/// what was read. `renew_lease` and `status` read back too: a lamp that someone else switched,
+/// or a controller that restarted dark, is a fault and not a wrong frame. After any fault all
+/// is turned off and read back before the next light.
+///
+/// Cost of a one-light step: two writes and one read-back for each 125 registers or 2000 coils.
+class ProfileLightArray final : public LightArray {
+ public:
+  ProfileLightArray(std::unique_ptr<RegisterBus> bus, ControllerProfile profile, int n_elements,
+                    NanosecondClock clock = monotonic_now_ns);
+  ~ProfileLightArray() override;
+  ProfileLightArray(const ProfileLightArray&) = delete;
+  ProfileLightArray& operator=(const ProfileLightArray&) = delete;
+
+  [[nodiscard]] Result<ControllerIdentity> connect() override;
+  void disconnect() noexcept override;
+  [[nodiscard]] Result<LatchReceipt> show(std::span<const ElementLevel> pattern,
+                                          std::uint32_t tag) override;
+  [[nodiscard]] Result<LatchReceipt> all_off() override;
+  [[nodiscard]] Result<void> renew_lease() override;
+  [[nodiscard]] Result<ControllerStatus> status() override;
+  /// Fault unsupported.
+  [[nodiscard]] Result<void> upload_table(std::span<const std::vector<ElementLevel>> patterns,
+                                          std::span<const std::uint32_t> tags) override;
+  [[nodiscard]] Result<LatchReceipt> step_table() override;
+
+ private:
+  enum class Hurry { patient, at_once };
+  using Values = std::vector<std::uint16_t>;
+
+  void on_link(LinkEvent event);
+  tl::unexpected<Fault> lose(Fault fault);
+  [[nodiscard]] Result<void> make_ready(Hurry hurry);
+  /// Checks who it is, sets it up, turns all off.
+  [[nodiscard]] Result<void> resynchronise();
+  [[nodiscard]] Result<void> demand(Result<registers::Exception> answer, const char* operation);
+  [[nodiscard]] Result<void> write(const ProfileValue& value, const char* operation);
+  [[nodiscard]] Result<Values> read(CheckFunction function, std::uint16_t first, std::size_t n);
+  [[nodiscard]] Result<void> write_channels(const Values& wanted);
+  /// Compares what the channels hold with `wanted`.
+  [[nodiscard]] Result<void> confirm(const Values& wanted);
+  [[nodiscard]] Result<LatchReceipt> set(const Values& wanted, std::uint32_t tag);
+  [[nodiscard]] std::string name() const;
+
+  std::unique_ptr<RegisterBus> bus_;
+  ControllerProfile profile_;
+  NanosecondClock clock_;
+  LinkState state_ = LinkState::closed;
+  int n_open_failures_ = 0;
+  std::int64_t reopen_at_ns_ = 0;
+  std::size_t n_elements_;
+  Values held_;  ///< what was last confirmed; meaningful while is_certain_
+  bool is_certain_ = false;
+  std::uint32_t tag_ = 0;  ///< the host's name for held_
+  std::uint32_t n_resynchronised_ = 0;
+  std::int64_t connected_ns_ = 0;
+};
+
+}  // namespace haarlight
