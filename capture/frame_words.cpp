@@ -51,6 +51,10 @@ std::string light_words(const FrameEvidence& e) {
         "frame and at {} after it.",
         e.step_before, e.step_after);
   }
+  if (e.is_read_back) {
+    return "The controller has no tags: every channel was read back before the exposure and "
+           "again after it, and held what was written.";
+  }
   return fmt::format(
       "The controller confirmed this pattern (tag {}) before the exposure and again after it.",
       e.tag);

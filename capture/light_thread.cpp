@@ -121,6 +121,9 @@ void LightThread::connect(const action::ConnectLight& job) {
     config_.send(event::LightFault{job.job, status.error().code, status.error().what});
     return;
   }
+  for (const std::string& promise : identity->missing) {
+    log_warning(identity->model + " has " + promise);
+  }
   is_connected_ = true;
   is_dark_ = true;
   renewed_ns_ = steady_now_ns();

@@ -217,6 +217,7 @@ bool Stepper::accept(const event::FrameArrived& e) {
   }
   FrameEvidence evidence = describe_frame(e, s_.current, window);
   evidence.tag_echo = s_.receipt.tag_echo;
+  evidence.is_read_back = s_.receipt.proof == LightProof::read_back;
   evidence.t_command_ns = s_.receipt.t_command_ns;
   evidence.t_ack_ns = s_.receipt.t_ack_ns;
   evidence.t_stable_ns = s_.t_stable_ns;

@@ -14,10 +14,11 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::array<std::string_view, 32> kFields = {"kind",
+constexpr std::array<std::string_view, 33> kFields = {"kind",
                                                       "pattern_id",
                                                       "tag",
                                                       "tag_echo",
+                                                      "light_proof",
                                                       "t_command_ns",
                                                       "t_ack_ns",
                                                       "t_stable_ns",
@@ -46,6 +47,8 @@ constexpr std::array<std::string_view, 32> kFields = {"kind",
                                                       "pixel_hash",
                                                       "verdict",
                                                       "temperature_c"};
+
+constexpr std::array<std::string_view, 2> kProofWords = {"tag", "read_back"};
 
 constexpr std::int64_t kMin64 = std::numeric_limits<std::int64_t>::min();
 constexpr std::int64_t kMax64 = std::numeric_limits<std::int64_t>::max();
@@ -88,6 +91,7 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["pattern_id"] = e.pattern_id;
   json["tag"] = e.tag;
   json["tag_echo"] = e.tag_echo;
+  json["light_proof"] = kProofWords[e.is_read_back ? 1 : 0];
   json["t_command_ns"] = e.t_command_ns;
   json["t_ack_ns"] = e.t_ack_ns;
   json["t_stable_ns"] = e.t_stable_ns;
@@ -132,6 +136,9 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   e.pattern_id = value["pattern_id"].integer(kMin64, kMax64);
   e.tag = static_cast<std::uint32_t>(value["tag"].integer(0, kMaxU32));
   e.tag_echo = static_cast<std::uint32_t>(value["tag_echo"].integer(0, kMaxU32));
+  if (value.has("light_proof")) {  // older sessions have only known tags
+    e.is_read_back = value["light_proof"].choice({kProofWords.begin(), kProofWords.end()}) == 1;
+  }
   e.t_command_ns = value["t_command_ns"].integer(kMin64, kMax64);
   e.t_ack_ns = value["t_ack_ns"].integer(kMin64, kMax64);
   e.t_stable_ns = value["t_stable_ns"].integer(kMin64, kMax64);

@@ -20,9 +20,12 @@ enum class EvidenceKind { measured, asserted, replayed };
 
 struct FrameEvidence {
   EvidenceKind kind = EvidenceKind::measured;
-  std::int64_t pattern_id = -1;          ///< the shot's pattern in the plan
-  std::uint32_t tag = 0;                 ///< tag written with the pattern
-  std::uint32_t tag_echo = 0;            ///< tag the controller gave back after the latch
+  std::int64_t pattern_id = -1;  ///< the shot's pattern in the plan
+  std::uint32_t tag = 0;         ///< tag written with the pattern
+  std::uint32_t tag_echo = 0;    ///< tag the controller gave back after the latch
+  /// The controller has no tags (a profile's): every channel was read back and held what was
+  /// written, and tag_echo is the host's own.
+  bool is_read_back = false;
   std::int64_t t_command_ns = 0;         ///< the latch was sent
   std::int64_t t_ack_ns = 0;             ///< its acknowledgement came
   std::int64_t t_stable_ns = 0;          ///< t_ack + settle + guard
