@@ -736,7 +736,7 @@ void Daemon::put_lights_out() const {
   }
   const auto connected = (*lights)->connect();
   const auto off = connected ? (*lights)->all_off() : tl::unexpected<Fault>(connected.error());
-  if (!off) {
+  if (!off && !all_off_beside(impl_->config().rig.controller)) {
     log_error("lights out: " + off.error().what + "; the lease will do it");
   }
 }

@@ -131,4 +131,9 @@ class LightArray {
 [[nodiscard]] Result<std::unique_ptr<LightArray>> make_light_array(const ControllerSpec& spec,
                                                                    int n_elements);
 
+/// Turns everything off although another program, or a thread of ours that hangs, holds the
+/// controller. Over USB by the control endpoint. Fault unsupported: the wire has one way only
+/// (RTU), or a second connection is an ordinary one (TCP).
+[[nodiscard]] Result<void> all_off_beside(const ControllerSpec& spec);
+
 }  // namespace haarlight

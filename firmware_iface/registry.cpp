@@ -91,4 +91,11 @@ Result<std::unique_ptr<LightArray>> make_light_array(const ControllerSpec& spec,
   return std::make_unique<RegisterLightArray>(std::move(*bus), options);
 }
 
+Result<void> all_off_beside(const ControllerSpec& spec) {
+  if (spec.kind != ControllerKind::usb) {
+    return fail(Errc::unsupported, "no second way to a controller on Modbus");
+  }
+  return usb_all_off(spec.address);
+}
+
 }  // namespace haarlight

@@ -393,7 +393,10 @@ TEST(UsbDriver, HangingSystemCallDoesNotHoldTheCaller) {
   EXPECT_EQ(hung.error().code, Errc::timeout) << hung.error().what;
   EXPECT_LT(std::chrono::steady_clock::now() - t0, 1s);
   EXPECT_FALSE(bench.server.lit().pattern->empty());
-  const auto dark = usb_all_off("HL000001");
+  ControllerSpec spec;
+  spec.kind = ControllerKind::usb;
+  spec.address = "HL000001";
+  const auto dark = all_off_beside(spec);
   ASSERT_TRUE(dark) << dark.error().what;
   EXPECT_TRUE(bench.server.lit().pattern->empty());
   const auto t1 = std::chrono::steady_clock::now();
