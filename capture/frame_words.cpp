@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include "capture/camera.h"
+
 namespace haarlight {
 
 namespace {
@@ -75,8 +77,8 @@ std::string time_words(const FrameEvidence& e) {
 
 std::string number_words(const FrameEvidence& e) {
   std::string text = fmt::format("Frame {} of the camera", e.sequence);
-  text += e.flags == 0 ? ", undamaged and in sequence."
-                       : fmt::format(", with the camera's flags {:#x}.", e.flags);
+  const bool is_damaged = (e.flags & (kFrameError | kFrameShort)) != 0;
+  text += is_damaged ? ", which the camera marked as damaged." : ", undamaged and in sequence.";
   if (e.discarded_before == 1) {
     text += " One frame before it was put aside: the light was still changing.";
   } else if (e.discarded_before > 1) {

@@ -6,6 +6,7 @@
 #include <rapidcheck/gtest.h>
 #include <zlib.h>
 
+#include "capture/camera.h"
 #include "capture/frame_words.h"
 #include "capture/preview_png.h"
 #include "capture/run_observer.h"
@@ -35,6 +36,7 @@ FrameEvidence good_evidence() {
   e.t_exposure_end_ns = 1'005'250'000;
   e.t_next_change_ns = 1'006'150'000;
   e.sequence = 77;
+  e.flags = kFrameMonotonic;  // no damage
   e.exposure_asked_us = e.exposure_read_us = 2000.0;
   e.margin_us = 900.0;
   e.min_dn = 250;
@@ -50,6 +52,7 @@ TEST(FrameWords, SayTheTimesOfTheProof) {
               Contains(HasSubstr("began 1.25 ms after the light stood still and ended 900 "
                                  "µs before the next change of light; 900 µs to spare")));
   EXPECT_THAT(words, Contains(HasSubstr("Exposure 2.00 ms, as asked")));
+  EXPECT_THAT(words, Contains("Frame 77 of the camera, undamaged and in sequence."));
   EXPECT_THAT(doubt_of(good_evidence(), small_form(), ShotKind::light), IsEmpty());
 }
 

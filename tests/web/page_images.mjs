@@ -36,7 +36,7 @@ export async function takeImages(browser, programs, cache, source, to) {
     await shoot(phone, 'phone');
     await until(async () => (await rig.state()).phase === 'done', 'the end of the run', 180);
 
-    const light = await browser.page(rig.url, {colorScheme: 'light', viewport: {width: 1280, height: 980}});
+    const light = await browser.page(rig.url, {colorScheme: 'light', viewport: {width: 1280, height: 950}});
     await until(async () => /1.0\d\d/.test(await light.locator('#legend').innerText()), 'the map');
     const canvas = light.locator('.face canvas');
     const box = await canvas.boundingBox();
@@ -46,9 +46,7 @@ export async function takeImages(browser, programs, cache, source, to) {
     await shoot(light, 'shot');
 
     await dark.locator('#tab-live').click();
-    await dark.locator('#live-lights').fill('330-345 362-377');
-    await dark.locator('#live-exposure').fill('1500');
-    await dark.locator('#live-gain').fill('1');
+    await dark.locator('#live-lights').fill('330 345');
     await dark.locator('#live-start').click();
     await until(async () => /saturated/.test(await dark.locator('#live-facts').innerText()), 'a picture');
     await dark.waitForTimeout(700);
