@@ -166,7 +166,8 @@ void Stepper::arm_block() {
   b.shots.clear();
   const int most = std::clamp(block_credit(), 1, n_left);
   while (b.n_armed < most && !s_.pending.empty() &&
-         s_.pending.front() == b.table[static_cast<std::size_t>(b.first + b.n_armed)]) {
+         s_.pending.front() ==
+             b.table[static_cast<std::size_t>(b.first) + static_cast<std::size_t>(b.n_armed)]) {
     shot_state(s_.pending.front()) = ShotState::exposing;
     b.shots.push_back(s_.pending.front());
     s_.pending.pop_front();
@@ -218,7 +219,8 @@ void Stepper::extend_block() {
   }
   const int before = b.n_armed;
   while (n_more > 0 && !s_.pending.empty() &&
-         s_.pending.front() == b.table[static_cast<std::size_t>(b.first + b.n_armed)]) {
+         s_.pending.front() ==
+             b.table[static_cast<std::size_t>(b.first) + static_cast<std::size_t>(b.n_armed)]) {
     shot_state(s_.pending.front()) = ShotState::exposing;
     b.shots.push_back(s_.pending.front());
     s_.pending.pop_front();
