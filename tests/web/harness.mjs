@@ -46,6 +46,9 @@ function freePort() {
   });
 }
 
+const children = new Set();
+process.on('exit', () => children.forEach(child => child.kill('SIGKILL')));  // also after a failure
+
 /** haarlight-sim and haarlightd on a copy of a rig file with ports and folders of its own. */
 export class Rig {
   constructor(programs, cache) {
@@ -83,7 +86,10 @@ export class Rig {
 
   run(name, program, words) {
     const log = fs.openSync(path.join(this.folder, `${name}.log`), 'a');
-    this.processes[name] = spawn(program, words, {stdio: ['ignore', log, log]});
+    const child = spawn(program, words, {stdio: ['ignore', log, log]});
+    this.processes[name] = child;
+    children.add(child);
+    child.once('exit', () => children.delete(child));
     fs.closeSync(log);
   }
 
