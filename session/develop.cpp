@@ -70,9 +70,13 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   const std::uint64_t row = static_cast<std::uint64_t>(form.width) * n * sizeof(float);
   const bool is_mosaic = job.demosaic != Demosaic::none;
   const auto channels = static_cast<std::uint64_t>(job.shape.channels);
-  const std::uint64_t raw_copies = (job.plan.is_single ? 1U : 2U) * (job.has_error ? 2U : 1U);
-  const std::uint64_t a_row = row * (static_cast<std::uint64_t>(form.channels) * raw_copies +
-                                     channels + (is_mosaic ? channels : 0));
+  constexpr std::uint64_t kOne = 1;
+  // Values and, while they are measured, their variances.
+  const std::uint64_t raw_copies =
+      (job.plan.is_single ? kOne : 2 * kOne) * (job.has_error ? 2 : 1);
+  const std::uint64_t a_row =
+      row * (static_cast<std::uint64_t>(form.channels) * raw_copies +
+             channels * (job.has_error ? 2 : 1) + (is_mosaic ? channels : 0));
   const std::uint64_t margins = 2 * static_cast<std::uint64_t>(job.margin) * a_row;
   // Corrections, one frame being read by each thread, and the stack's pages on their way out.
   const std::uint64_t fixed = 16 * static_cast<std::uint64_t>(form.width) *

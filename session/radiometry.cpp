@@ -82,9 +82,9 @@ struct Radiometry::Factors {
 };
 
 Radiometry::Radiometry(const Session& session, const ExposurePlan& plan, Transfer transfer,
-                       const RadiometryOptions& options)
+                       RadiometryOptions options)
     : session_(&session),
-      options_(options),
+      options_(std::move(options)),
       response_(sensor_response(session)),
       linear_(session.info().form, transfer, response_) {
   if (options_.has_dark && !plan.dark.empty()) {

@@ -61,7 +61,7 @@ class Radiometry {
  public:
   /// @throws Error  as its parts do; drift beyond max_drift
   Radiometry(const Session& session, const ExposurePlan& plan, Transfer transfer,
-             const RadiometryOptions& options);
+             RadiometryOptions options);
 
   /// Rows [y0, y1) of the active area under one pattern. Only rows [count_from, count_to) of
   /// the picture are counted in the tally.
