@@ -14,6 +14,7 @@
 #include "capture/model_rig.h"
 #include "capture/plan.h"
 #include "core/random.h"
+#include "session/frame_check.h"
 #include "session/session_writer.h"
 #include "tests/session/faulty_disk.h"
 #include "tests/session/small_session.h"
