@@ -22,6 +22,13 @@ extern "C" const char* __tsan_default_suppressions() {
          "race:libumockdev\nrace:libudev.so\n";
 }
 
+// Nor do we answer for what umockdev and GLib keep until the process ends.
+// NOLINTNEXTLINE(bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp,readability-identifier-naming)
+extern "C" const char* __lsan_default_suppressions() {
+  return "leak:libglib-2.0.so\nleak:libgio-2.0.so\nleak:libgobject-2.0.so\n"
+         "leak:libumockdev\nleak:libudev.so\n";
+}
+
 namespace haarlight {
 
 namespace {
