@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/file_kind.h"
+#include "apps/haarlight/lighting_reader.h"
 #include "apps/haarlight/verb.h"
 #include "capture/plan.h"
 #include "core/files.h"
@@ -33,7 +34,7 @@ std::string describe(const Rig& rig) {
 /// Alone a plan is held to the ranges of its keys; after a rig also to its lights and power.
 std::string check_plan(const std::string& file, FileKind kind, const std::optional<Rig>& rig) {
   if (rig) {
-    const Plan plan = load_plan(file, *rig);
+    const Plan plan = load_plan(file, *rig, read_lighting);
     return fmt::format("{} shots, fits the rig \"{}\"", plan.shots.size(), rig->name);
   }
   if (kind == FileKind::shot_list) {

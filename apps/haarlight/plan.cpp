@@ -5,12 +5,10 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/lighting_reader.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
-#include "core/log.h"
 #include "core/rig.h"
-#include "relight/light/cubemap.h"
-#include "relight/light/light_weights.h"
 
 namespace haarlight {
 
@@ -34,16 +32,6 @@ void print_cost(const Plan& plan, const DryRun& run, const Rig& rig) {
              run.peak_watts, run.mean_watts);
   fmt::print("duty   {:.2f} % for light {}, the busiest\n", 100.0 * run.highest_duty,
              run.busiest_light);
-}
-
-/// What each light must give for an environment.
-Lighting read_lighting(const std::filesystem::path& path, const Rig& rig) {
-  const EnvironmentWeights found = rig_weights(Environment::read(path), rig);
-  if (found.missing_share > 0.0) {
-    log_info(fmt::format("{}: {:.1f} % of its light comes from where the rig has no lights",
-                         path.string(), 100.0 * found.missing_share));
-  }
-  return {found.weights, {}};
 }
 
 ExitCode run_plan(const PlanArguments& arguments, bool is_forced, Report& report) {

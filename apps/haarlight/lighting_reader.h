@@ -1,0 +1,27 @@
+#pragma once
+
+#include <filesystem>
+
+#include <fmt/format.h>
+
+#include "capture/plan.h"
+#include "core/log.h"
+#include "relight/light/cubemap.h"
+#include "relight/light/light_weights.h"
+
+/// @file
+/// The environment of a lighting plan, for load_plan().
+
+namespace haarlight {
+
+/// What each light must give for an environment.
+inline Lighting read_lighting(const std::filesystem::path& path, const Rig& rig) {
+  const EnvironmentWeights found = rig_weights(Environment::read(path), rig);
+  if (found.missing_share > 0.0) {
+    log_info(fmt::format("{}: {:.1f} % of its light comes from where the rig has no lights",
+                         path.string(), 100.0 * found.missing_share));
+  }
+  return {found.weights, {}};
+}
+
+}  // namespace haarlight
