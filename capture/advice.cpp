@@ -243,7 +243,7 @@ class Adviser {
         own_(own),
         options_(options) {}
 
-  FamilyAdvice judge(PlanSettings settings) const {
+  [[nodiscard]] FamilyAdvice judge(PlanSettings settings) const {
     FamilyAdvice out;
     out.name = settings.name;
     out.limit_e = saturation_e(camera_);

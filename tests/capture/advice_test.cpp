@@ -23,9 +23,9 @@ AdviceScene flat_scene(int n_lights, double electrons) {
   AdviceScene scene;
   scene.n_lights = n_lights;
   scene.n_pixels = 40;
-  scene.electrons.assign(static_cast<std::size_t>(40 * n_lights),
+  scene.electrons.assign(std::size_t{40} * static_cast<std::size_t>(n_lights),
                          static_cast<float>(electrons));
-  scene.plate.assign(static_cast<std::size_t>(40 * n_lights), 1.0F);
+  scene.plate.assign(std::size_t{40} * static_cast<std::size_t>(n_lights), 1.0F);
   scene.resolves_lights = true;
   return scene;
 }

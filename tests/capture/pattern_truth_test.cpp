@@ -49,7 +49,8 @@ AdviceLighting smooth_lighting() {
   AdviceLighting lighting{"smooth", Eigen::MatrixXd(1024, 1)};
   for (int k = 0; k < 1024; ++k) {
     const double u = (k % 32 + 0.5) / 32.0;
-    const double v = (k / 32 + 0.5) / 32.0;
+    const int row = k / 32;
+    const double v = (row + 0.5) / 32.0;
     lighting.weights(k, 0) =
         1.0 + 0.9 * std::sin(std::numbers::pi * (u + 0.5 * v)) * std::cos(2.0 * v);
   }
@@ -70,8 +71,8 @@ class Twin : public ::testing::Test {
   Twin() : rig_(twin_rig()) {
     plate_.key = "computed";
     plate_.read = [](int y, int x0, int x1, std::span<float> out) {
-      const std::size_t first = static_cast<std::size_t>(y * kWidth + x0) * 1024;
-      std::copy_n(plate_values_.begin() + static_cast<std::ptrdiff_t>(first),
+      const std::size_t first = 1024 * static_cast<std::size_t>(y * kWidth + x0);
+      std::copy_n(shared_plate.begin() + static_cast<std::ptrdiff_t>(first),
                   static_cast<std::size_t>(x1 - x0) * 1024, out.begin());
     };
   }
@@ -79,27 +80,27 @@ class Twin : public ::testing::Test {
   /// The transport matrix and the plate, once for all tests.
   static void SetUpTestSuite() {
     const Rig rig = twin_rig();
-    transport_folder_ = std::make_unique<test::TemporaryFolder>();
+    shared_folder = std::make_unique<test::TemporaryFolder>();
     TransportOptions options;
-    options.cache_folder = transport_folder_->path();
-    transport_ = std::make_unique<Transport>(make_transport(
+    options.cache_folder = shared_folder->path();
+    shared_transport = std::make_unique<Transport>(make_transport(
         rig, 0, read_scene(HAARLIGHT_SOURCE_DIR "/configs/scenes/airplane.toml").scene,
         options));
-    plate_values_.resize(static_cast<std::size_t>(kWidth * kHeight * 1024));
-    ComputedPlate(rig).read_tile({0, 0, kWidth, kHeight}, plate_values_);
+    shared_plate.resize(std::size_t{1024} * kWidth * kHeight);
+    ComputedPlate(rig).read_tile({0, 0, kWidth, kHeight}, shared_plate);
   }
 
   static void TearDownTestSuite() {
-    transport_.reset();
-    transport_folder_.reset();
-    plate_values_.clear();
+    shared_transport.reset();
+    shared_folder.reset();
+    shared_plate.clear();
   }
 
   /// Shoots the plan's shots in order and develops them. @param flicker  see AdviceOptions
   LightStack capture(const Plan& plan, double lit_electrons, std::uint64_t seed,
                      double flicker = 0.0) {
     const CameraSpec& camera_spec = rig_.cameras.front();
-    VirtualCamera camera(camera_spec, {}, *transport_,
+    VirtualCamera camera(camera_spec, {}, *shared_transport,
                          {.seed = seed, .lit_electrons = lit_electrons, .has_noise = true});
     SessionInfo info = session_info_of(rig_, plan, fmt::format("{}-{}", plan.name, seed));
     info.rig_hash.clear();
@@ -127,8 +128,8 @@ class Twin : public ::testing::Test {
   }
 
   /// PSNR of the relit pictures as capture/advice.h defines it.
-  double measured_psnr(const LightStack& stack, const AdviceLighting& lighting,
-                       double lit_electrons) const {
+  [[nodiscard]] double measured_psnr(const LightStack& stack, const AdviceLighting& lighting,
+                                     double lit_electrons) const {
     const CameraSpec& camera = rig_.cameras.front();
     const double unit = camera.exposure_us * 1e-6 *
                         (std::pow(2.0, camera.bits) - 1.0 - camera.noise.black_dn) *
@@ -138,11 +139,11 @@ class Twin : public ::testing::Test {
     for (Eigen::Index c = 0; c < lighting.weights.cols(); ++c) {
       Image<double> truth(kHeight, kWidth, 1);
       for (int k = 0; k < 1024; ++k) {
-        const double w = lighting.weights(k, c) * lit_electrons / transport_->scale();
+        const double w = lighting.weights(k, c) * lit_electrons / shared_transport->scale();
         if (w == 0.0) {
           continue;
         }
-        const ImageView<const float> plane = transport_->plane(k);
+        const ImageView<const float> plane = shared_transport->plane(k);
         for (int y = 0; y < kHeight; ++y) {
           for (int x = 0; x < kWidth; ++x) {
             truth(y, x) += w * double{plane(y, x)};
@@ -157,8 +158,9 @@ class Twin : public ::testing::Test {
         for (int p = 0; p < rows * kWidth; ++p) {
           double relit = 0.0;
           for (int k = 0; k < 1024; ++k) {
-            relit += lighting.weights(k, c) * unit *
-                     double{band[static_cast<std::size_t>(p * 1024 + k)]};
+            relit +=
+                lighting.weights(k, c) * unit *
+                double{band[1024 * static_cast<std::size_t>(p) + static_cast<std::size_t>(k)]};
           }
           const double exact = truth(y0 + p / kWidth, p % kWidth);
           truths.push_back(exact);
@@ -219,9 +221,9 @@ class Twin : public ::testing::Test {
 
   test::TemporaryFolder folder_;
   Rig rig_;
-  static inline std::unique_ptr<test::TemporaryFolder> transport_folder_;
-  static inline std::unique_ptr<Transport> transport_;
-  static inline std::vector<float> plate_values_;
+  static inline std::unique_ptr<test::TemporaryFolder> shared_folder;
+  static inline std::unique_ptr<Transport> shared_transport;
+  static inline std::vector<float> shared_plate;
   PlatePixels plate_;
   std::unique_ptr<Session> session_;
   int n_sessions_ = 0;
@@ -239,7 +241,7 @@ TEST_F(Twin, FlickeringLightsCostWhatIsPredicted) {
 
 TEST_F(Twin, WithoutAPilotThePlatePredictsTheCompleteFamilies) {
   rig_.cameras.front().noise.read_e = 8.0;
-  const AdviceScene scene = plate_scene(plate_values_, 1024, 8.0);
+  const AdviceScene scene = plate_scene(shared_plate, 1024, 8.0);
   std::vector<PlanSettings> families = default_families(rig_, false);
   const std::vector<AdviceLighting> lightings{single_lights(1024, 16), smooth_lighting()};
   const Advice advice = advise(rig_, scene, lightings, families, nullptr);
