@@ -31,6 +31,7 @@ class Rounds {
 
   void append_flats(double exposure_us) {
     std::vector<LightLevel> all;
+    all.reserve(static_cast<std::size_t>(rig_.n_lights()));
     for (int k = 0; k < rig_.n_lights(); ++k) {
       all.push_back({.light = k, .level = settings_.flat_level});
     }

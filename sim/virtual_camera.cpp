@@ -90,11 +90,11 @@ double mean_level(double initial, const std::vector<Step>& steps, double rise_ns
 }  // namespace
 
 VirtualCamera::VirtualCamera(const CameraSpec& spec, ControllerSpec controller,
-                             const Transport& transport, const VirtualCameraOptions& options)
+                             const Transport& transport, VirtualCameraOptions options)
     : spec_(spec),
       controller_(std::move(controller)),
       transport_(&transport),
-      options_(options) {
+      options_(std::move(options)) {
   if (transport.width() != spec.frame_width || transport.height() != spec.active_rows) {
     throw Error(fmt::format("transport of {} x {} for a camera of {} x {}", transport.width(),
                             transport.height(), spec.frame_width, spec.active_rows),

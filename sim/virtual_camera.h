@@ -73,7 +73,7 @@ class VirtualCamera {
   /// Keeps a reference to `transport`.
   /// @throws Error  transport of another size, tag rows too small, no full well
   VirtualCamera(const CameraSpec& spec, ControllerSpec controller, const Transport& transport,
-                const VirtualCameraOptions& options = {});
+                VirtualCameraOptions options = {});
 
   /// The span of light history that a frame needs.
   [[nodiscard]] std::int64_t history_begin_ns(const Exposure& exposure) const;

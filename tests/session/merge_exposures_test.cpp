@@ -50,7 +50,9 @@ double fisher_information(double lambda, double r) {
   }
   double information = 0.0;
   const double step = r / 12.0;
-  for (double n = -8.0 * r; n < top + 8.0 * r; n += step) {
+  const int n_steps = static_cast<int>((top + 16.0 * r) / step);
+  for (int i = 0; i < n_steps; ++i) {
+    const double n = -8.0 * r + i * step;
     double density = 0.0;
     double slope = 0.0;
     for (int k = 0; k <= top; ++k) {
