@@ -167,8 +167,11 @@ void CommissionBench::open(double exposure_us) {
   lease_ns_ = now_ns();
   spec_.exposure_us = exposure_us;
   setup_ = demand(camera_.start(spec_), "starting the camera");
+  if (setup_.use != PixelUse::measurement) {
+    throw Error("format " + spec_.format + " is not linear in light: nothing can be measured",
+                rig_.file.string(), "choose a raw format (docs/cameras.md)");
+  }
   exposure_us_ = setup_.exposure_us;
-  is_open_ = true;
   period_us_ = 1e6 / (setup_.fps > 0.0 ? setup_.fps : spec_.fps);
   measure_period();
 }

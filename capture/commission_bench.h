@@ -125,7 +125,6 @@ class CommissionBench {
   std::int64_t lease_ns_ = 0;
   std::int64_t last_stamp_ns_ = 0;
   std::vector<std::int64_t> leads_;
-  bool is_open_ = false;
 };
 
 }  // namespace haarlight

@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "capture/camera.h"
+#include "capture/v4l2_list.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/measured_rig.h"
@@ -151,26 +152,29 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
     return std::vector<DoctorLine>{line};
   };
   std::error_code failed;
-  if (!fs::exists(spec.device, failed)) {
+  // A V4L2 camera with a serial number is found under any node.
+  const bool is_found_by_serial = spec.kind == CameraKind::v4l2 && !spec.v4l2.serial.empty();
+  if (!is_found_by_serial && !fs::exists(spec.device, failed)) {
     std::vector<std::string> others;
     if (spec.kind == CameraKind::v4l2) {
-      for (const char* folder : {"dev/v4l/by-id", "dev/v4l/by-path"}) {
-        for (fs::directory_iterator it(options.root / folder, failed), end;
-             !failed && it != end; it.increment(failed)) {
-          others.push_back(it->path().string());
-        }
+      for (const V4l2Description& other : list_v4l2_cameras()) {
+        others.push_back(fmt::format("{} ({})",
+                                     other.links.empty() ? other.node : other.links.front(),
+                                     identity_text(other.identity)));
       }
     }
-    return wrong(
-        "no such device or socket",
-        others.empty()
-            ? (spec.kind == CameraKind::remote
-                   ? "start the camera's program (haarlight-sim, or your bridge), or "
-                     "correct device"
-                   : "plug the camera in; `v4l2-ctl --list-devices` shows what is there")
-            : fmt::format("set device to one of: {}", fmt::join(others, ", ")));
+    const char* cure = spec.kind == CameraKind::remote
+                           ? "start the camera's program (haarlight-sim, or your bridge), or "
+                             "correct device"
+                       : spec.kind == CameraKind::v4l2
+                           ? "plug the camera in; this machine shows no camera at all"
+                           : "correct device: the folder of a session";
+    return wrong("no such device or socket",
+                 others.empty()
+                     ? cure
+                     : fmt::format("set device to one of: {}", fmt::join(others, ", ")));
   }
-  if (spec.kind == CameraKind::v4l2) {
+  if (spec.kind == CameraKind::v4l2 && fs::exists(spec.device, failed)) {
     if (const std::string problem = access_problem(spec.device, "video"); !problem.empty()) {
       return wrong("the device cannot be opened", problem);
     }
@@ -241,7 +245,14 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
       "lost; exposure {:g} us",
       setup->identity, setup->width, setup->height, fps, setup->n_buffers,
       options.camera_frames, n_bad, n_gaps, setup->exposure_us);
-  if (!is_monotonic) {
+  if (setup->use != PixelUse::measurement) {
+    const bool is_kept = setup->use == PixelUse::display;
+    line.finding = is_kept ? Finding::warning : Finding::wrong;
+    line.cure = is_kept
+                    ? "this format is not linear in light: choose a raw one where the camera "
+                      "has it (docs/cameras.md)"
+                    : "this format is for looking only: choose a raw one (docs/cameras.md)";
+  } else if (!is_monotonic) {
     line.finding = Finding::wrong;
     line.cure =
         "its stamps are not CLOCK_MONOTONIC: use a driver that stamps so (for uvcvideo: "

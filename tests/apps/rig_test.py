@@ -31,7 +31,7 @@ class Rig(unittest.TestCase):
         cls.folder = pathlib.Path(cls.place.name)
         cls.sim = None
         # A slow camera: what is measured is time, on a machine that does other things as well.
-        cls.rig = cls.make_rig("rig.toml", [("fps", "60.0"), ("exposure_us", "4000.0")])
+        cls.rig = cls.make_rig("rig.toml", [("fps", "120.0"), ("exposure_us", "3000.0")])
         cls.start_sim()
 
     @classmethod

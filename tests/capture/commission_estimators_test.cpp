@@ -99,12 +99,12 @@ TEST(FitSteps, RecoversAnExactModelOfAGlobalShutter) {
 }
 
 TEST(FitSteps, StatesItsUncertaintyHonestly) {
-  // 40 data sets: the mean square of (error / sigma) is 1 within what 40 of them can show, for
+  // 20 data sets: the mean square of (error / sigma) is 1 within what 20 of them can show, for
   // offset, rise and fall; the jackknife's own scatter widens it.
   const StepModel truth{{500.0, 4000.0}, {812.0, 812.0}, 0.0, 140.0, 60.0};
   double sum = 0.0;
   int n = 0;
-  for (int set = 0; set < 40; ++set) {
+  for (int set = 0; set < 20; ++set) {
     auto samples = made_steps(truth, 60, 4, 0.0, 0.0);
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const auto key = hash_key(9, static_cast<std::uint64_t>(set));
