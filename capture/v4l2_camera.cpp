@@ -133,7 +133,7 @@ Result<V4l2StreamFormat> choose_format(V4l2Device& device, const CameraSpec& spe
 }
 
 Result<double> choose_fps(V4l2Device& device, const CameraSpec& spec) {
-  const auto fps = device.set_fps(spec.fps);
+  auto fps = device.set_fps(spec.fps);
   if (!fps && fps.error().code != Errc::unsupported) {
     return fps;
   }
@@ -427,7 +427,7 @@ Result<double> V4l2Camera::set_exposure(double exposure_us) {
   if (stream_ == nullptr) {
     return fail(Errc::device_gone, "V4L2 camera: not started");
   }
-  const auto set = stream_->controls.set_exposure(stream_->device, exposure_us);
+  auto set = stream_->controls.set_exposure(stream_->device, exposure_us);
   if (!set) {
     return give_up(set.error());
   }

@@ -181,7 +181,10 @@ bool V4l2Size::holds(int w, int h) const {
 // ----------------------------------------------------------------------------------
 
 Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Places& places) {
-  Fd fd(::open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+  Fd fd;
+  do {
+    fd.reset(::open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+  } while (!fd.is_open() && errno == EINTR);
   if (!fd.is_open()) {
     const int error = errno;
     return fail(errc_of_v4l2(error),
@@ -551,6 +554,7 @@ struct BufferCall {
       buffer.length = n_planes;
     }
   }
+  ~BufferCall() = default;
   BufferCall(const BufferCall&) = delete;
   BufferCall& operator=(const BufferCall&) = delete;
 
