@@ -17,6 +17,7 @@ void add_resume(Command root, Invocation& invocation);
 void add_abort(Command root, Invocation& invocation);
 void add_all_off(Command root, Invocation& invocation);
 void add_reshoot(Command root, Invocation& invocation);
+void add_cameras(Command root, Invocation& invocation);
 void add_rig(Command root, Invocation& invocation);
 void add_preview(Command root, Invocation& invocation);
 void add_shot(Command root, Invocation& invocation);
@@ -48,6 +49,7 @@ constexpr AddVerb kVerbs[] = {
     add_abort,
     add_all_off,
     add_reshoot,
+    add_cameras,
     add_rig,
     add_preview,
     add_shot,

@@ -34,6 +34,7 @@ ABSENT = {
     "abort": ["--token-file absent"],
     "all-off": ["--token-file absent"],
     "reshoot": ["1 --token-file absent"],
+    "cameras": [],
     "rig": ["doctor absent.toml", "commission absent.toml --flash-ok"],
     "preview": ["1 --token-file absent"],
     "shot": ["1 --token-file absent"],
@@ -62,6 +63,7 @@ ABSENT = {
 WRITES = {
     "check": None, "status": None, "pause": None, "resume": None, "abort": None, "all-off": None,
     "reshoot": None, "sessions": None, "verify": None, "rebuild": None, "rig": None,
+    "cameras": None,
     "plan": ["{rig} {plan} -o taken.json"],
     "capture": ["{plan} -o taken/"],
     "preview": ["3 -o taken.png"],
@@ -80,7 +82,8 @@ WRITES = {
                "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png "
                "--truth-object {scene} --truth new2.png --difference taken.png"],
 }
-READS = {"check": "{rig} {plan} {scene} {room} object.hlb", "verify": "session", "rebuild": "session"}
+READS = {"check": "{rig} {plan} {scene} {room} object.hlb", "verify": "session", "rebuild": "session",
+         "cameras": ""}
 
 
 class CommandLine(unittest.TestCase):

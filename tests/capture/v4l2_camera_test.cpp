@@ -24,8 +24,8 @@ using testing::usual_camera;
 
 /// The word that a counting camera puts at (y, x) of its n-th frame.
 std::uint16_t counted(std::uint64_t n, int y, int x) {
-  return static_cast<std::uint16_t>(1000 * (n + 1) + 100 * static_cast<unsigned>(y) +
-                                    static_cast<unsigned>(x));
+  return static_cast<std::uint16_t>(1000 * (n + 1) + 100 * static_cast<std::uint64_t>(y) +
+                                    static_cast<std::uint64_t>(x));
 }
 
 void fill_counted(shim::Filling& job) {
