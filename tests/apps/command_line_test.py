@@ -35,6 +35,7 @@ ABSENT = {
     "all-off": ["--token-file absent"],
     "reshoot": ["1 --token-file absent"],
     "cameras": [],
+    "advise": ["absent.toml --signal 800", "{rig} --signal 800 --cubemap absent.hdr"],
     "rig": ["doctor absent.toml", "commission absent.toml --flash-ok"],
     "preview": ["1 --token-file absent"],
     "shot": ["1 --token-file absent"],
@@ -65,6 +66,7 @@ WRITES = {
     "reshoot": None, "sessions": None, "verify": None, "rebuild": None, "rig": None,
     "cameras": None,
     "plan": ["{rig} {plan} -o taken.json"],
+    "advise": ["{rig} --signal 800 --cubemap {room} -o taken.json"],
     "capture": ["{plan} -o taken/"],
     "preview": ["3 -o taken.png"],
     "shot": ["3 -o taken.png"],
@@ -107,7 +109,7 @@ class CommandLine(unittest.TestCase):
     @classmethod
     def run_line(cls, line, *more):
         words = line.format(rig=RIG, plan=PLAN, scene=SCENE, room=ROOM).split()
-        if words[0] in CLIENTS | {"capture"}:
+        if words[0] in CLIENTS | WRITING_CLIENTS:
             more = ("--daemon", f"http://127.0.0.1:{cls.closed_port}", *more)
         return cls.programs.run(*words, *more, cwd=cls.folder)
 
