@@ -18,6 +18,8 @@ constexpr int kMaxBands = 64;
 constexpr int kMaxBandRows = 4;    // thin: a band's own skew must not blur a step
 constexpr int kPeriodFrames = 24;  // to measure the frame period from
 constexpr std::uint32_t kFirstTag = 0x43000000;
+constexpr std::int64_t kQuietNs =
+    2'000'000;  // before a step: a wait for frames ends late by a ms
 constexpr std::int64_t kPatience = 2'000'000'000;  // without a frame, beside 10 periods
 
 std::chrono::steady_clock::time_point time_point(std::int64_t t_ns) {
@@ -254,11 +256,12 @@ ArrivedFrame CommissionBench::next_frame() {
 }
 
 void CommissionBench::drain_until(std::int64_t t_ns) {
-  while (now_ns() < t_ns) {
+  const std::int64_t last_ns = t_ns - kQuietNs;
+  while (now_ns() < last_ns) {
     check_stop();
     keep_lease();
     Result<Frame> frame =
-        camera_.next(time_point(std::min(t_ns, now_ns() + std::int64_t{100'000'000})));
+        camera_.next(time_point(std::min(last_ns, now_ns() + std::int64_t{100'000'000})));
     if (frame) {
       last_stamp_ns_ = frame->info().timestamp_ns;
     } else if (frame.error().code != Errc::timeout) {
