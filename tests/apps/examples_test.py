@@ -104,7 +104,7 @@ class Examples(unittest.TestCase):
                 for example in self.examples_of(verb):
                     self.run_shown(example)
 
-        run_examples("check", "plan", "cameras")
+        run_examples("check", "plan", "advise", "cameras")
         self.begin_simulator("configs/rigs/small8.toml")
         run_examples("rig")
         rig = VirtualRig(self.programs, "configs/rigs/cube32.toml", "configs/scenes/airplane.toml",
