@@ -495,9 +495,9 @@ Result<void> V4l2Device::set_control(std::uint32_t id, std::int64_t value) {
   return call(VIDIOC_S_CTRL, &control, "VIDIOC_S_CTRL");
 }
 
-Result<bool> V4l2Device::watch_control(std::uint32_t id) {
+Result<bool> V4l2Device::subscribe(std::uint32_t type, std::uint32_t id) {
   auto subscription = zeroed<v4l2_event_subscription>();
-  subscription.type = V4L2_EVENT_CTRL;
+  subscription.type = type;
   subscription.id = id;
   const auto asked = call(VIDIOC_SUBSCRIBE_EVENT, &subscription, "VIDIOC_SUBSCRIBE_EVENT");
   if (!asked && asked.error().code != Errc::unsupported) {
@@ -506,15 +506,11 @@ Result<bool> V4l2Device::watch_control(std::uint32_t id) {
   return asked.has_value();
 }
 
-Result<bool> V4l2Device::watch_source() {
-  auto subscription = zeroed<v4l2_event_subscription>();
-  subscription.type = V4L2_EVENT_SOURCE_CHANGE;
-  const auto asked = call(VIDIOC_SUBSCRIBE_EVENT, &subscription, "VIDIOC_SUBSCRIBE_EVENT");
-  if (!asked && asked.error().code != Errc::unsupported) {
-    return tl::unexpected<Fault>(asked.error());
-  }
-  return asked.has_value();
+Result<bool> V4l2Device::watch_control(std::uint32_t id) {
+  return subscribe(V4L2_EVENT_CTRL, id);
 }
+
+Result<bool> V4l2Device::watch_source() { return subscribe(V4L2_EVENT_SOURCE_CHANGE, 0); }
 
 Result<V4l2Event> V4l2Device::take_event() {
   auto event = zeroed<v4l2_event>();

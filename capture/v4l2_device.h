@@ -166,6 +166,8 @@ class V4l2Device {
   void unmap() noexcept;
   [[nodiscard]] Result<void> call(unsigned long request, void* argument,
                                   const char* name) const;
+  /// False: the driver has no such event.
+  [[nodiscard]] Result<bool> subscribe(std::uint32_t type, std::uint32_t id);
   [[nodiscard]] Result<V4l2Size> describe_size(V4l2Size size, std::uint32_t fourcc) const;
   [[nodiscard]] Result<std::vector<V4l2MenuEntry>> menu_of(const V4l2Control& control,
                                                            bool has_names) const;
