@@ -167,7 +167,10 @@ TEST_F(WholeRig, ASlowDiskEndsABlockEarlyAndLosesNothing) {
   storage_ = std::make_unique<SlowStorage>();
   capture({});
   EXPECT_GT(counters_.blocks_cut, 0U);
-  EXPECT_EQ(rig_->camera(0).counts().n_no_buffer, 0U) << "the camera always had a free buffer";
+  // A commit takes 30 ms and a frame 4: held back by nothing, six frames of seven would find no
+  // buffer. A busy machine alone may cost a few.
+  const CameraServerCounts counts = rig_->camera(0).counts();
+  EXPECT_LT(counts.n_no_buffer, counts.n_delivered / 4);
 }
 
 TEST_F(WholeRig, AControllerThatRestartsWithinABlockIsFoundAgain) {
