@@ -233,6 +233,7 @@ std::vector<SBlock> s_blocks(int n_lights) {
   HAARLIGHT_EXPECTS(n_lights >= 1, "at least one light");
   if (n_lights < 3) {
     std::vector<SBlock> singles;
+    singles.reserve(static_cast<std::size_t>(n_lights));
     for (int k = 0; k < n_lights; ++k) {
       singles.push_back({k, 1, 1});
     }

@@ -80,7 +80,20 @@ ControllerConfig controller_config(const Rig& rig) {
   for (const Face& face : rig.faces) {
     const int first =
         config.groups.empty() ? 0 : config.groups.back().first + config.groups.back().count;
-    config.groups.push_back({first, face.n_lights(), face.element_power, face.max_power});
+    if (face.string_lights > 0) {
+      for (int k = 0; k < face.n_lights(); k += face.string_lights) {
+        const int count = std::min(face.string_lights, face.n_lights() - k);
+        config.groups.push_back({first + k, count, face.element_power, face.max_string_power});
+      }
+      config.supplies.push_back({first, face.n_lights(), face.element_power, face.max_power});
+    } else {
+      config.groups.push_back({first, face.n_lights(), face.element_power, face.max_power});
+    }
+    if (face.max_duty < config.duty_limit) {
+      config.duty_limit = face.max_duty;
+      config.heat_tau =
+          std::chrono::milliseconds(std::max(1LL, std::llround(face.heat_tau_s * 1e3)));
+    }
     config.max_power = config.max_power + face.max_power;
   }
   config.table_depth = std::max(config.table_depth, std::min(rig.n_lights(), 65534));
@@ -256,6 +269,17 @@ Refusal LightController::judge(const std::vector<ElementLevel>& pattern,
   }
   for (std::size_t g = 0; g < group_sum.size(); ++g) {
     if (group_sum[g] > to_milliwatts(config_.groups[g].max_power) * registers::kMaxLevel) {
+      return Refusal::group_power;
+    }
+  }
+  for (const ElementGroup& supply : config_.supplies) {
+    std::uint64_t sum = 0;
+    for (const ElementLevel& e : pattern) {
+      if (e.element >= supply.first && e.element < supply.first + supply.count) {
+        sum += std::uint64_t{element_mw_[static_cast<std::size_t>(e.element)]} * e.level;
+      }
+    }
+    if (sum > to_milliwatts(supply.max_power) * registers::kMaxLevel) {
       return Refusal::group_power;
     }
   }

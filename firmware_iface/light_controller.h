@@ -36,6 +36,9 @@ struct ControllerConfig {
   std::uint32_t firmware = 0x00010000;
   /// In rising order without gaps; together all elements.
   std::vector<ElementGroup> groups;
+  /// Limits over runs of elements beside the groups' own (a face of several strings); their
+  /// element_power is not used. May be empty.
+  std::vector<ElementGroup> supplies;
   Watts max_power{5.0};  ///< of all groups together: the hard limit
   int table_depth = 1024;
   std::chrono::milliseconds default_lease{2000};
@@ -47,7 +50,8 @@ struct ControllerConfig {
   std::size_t history = 8192;  ///< transitions kept
 };
 
-/// The controller of a rig: one group a face, the faces' limits and their sum.
+/// The controller of a rig: one group a face, or a string where the face has strings, the
+/// faces' limits and their sum; of several duty limits the lowest holds for all.
 [[nodiscard]] ControllerConfig controller_config(const Rig& rig);
 
 /// One controller. One thread (sim::ControllerServer wraps it for several).
