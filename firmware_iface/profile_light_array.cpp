@@ -23,11 +23,9 @@ tl::unexpected<Fault> table_fault(const std::string& name) {
 ProfileLightArray::ProfileLightArray(std::unique_ptr<RegisterBus> bus,
                                      ControllerProfile profile, int n_elements,
                                      NanosecondClock clock)
-    : bus_(std::move(bus)),
+    : link_(std::move(bus), std::move(clock)),
       profile_(std::move(profile)),
-      clock_(std::move(clock)),
       n_elements_(static_cast<std::size_t>(n_elements)) {
-  HAARLIGHT_EXPECTS(bus_ != nullptr, "a light array needs a bus");
   HAARLIGHT_EXPECTS(n_elements > 0 && n_elements <= profile_.channels,
                     "as many channels as elements");
 }
@@ -35,60 +33,11 @@ ProfileLightArray::ProfileLightArray(std::unique_ptr<RegisterBus> bus,
 ProfileLightArray::~ProfileLightArray() { disconnect(); }
 
 std::string ProfileLightArray::name() const {
-  return fmt::format("{} ({})", bus_->name(), profile_.name);
-}
-
-// ---- link: the same states as RegisterLightArray's ----
-
-void ProfileLightArray::on_link(LinkEvent event) {
-  const LinkState old = state_;
-  state_ = next_link_state(state_, event, bus_->recovery());
-  if (state_ != LinkState::up) {
-    is_certain_ = false;
-  }
-  if (state_ == LinkState::lost && old != LinkState::lost) {
-    bus_->close();
-    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
-  }
-}
-
-tl::unexpected<Fault> ProfileLightArray::lose(Fault fault) {
-  on_link(link_event(fault));
-  return tl::unexpected<Fault>(std::move(fault));
+  return fmt::format("{} ({})", link_.name(), profile_.name);
 }
 
 Result<void> ProfileLightArray::make_ready(Hurry hurry) {
-  switch (state_) {
-    case LinkState::up:
-      return {};
-    case LinkState::closed:
-      if (hurry == Hurry::patient) {
-        return fail(Errc::device_gone, name() + ": not connected");
-      }
-      break;
-    case LinkState::lost:
-      if (const std::int64_t left_ns = reopen_at_ns_ - clock_();
-          hurry == Hurry::patient && left_ns > 0) {
-        return fail(Errc::device_gone, fmt::format("{}: link lost, opened again in {} ms",
-                                                   name(), left_ns / 1'000'000 + 1));
-      }
-      break;
-    case LinkState::unknown: {
-      if (auto settled = bus_->settle(); !settled) {
-        return lose(settled.error());
-      }
-      return resynchronise();
-    }
-  }
-  bus_->close();
-  if (auto opened = bus_->open(); !opened) {
-    ++n_open_failures_;
-    state_ = LinkState::lost;
-    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
-    return opened;
-  }
-  on_link(LinkEvent::opened);
-  return resynchronise();
+  return link_.make_ready(hurry, [this] { return resynchronise(); });
 }
 
 Result<void> ProfileLightArray::resynchronise() {
@@ -98,10 +47,11 @@ Result<void> ProfileLightArray::resynchronise() {
       return tl::unexpected<Fault>(got.error());
     }
     if (got->front() != e.value) {
-      return lose(Fault{Errc::unsupported,
-                        fmt::format("{}: address {} holds {}, a {} holds {}: another device?",
-                                    name(), e.address, got->front(), profile_.name, e.value),
-                        0, __FILE__, __LINE__});
+      return link_.lose(
+          Fault{Errc::unsupported,
+                fmt::format("{}: address {} holds {}, a {} holds {}: another device?", name(),
+                            e.address, got->front(), profile_.name, e.value),
+                0, __FILE__, __LINE__});
     }
   }
   // Dark first, then its settings: they may change what a value means.
@@ -122,15 +72,14 @@ Result<void> ProfileLightArray::resynchronise() {
       return tl::unexpected<Fault>(got.error());
     }
     if (got->front() != value.value) {
-      return lose(Fault{Errc::protocol,
-                        fmt::format("{}: address {} was set to {} and reads {}", name(),
-                                    value.address, value.value, got->front()),
-                        0, __FILE__, __LINE__});
+      return link_.lose(Fault{Errc::protocol,
+                              fmt::format("{}: address {} was set to {} and reads {}", name(),
+                                          value.address, value.value, got->front()),
+                              0, __FILE__, __LINE__});
     }
   }
-  n_open_failures_ = 0;
   ++n_resynchronised_;
-  on_link(LinkEvent::resynchronised);
+  link_.on(LinkEvent::resynchronised);
   held_ = dark;
   is_certain_ = true;
   return {};
@@ -139,16 +88,16 @@ Result<void> ProfileLightArray::resynchronise() {
 Result<void> ProfileLightArray::demand(Result<Exception> answer, const char* operation) {
   if (!answer) {
     answer.error().what = fmt::format("{}: {}", operation, answer.error().what);
-    return lose(answer.error());
+    return link_.lose(answer.error());
   }
   switch (*answer) {
     case Exception::none:
       return {};
     case Exception::busy:
-      on_link(LinkEvent::doubt);
+      link_.on(LinkEvent::doubt);
       return fail(Errc::device_busy, fmt::format("{}: {}: busy", name(), operation));
     case Exception::device_failure:
-      on_link(LinkEvent::doubt);
+      link_.on(LinkEvent::doubt);
       return fail(Errc::refused, fmt::format("{}: {} refused", name(), operation));
     case Exception::illegal_function:
     case Exception::illegal_address:
@@ -157,7 +106,7 @@ Result<void> ProfileLightArray::demand(Result<Exception> answer, const char* ope
     case Exception::gateway_target:
       break;
   }
-  on_link(LinkEvent::doubt);
+  link_.on(LinkEvent::doubt);
   return fail(Errc::protocol,
               fmt::format("{}: {}: Modbus exception {}: does the profile fit the device?",
                           name(), operation, static_cast<int>(*answer)));
@@ -170,13 +119,13 @@ Result<void> ProfileLightArray::write(const ProfileValue& value, const char* ope
   const std::array<std::uint8_t, 1> bit = {static_cast<std::uint8_t>(value.value != 0)};
   switch (value.write) {
     case WriteFunction::coil:
-      return demand(bus_->write_coil(value.address, value.value != 0), operation);
+      return demand(link_.bus().write_coil(value.address, value.value != 0), operation);
     case WriteFunction::word:
-      return demand(bus_->write_register(value.address, value.value), operation);
+      return demand(link_.bus().write_register(value.address, value.value), operation);
     case WriteFunction::coils:
-      return demand(bus_->write_coils(value.address, bit), operation);
+      return demand(link_.bus().write_coils(value.address, bit), operation);
     case WriteFunction::words:
-      return demand(bus_->write_holding(value.address, word), operation);
+      return demand(link_.bus().write_holding(value.address, word), operation);
   }
   return {};
 }
@@ -196,14 +145,14 @@ Result<ProfileLightArray::Values> ProfileLightArray::read(CheckFunction function
     switch (function) {
       case CheckFunction::coils:
         bits.assign(count, 0);
-        answer = bus_->read_coils(address, bits);
+        answer = link_.bus().read_coils(address, bits);
         std::copy(bits.begin(), bits.end(), part.begin());
         break;
       case CheckFunction::holding:
-        answer = bus_->read_holding(address, part);
+        answer = link_.bus().read_holding(address, part);
         break;
       case CheckFunction::input:
-        answer = bus_->read_input(address, part);
+        answer = link_.bus().read_input(address, part);
         break;
     }
     if (auto ok = demand(std::move(answer), "reading back"); !ok) {
@@ -234,9 +183,9 @@ Result<void> ProfileLightArray::write_channels(const Values& wanted) {
       for (std::size_t i = k; i < end; ++i) {
         bits.push_back(wanted[i] != 0 ? 1 : 0);
       }
-      done = demand(bus_->write_coils(address, bits), "writing channels");
+      done = demand(link_.bus().write_coils(address, bits), "writing channels");
     } else if (c.write == WriteFunction::words) {
-      done = demand(bus_->write_holding(address, {wanted.data() + k, end - k}),
+      done = demand(link_.bus().write_holding(address, {wanted.data() + k, end - k}),
                     "writing channels");
     } else {
       done = write({.address = address, .value = wanted[k], .write = c.write},
@@ -257,7 +206,7 @@ Result<void> ProfileLightArray::confirm(const Values& wanted) {
   }
   for (std::size_t k = 0; k < wanted.size(); ++k) {
     if ((*got)[k] != wanted[k]) {
-      on_link(LinkEvent::doubt);
+      link_.on(LinkEvent::doubt);
       return fail(Errc::protocol, fmt::format("{}: channel {} reads {}, expected {}", name(), k,
                                               (*got)[k], wanted[k]));
     }
@@ -280,13 +229,13 @@ Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t 
     return tl::unexpected<Fault>(ok.error());
   }
   // Without a latch the light changes while the channels are written.
-  receipt.t_command_ns = clock_();
+  receipt.t_command_ns = link_.now_ns();
   auto written = write_channels(wanted);
   if (written && !profile_.latch.empty()) {
-    receipt.t_command_ns = clock_();
+    receipt.t_command_ns = link_.now_ns();
     written = run(profile_.latch, "latching");
   }
-  receipt.t_ack_ns = clock_();
+  receipt.t_ack_ns = link_.now_ns();
   if (!written) {
     is_certain_ = false;
     return tl::unexpected<Fault>(written.error());
@@ -307,7 +256,7 @@ Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t 
       return tl::unexpected<Fault>(got.error());
     }
     if (got->front() != value.value) {
-      on_link(LinkEvent::doubt);
+      link_.on(LinkEvent::doubt);
       return fail(Errc::protocol, fmt::format("{}: the latch reads {}, expected {}", name(),
                                               got->front(), value.value));
     }
@@ -323,13 +272,11 @@ Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t 
 // ---- LightArray ----
 
 Result<ControllerIdentity> ProfileLightArray::connect() {
-  bus_->close();
-  on_link(LinkEvent::close);
-  n_open_failures_ = 0;
+  link_.close();
   if (auto ready = make_ready(Hurry::at_once); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
-  connected_ns_ = clock_();
+  connected_ns_ = link_.now_ns();
   ControllerIdentity identity;
   identity.model = profile_.name;
   identity.n_elements = profile_.channels;
@@ -339,17 +286,15 @@ Result<ControllerIdentity> ProfileLightArray::connect() {
 
 void ProfileLightArray::disconnect() noexcept {
   try {
-    if (state_ == LinkState::up || state_ == LinkState::unknown) {
+    if (link_.state() == LinkState::up || link_.state() == LinkState::unknown) {
       // There is no lease behind this one: try twice.
       if (!all_off()) {
         [[maybe_unused]] const auto dark = all_off();
       }
     }
-  } catch (...) {
-    state_ = LinkState::lost;
+  } catch (...) {  // out of memory while composing a message: nothing more can be done
   }
-  bus_->close();
-  state_ = LinkState::closed;
+  link_.close();
 }
 
 Result<LatchReceipt> ProfileLightArray::show(std::span<const ElementLevel> pattern,
@@ -412,7 +357,7 @@ Result<ControllerStatus> ProfileLightArray::status() {
   ControllerStatus status;
   // Its own start number is not known; each time its state had to be set anew counts as one.
   status.boot_id = n_resynchronised_;
-  status.uptime_ms = static_cast<std::uint32_t>((clock_() - connected_ns_) / 1'000'000);
+  status.uptime_ms = static_cast<std::uint32_t>((link_.now_ns() - connected_ns_) / 1'000'000);
   status.tag = tag_;
   status.is_dark = std::all_of(held_.begin(), held_.end(), [](auto v) { return v == 0; });
   return status;

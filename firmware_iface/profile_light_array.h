@@ -7,11 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "firmware_iface/controller_link.h"
 #include "firmware_iface/controller_profile.h"
 #include "firmware_iface/light_array.h"
-#include "firmware_iface/link_state.h"
 #include "firmware_iface/register_bus.h"
-#include "firmware_iface/register_light_array.h"
 
 /// @file
 /// A light array behind another vendor's registers. What such a controller lacks is said, not
@@ -47,11 +46,8 @@ class ProfileLightArray final : public LightArray {
   [[nodiscard]] Result<LatchReceipt> step_table() override;
 
  private:
-  enum class Hurry { patient, at_once };
   using Values = std::vector<std::uint16_t>;
 
-  void on_link(LinkEvent event);
-  tl::unexpected<Fault> lose(Fault fault);
   [[nodiscard]] Result<void> make_ready(Hurry hurry);
   /// Checks who it is, sets it up, turns all off.
   [[nodiscard]] Result<void> resynchronise();
@@ -64,12 +60,8 @@ class ProfileLightArray final : public LightArray {
   [[nodiscard]] Result<LatchReceipt> set(const Values& wanted, std::uint32_t tag);
   [[nodiscard]] std::string name() const;
 
-  std::unique_ptr<RegisterBus> bus_;
+  ControllerLink link_;
   ControllerProfile profile_;
-  NanosecondClock clock_;
-  LinkState state_ = LinkState::closed;
-  int n_open_failures_ = 0;
-  std::int64_t reopen_at_ns_ = 0;
   std::size_t n_elements_;
   Values held_;  ///< what was last confirmed; meaningful while is_certain_
   bool is_certain_ = false;

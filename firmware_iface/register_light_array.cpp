@@ -47,17 +47,9 @@ Result<void> write_runs(std::size_t n, std::size_t gap, std::size_t longest,
 
 }  // namespace
 
-std::int64_t monotonic_now_ns() {
-  // libstdc++'s steady_clock is CLOCK_MONOTONIC.
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
-
 RegisterLightArray::RegisterLightArray(std::unique_ptr<RegisterBus> bus,
                                        RegisterLightArrayOptions options, NanosecondClock clock)
-    : bus_(std::move(bus)), options_(options), clock_(std::move(clock)) {
-  HAARLIGHT_EXPECTS(bus_ != nullptr, "a light array needs a bus");
+    : link_(std::move(bus), std::move(clock)), options_(options) {
   HAARLIGHT_EXPECTS(options_.n_elements > 0 && options_.n_elements <= registers::kMaxElements,
                     "1 to kMaxElements elements");
   const auto n = static_cast<std::size_t>(options_.n_elements);
@@ -70,76 +62,23 @@ RegisterLightArray::~RegisterLightArray() { disconnect(); }
 
 // ---- link ----
 
-void RegisterLightArray::on_link(LinkEvent event) {
-  const LinkState old = state_;
-  state_ = next_link_state(state_, event, bus_->recovery());
-  if (state_ == LinkState::lost && old != LinkState::lost) {
-    bus_->close();
-    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
-  }
-}
-
-tl::unexpected<Fault> RegisterLightArray::lose(Fault fault) {
-  on_link(link_event(fault));
-  return tl::unexpected<Fault>(std::move(fault));
-}
-
-Result<void> RegisterLightArray::open_bus() {
-  bus_->close();
-  auto opened = bus_->open();
-  if (!opened) {
-    ++n_open_failures_;
-    state_ = LinkState::lost;
-    reopen_at_ns_ = clock_() + std::chrono::nanoseconds(reopen_pause(n_open_failures_)).count();
-    return opened;
-  }
-  on_link(LinkEvent::opened);
-  return {};
-}
-
 Result<void> RegisterLightArray::make_ready(Hurry hurry) {
-  switch (state_) {
-    case LinkState::up:
-      return {};
-    case LinkState::closed:
-      if (hurry == Hurry::patient) {
-        return fail(Errc::device_gone, name() + ": not connected");
-      }
-      break;
-    case LinkState::lost: {
-      const std::int64_t left_ns = reopen_at_ns_ - clock_();
-      if (hurry == Hurry::patient && left_ns > 0) {
-        return fail(Errc::device_gone, fmt::format("{}: link lost, opened again in {} ms",
-                                                   name(), left_ns / 1'000'000 + 1));
-      }
-      break;
-    }
-    case LinkState::unknown: {
-      if (auto settled = bus_->settle(); !settled) {
-        return lose(settled.error());
-      }
-      return resynchronise();
-    }
-  }
-  if (auto opened = open_bus(); !opened) {
-    return opened;
-  }
-  return resynchronise();
+  return link_.make_ready(hurry, [this] { return resynchronise(); });
 }
 
 Result<void> RegisterLightArray::prove_line() {
   // A late answer of an earlier request cannot hold a number that was never used before.
-  echo_ = echo_ * 1664525U + 1013904223U + static_cast<std::uint32_t>(clock_());
+  echo_ = echo_ * 1664525U + 1013904223U + static_cast<std::uint32_t>(link_.now_ns());
   const std::array<std::uint16_t, 2> sent = {high_word(echo_), low_word(echo_)};
-  if (auto ok = demand(bus_->write_holding(hold::kEcho, sent), "writing the echo"); !ok) {
+  if (auto ok = demand(link_.bus().write_holding(hold::kEcho, sent), "writing the echo"); !ok) {
     return ok;
   }
   std::array<std::uint16_t, 2> got{};
-  if (auto ok = demand(bus_->read_holding(hold::kEcho, got), "reading the echo"); !ok) {
+  if (auto ok = demand(link_.bus().read_holding(hold::kEcho, got), "reading the echo"); !ok) {
     return ok;
   }
   if (got != sent) {
-    return lose(
+    return link_.lose(
         Fault{Errc::protocol,
               fmt::format("{}: echo is {:#010x}, expected {:#010x}: answers out of step",
                           name(), join_words(got[0], got[1]), echo_),
@@ -162,10 +101,10 @@ Result<void> RegisterLightArray::resynchronise() {
     return tl::unexpected<Fault>(block.error());
   }
   if (before && before->serial != identity->serial) {
-    return lose(Fault{Errc::protocol,
-                      fmt::format("{}: controller {} answers, {} was connected", name(),
-                                  identity->serial, before->serial),
-                      0, __FILE__, __LINE__});
+    return link_.lose(Fault{Errc::protocol,
+                            fmt::format("{}: controller {} answers, {} was connected", name(),
+                                        identity->serial, before->serial),
+                            0, __FILE__, __LINE__});
   }
   identity->boot_id = block->status.boot_id;
   identity->uptime_ms = block->status.uptime_ms;
@@ -192,19 +131,20 @@ Result<void> RegisterLightArray::resynchronise() {
       return tl::unexpected<Fault>(block.error());
     }
     if (!block->status.is_dark || block->status.tag != 0 || block->shadow_sum != 0) {
-      return lose(Fault{Errc::protocol, name() + ": ALL_OFF was accepted, yet it is not dark",
-                        0, __FILE__, __LINE__});
+      return link_.lose(Fault{Errc::protocol,
+                              name() + ": ALL_OFF was accepted, yet it is not dark", 0,
+                              __FILE__, __LINE__});
     }
   }
   const std::vector<std::uint16_t> words = {static_cast<std::uint16_t>(options_.lease.count())};
-  if (auto ok = demand(bus_->write_holding(hold::kLeaseMs, words), "setting the lease"); !ok) {
+  if (auto ok = demand(link_.bus().write_holding(hold::kLeaseMs, words), "setting the lease");
+      !ok) {
     return ok;
   }
   if (auto limited = set_power_limit(); !limited) {
     return limited;
   }
-  n_open_failures_ = 0;
-  on_link(LinkEvent::resynchronised);
+  link_.on(LinkEvent::resynchronised);
   return {};
 }
 
@@ -217,53 +157,57 @@ Result<void> RegisterLightArray::set_power_limit() {
   const auto limit = static_cast<std::uint32_t>(
       std::clamp(asked_dw, 0.0, static_cast<double>(hard_limit_dw_)));
   const std::array<std::uint16_t, 2> words = {high_word(limit), low_word(limit)};
-  if (auto ok =
-          demand(bus_->write_holding(hold::kPowerLimit, words), "setting the power limit");
+  if (auto ok = demand(link_.bus().write_holding(hold::kPowerLimit, words),
+                       "setting the power limit");
       !ok) {
     return ok;
   }
   std::array<std::uint16_t, 2> got{};
-  if (auto ok = demand(bus_->read_holding(hold::kPowerLimit, got), "reading the power limit");
+  if (auto ok =
+          demand(link_.bus().read_holding(hold::kPowerLimit, got), "reading the power limit");
       !ok) {
     return ok;
   }
   if (got != words) {
-    return lose(Fault{Errc::protocol,
-                      fmt::format("{}: the power limit was set to {} W and reads {} W", name(),
-                                  limit / 10.0, join_words(got[0], got[1]) / 10.0),
-                      0, __FILE__, __LINE__});
+    return link_.lose(
+        Fault{Errc::protocol,
+              fmt::format("{}: the power limit was set to {} W and reads {} W", name(),
+                          limit / 10.0, join_words(got[0], got[1]) / 10.0),
+              0, __FILE__, __LINE__});
   }
   return {};
 }
 
 Result<ControllerIdentity> RegisterLightArray::read_identity() {
   std::array<std::uint16_t, in::kIdentityCount> words{};
-  if (auto ok = demand(bus_->read_input(in::kMagic, words), "reading the identity"); !ok) {
+  if (auto ok = demand(link_.bus().read_input(in::kMagic, words), "reading the identity");
+      !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
   auto identity = decode_identity(words);
   if (!identity) {
-    return lose(identity.error());
+    return link_.lose(identity.error());
   }
   hard_limit_dw_ = join_words(words[in::kHardPowerLimit - in::kMagic],
                               words[in::kHardPowerLimit + 1 - in::kMagic]);
   if (identity->n_elements < options_.n_elements) {
-    return lose(Fault{Errc::unsupported,
-                      fmt::format("{}: the controller has {} elements, the rig {}", name(),
-                                  identity->n_elements, options_.n_elements),
-                      0, __FILE__, __LINE__});
+    return link_.lose(Fault{Errc::unsupported,
+                            fmt::format("{}: the controller has {} elements, the rig {}",
+                                        name(), identity->n_elements, options_.n_elements),
+                            0, __FILE__, __LINE__});
   }
   return identity;
 }
 
 Result<StatusBlock> RegisterLightArray::read_status() {
   std::array<std::uint16_t, in::kStatusCount> words{};
-  if (auto ok = demand(bus_->read_input(in::kStatusFirst, words), "reading the status"); !ok) {
+  if (auto ok = demand(link_.bus().read_input(in::kStatusFirst, words), "reading the status");
+      !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
   auto block = decode_status(words);
   if (!block) {
-    return lose(block.error());
+    return link_.lose(block.error());
   }
   return block;
 }
@@ -284,17 +228,17 @@ Fault RegisterLightArray::refusal_fault(Exception exception, const char* operati
     }
     case Exception::bank_sum:
       is_bank_certain_ = false;
-      on_link(LinkEvent::doubt);
+      link_.on(LinkEvent::doubt);
       return {Errc::protocol,
               fmt::format("{}: {} refused: {}", name(), operation,
                           to_string(registers::Refusal::bank_sum)),
               0, __FILE__, __LINE__};
     case Exception::busy:
-      on_link(LinkEvent::doubt);
+      link_.on(LinkEvent::doubt);
       return {Errc::device_busy, fmt::format("{}: {}: busy", name(), operation), 0, __FILE__,
               __LINE__};
     case Exception::gateway_target:
-      on_link(LinkEvent::fault_gone);
+      link_.on(LinkEvent::fault_gone);
       return {Errc::device_gone,
               fmt::format("{}: {}: the gateway does not reach the unit", name(), operation), 0,
               __FILE__, __LINE__};
@@ -308,7 +252,7 @@ Fault RegisterLightArray::refusal_fault(Exception exception, const char* operati
   }
   // The controller does not know a register of the map, or invents exceptions.
   is_bank_certain_ = false;
-  on_link(LinkEvent::doubt);
+  link_.on(LinkEvent::doubt);
   return {Errc::protocol, fmt::format("{}: {}: Modbus exception {}", name(), operation, number),
           0, __FILE__, __LINE__};
 }
@@ -316,7 +260,7 @@ Fault RegisterLightArray::refusal_fault(Exception exception, const char* operati
 Result<void> RegisterLightArray::demand(Result<Exception> answer, const char* operation) {
   if (!answer) {
     answer.error().what = fmt::format("{}: {}", operation, answer.error().what);
-    return lose(answer.error());
+    return link_.lose(answer.error());
   }
   if (*answer != Exception::none) {
     return tl::unexpected<Fault>(refusal_fault(*answer, operation));
@@ -325,11 +269,9 @@ Result<void> RegisterLightArray::demand(Result<Exception> answer, const char* op
 }
 
 Result<ControllerIdentity> RegisterLightArray::connect() {
-  bus_->close();
-  on_link(LinkEvent::close);
+  link_.close();
   identity_.reset();
   is_bank_certain_ = false;
-  n_open_failures_ = 0;
   if (auto ready = make_ready(Hurry::at_once); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
@@ -338,15 +280,13 @@ Result<ControllerIdentity> RegisterLightArray::connect() {
 
 void RegisterLightArray::disconnect() noexcept {
   try {
-    if (state_ == LinkState::up || state_ == LinkState::unknown) {
+    if (link_.state() == LinkState::up || link_.state() == LinkState::unknown) {
       // One try; the lease does it where this fails.
       [[maybe_unused]] const auto dark = all_off();
     }
   } catch (...) {  // out of memory while composing a message: the lease turns the lights off
-    state_ = LinkState::lost;
   }
-  bus_->close();
-  state_ = LinkState::closed;
+  link_.close();
 }
 
 // ---- light ----
@@ -386,7 +326,7 @@ Result<void> RegisterLightArray::write_levels() {
           words.push_back(wanted_[k] > 0 ? wanted_[k] : held);
         }
         auto ok = demand(
-            bus_->write_holding(static_cast<std::uint16_t>(hold::kLevels + first), words),
+            link_.bus().write_holding(static_cast<std::uint16_t>(hold::kLevels + first), words),
             "writing levels");
         if (ok) {
           std::copy(words.begin(), words.end(),
@@ -407,7 +347,7 @@ Result<void> RegisterLightArray::write_on_bits() {
         for (std::size_t k = first; k < end; ++k) {
           bits.push_back(static_cast<std::uint8_t>(is_wanted(k)));
         }
-        auto ok = demand(bus_->write_coils(static_cast<std::uint16_t>(first), bits),
+        auto ok = demand(link_.bus().write_coils(static_cast<std::uint16_t>(first), bits),
                          "writing on bits");
         if (ok) {
           std::copy(bits.begin(), bits.end(), on_.begin() + static_cast<std::ptrdiff_t>(first));
@@ -442,7 +382,7 @@ Result<void> RegisterLightArray::confirm_shown(std::uint32_t tag, std::uint32_t 
   if (block->status.tag != tag || block->shown_sum != sum ||
       block->status.boot_id != identity_->boot_id) {
     is_bank_certain_ = false;
-    on_link(LinkEvent::doubt);
+    link_.on(LinkEvent::doubt);
     return fail(Errc::protocol,
                 fmt::format("{}: shows tag {} with sum {:#010x} (start {:#x}), expected tag {} "
                             "with sum {:#010x} (start {:#x})",
@@ -461,7 +401,7 @@ Result<LatchReceipt> RegisterLightArray::show(std::span<const ElementLevel> patt
     return tl::unexpected<Fault>(ok.error());
   }
   auto receipt = latch_pattern(pattern, tag);
-  if (!receipt && state_ == LinkState::unknown && is_bank_stale_) {
+  if (!receipt && link_.state() == LinkState::unknown && is_bank_stale_) {
     // The controller said no and is dark: its bank was cleared behind our back (lease, all-off
     // by another host, restart). Every request was answered, so writing anew is no replay.
     if (auto ok = resynchronise(); !ok) {
@@ -482,9 +422,9 @@ Result<LatchReceipt> RegisterLightArray::latch_pattern(std::span<const ElementLe
   const std::array<std::uint16_t, 5> words = {high_word(tag), low_word(tag), high_word(sum),
                                               low_word(sum), registers::kAct};
   LatchReceipt receipt;
-  receipt.t_command_ns = clock_();
-  auto answer = bus_->write_holding(hold::kTag, words);
-  receipt.t_ack_ns = clock_();
+  receipt.t_command_ns = link_.now_ns();
+  auto answer = link_.bus().write_holding(hold::kTag, words);
+  receipt.t_ack_ns = link_.now_ns();
   is_bank_stale_ = answer && *answer == Exception::bank_sum;
   if (auto ok = demand(std::move(answer), "latching"); !ok) {
     return tl::unexpected<Fault>(ok.error());
@@ -498,7 +438,7 @@ Result<LatchReceipt> RegisterLightArray::latch_pattern(std::span<const ElementLe
 Result<void> RegisterLightArray::all_off_unchecked() {
   const std::array<std::uint16_t, 1> word = {registers::kAct};
   is_bank_certain_ = false;
-  auto ok = demand(bus_->write_holding(hold::kAllOff, word), "ALL_OFF");
+  auto ok = demand(link_.bus().write_holding(hold::kAllOff, word), "ALL_OFF");
   if (ok) {
     std::fill(on_.begin(), on_.end(), std::uint8_t{0});
     is_bank_certain_ = true;
@@ -511,9 +451,9 @@ Result<LatchReceipt> RegisterLightArray::all_off() {
     return tl::unexpected<Fault>(ok.error());
   }
   LatchReceipt receipt;
-  receipt.t_command_ns = clock_();
+  receipt.t_command_ns = link_.now_ns();
   auto ok = all_off_unchecked();
-  receipt.t_ack_ns = clock_();
+  receipt.t_ack_ns = link_.now_ns();
   if (!ok) {
     return tl::unexpected<Fault>(ok.error());
   }
@@ -530,7 +470,7 @@ Result<void> RegisterLightArray::renew_lease() {
   // The length goes along: a controller that restarted would otherwise use its default.
   const std::array<std::uint16_t, 2> words = {
       static_cast<std::uint16_t>(options_.lease.count()), registers::kAct};
-  return demand(bus_->write_holding(hold::kLeaseMs, words), "renewing the lease");
+  return demand(link_.bus().write_holding(hold::kLeaseMs, words), "renewing the lease");
 }
 
 Result<ControllerStatus> RegisterLightArray::status() {
@@ -543,7 +483,7 @@ Result<ControllerStatus> RegisterLightArray::status() {
   }
   if (block->status.boot_id != identity_->boot_id) {
     is_bank_certain_ = false;
-    on_link(LinkEvent::doubt);  // it restarted: dark, bank and table forgotten
+    link_.on(LinkEvent::doubt);  // it restarted: dark, bank and table forgotten
   }
   return block->status;
 }
@@ -574,7 +514,7 @@ Result<void> RegisterLightArray::upload_table(
     const std::array<std::uint16_t, 6> words = {
         high_word(tags[i]),           low_word(tags[i]), high_word(sum), low_word(sum), 0,
         static_cast<std::uint16_t>(i)};
-    if (auto ok = demand(bus_->write_holding(hold::kTag, words), "storing a table entry");
+    if (auto ok = demand(link_.bus().write_holding(hold::kTag, words), "storing a table entry");
         !ok) {
       return ok;
     }
@@ -590,7 +530,7 @@ Result<void> RegisterLightArray::arm_table(registers::StepSource source) {
   const std::array<std::uint16_t, 2> words = {static_cast<std::uint16_t>(source),
                                               static_cast<std::uint16_t>(table_.size())};
   steps_taken_ = 0;
-  return demand(bus_->write_holding(hold::kStepSource, words), "arming the table");
+  return demand(link_.bus().write_holding(hold::kStepSource, words), "arming the table");
 }
 
 Result<LatchReceipt> RegisterLightArray::arm_strobe(const StrobeRun& run) {
@@ -612,9 +552,9 @@ Result<LatchReceipt> RegisterLightArray::arm_strobe(const StrobeRun& run) {
       static_cast<std::uint16_t>(registers::StepSource::strobe),
       static_cast<std::uint16_t>(run.count)};
   LatchReceipt receipt;
-  receipt.t_command_ns = clock_();
-  auto ok = demand(bus_->write_holding(hold::kStrobeDivider, words), "arming the table");
-  receipt.t_ack_ns = clock_();
+  receipt.t_command_ns = link_.now_ns();
+  auto ok = demand(link_.bus().write_holding(hold::kStrobeDivider, words), "arming the table");
+  receipt.t_ack_ns = link_.now_ns();
   if (!ok) {
     return tl::unexpected<Fault>(ok.error());
   }
@@ -627,7 +567,7 @@ Result<void> RegisterLightArray::extend_strobe(int count) {
   }
   const std::array<std::uint16_t, 1> word = {
       static_cast<std::uint16_t>(std::clamp(count, 0, 65535))};
-  return demand(bus_->write_holding(hold::kTableExtend, word), "extending the table");
+  return demand(link_.bus().write_holding(hold::kTableExtend, word), "extending the table");
 }
 
 Result<void> RegisterLightArray::set_trigger_delay(std::chrono::microseconds delay) {
@@ -637,7 +577,8 @@ Result<void> RegisterLightArray::set_trigger_delay(std::chrono::microseconds del
   const auto us = static_cast<std::uint32_t>(std::clamp<std::int64_t>(
       delay.count(), 0, std::int64_t{registers::kMaxTriggerDelayUs} + 1));
   const std::array<std::uint16_t, 2> words = {high_word(us), low_word(us)};
-  return demand(bus_->write_holding(hold::kTriggerDelay, words), "setting the trigger delay");
+  return demand(link_.bus().write_holding(hold::kTriggerDelay, words),
+                "setting the trigger delay");
 }
 
 Result<LatchReceipt> RegisterLightArray::step_table() {
@@ -646,9 +587,9 @@ Result<LatchReceipt> RegisterLightArray::step_table() {
   }
   const std::array<std::uint16_t, 1> word = {registers::kAct};
   LatchReceipt receipt;
-  receipt.t_command_ns = clock_();
-  auto ok = demand(bus_->write_holding(hold::kStep, word), "stepping the table");
-  receipt.t_ack_ns = clock_();
+  receipt.t_command_ns = link_.now_ns();
+  auto ok = demand(link_.bus().write_holding(hold::kStep, word), "stepping the table");
+  receipt.t_ack_ns = link_.now_ns();
   if (!ok) {
     return tl::unexpected<Fault>(ok.error());
   }

@@ -2,15 +2,14 @@
 
 #include <chrono>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "core/units.h"
+#include "firmware_iface/controller_link.h"
 #include "firmware_iface/light_array.h"
-#include "firmware_iface/link_state.h"
 #include "firmware_iface/register_bus.h"
 #include "firmware_iface/register_codec.h"
 
@@ -26,10 +25,6 @@ struct RegisterLightArrayOptions {
   /// controller's hard limit; none: the controller's own.
   std::optional<Watts> power_limit = std::nullopt;
 };
-
-/// Monotonic nanoseconds; a virtual one in simulations.
-using NanosecondClock = std::function<std::int64_t()>;
-[[nodiscard]] std::int64_t monotonic_now_ns();
 
 /// See LightArray. After a fault nothing is known about the light: the next call reopens the
 /// link or lets the line fall silent, proves it by an echo, and reads back; when bank and light
@@ -60,20 +55,15 @@ class RegisterLightArray final : public LightArray {
   [[nodiscard]] Result<void> extend_strobe(int count) override;
   [[nodiscard]] Result<void> set_trigger_delay(std::chrono::microseconds delay) override;
 
-  [[nodiscard]] LinkState link_state() const noexcept { return state_; }
+  [[nodiscard]] LinkState link_state() const noexcept { return link_.state(); }
 
  private:
-  enum class Hurry { patient, at_once };
   struct TableProof {
     std::uint32_t tag = 0;
     std::uint32_t sum = 0;
   };
 
-  void on_link(LinkEvent event);
-  /// Notes a fault of the bus and hands it on.
-  tl::unexpected<Fault> lose(Fault fault);
   [[nodiscard]] Result<void> make_ready(Hurry hurry);
-  [[nodiscard]] Result<void> open_bus();
   [[nodiscard]] Result<void> resynchronise();
   [[nodiscard]] Result<void> prove_line();
   [[nodiscard]] Result<void> set_power_limit();
@@ -92,14 +82,10 @@ class RegisterLightArray final : public LightArray {
   [[nodiscard]] Result<void> write_on_bits();
   [[nodiscard]] Result<void> confirm_shown(std::uint32_t tag, std::uint32_t sum,
                                            LatchReceipt& receipt);
-  [[nodiscard]] std::string name() const { return bus_->name(); }
+  [[nodiscard]] std::string name() const { return link_.name(); }
 
-  std::unique_ptr<RegisterBus> bus_;
+  ControllerLink link_;
   RegisterLightArrayOptions options_;
-  NanosecondClock clock_;
-  LinkState state_ = LinkState::closed;
-  int n_open_failures_ = 0;
-  std::int64_t reopen_at_ns_ = 0;
   std::uint32_t echo_ = 0;
   std::optional<ControllerIdentity> identity_;
   std::uint32_t hard_limit_dw_ = 0;  ///< 0.1 W
