@@ -1,14 +1,9 @@
 #include <array>
-#include <cerrno>
 #include <csignal>
-#include <system_error>
 #include <thread>
 
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
-#include <poll.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -18,6 +13,8 @@
 #include "firmware_iface/register_light_array.h"
 #include "sim/controller_server.h"
 #include "tests/firmware_iface/controller_fixture.h"
+#include "tests/firmware_iface/late_answer.h"
+#include "tests/firmware_iface/loopback_listener.h"
 
 /// @file
 /// Broken wires: real libmodbus against real sockets and pseudo-terminals that lie.
@@ -78,7 +75,7 @@ struct FaultCase {
 
 std::ostream& operator<<(std::ostream& out, const FaultCase& c) { return out << c.name; }
 
-class WireFaults : public testing::TestWithParam<FaultCase> {};
+class WireFaults : public ::testing::TestWithParam<FaultCase> {};
 
 // Every fault hits the third request of a show: reported, and the next show is right.
 TEST_P(WireFaults, AreReportedOnceAndHealed) {
@@ -143,7 +140,7 @@ constexpr FaultCase kFaultCases[] = {
      true},
 };
 
-INSTANTIATE_TEST_SUITE_P(Each, WireFaults, testing::ValuesIn(kFaultCases),
+INSTANTIATE_TEST_SUITE_P(Each, WireFaults, ::testing::ValuesIn(kFaultCases),
                          [](const auto& param_info) {
                            return std::string(param_info.param.name);
                          });
@@ -155,22 +152,7 @@ TEST(RtuDriver, LateAnswerIsNeverTakenForTheNextOne) {
     SCOPED_TRACE(delay.count());
     ControllerServer server(rtu_options());
     auto bus = make_modbus_rtu_bus(*parse_serial_address(server.rtu_address()), 1, kTiming);
-    ASSERT_TRUE(bus->open());
-    const std::vector<std::uint16_t> levels = {111, 222};
-    ASSERT_TRUE(bus->write_holding(registers::holding::kLevels, levels));
-    server.inject({.kind = WireFault::delay_reply, .delay = delay});
-    std::array<std::uint16_t, 1> word{};
-    const auto late = bus->read_holding(registers::holding::kLevels, word);
-    ASSERT_FALSE(late);
-    EXPECT_EQ(late.error().code, Errc::timeout);
-    // Until the line has settled no request passes.
-    const auto refused = bus->read_holding(registers::holding::kLevels + 1, word);
-    ASSERT_FALSE(refused);
-    EXPECT_EQ(refused.error().code, Errc::protocol);
-    ASSERT_TRUE(bus->settle());
-    const auto answer = bus->read_holding(registers::holding::kLevels + 1, word);
-    ASSERT_TRUE(answer) << answer.error().what;
-    EXPECT_EQ(word[0], 222);
+    testing::expect_late_answer_is_not_the_next(*bus, server, delay);
   }
 }
 
@@ -301,20 +283,9 @@ TEST(TcpDriver, FiveHundredShowsWithScatteredFaultsAreEachRightOrReported) {
 class NoisyPeer {
  public:
   explicit NoisyPeer(std::uint32_t seed) : random_(seed) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof address;
-    listener_.reset(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
-    auto* const generic = reinterpret_cast<sockaddr*>(&address);
-    if (::bind(listener_.get(), generic, size) != 0 || ::listen(listener_.get(), 4) != 0 ||
-        ::getsockname(listener_.get(), generic, &size) != 0) {
-      throw std::system_error(errno, std::generic_category(), "noisy peer");
-    }
-    port_ = ntohs(address.sin_port);
     thread_ = std::jthread([this](const std::stop_token& stop) { serve(stop); });
   }
-  [[nodiscard]] TcpAddress address() const { return {"127.0.0.1", std::to_string(port_)}; }
+  [[nodiscard]] TcpAddress address() const { return {"127.0.0.1", listener_.port()}; }
 
  private:
   std::uint32_t next(std::uint32_t n) {
@@ -324,22 +295,17 @@ class NoisyPeer {
 
   void serve(const std::stop_token& stop) {
     while (!stop.stop_requested()) {
-      if (!is_readable(listener_.get())) {
+      if (!listener_.is_called()) {
         continue;
       }
-      const Fd fd(::accept(listener_.get(), nullptr, nullptr));
+      const Fd fd = listener_.accept();
       while (!stop.stop_requested() && answer(fd.get(), stop)) {
       }
     }
   }
 
-  static bool is_readable(int fd) {
-    pollfd line{fd, POLLIN, 0};
-    return ::poll(&line, 1, 5) > 0;
-  }
-
   bool answer(int fd, const std::stop_token& stop) {
-    while (!is_readable(fd)) {
+    while (!testing::is_readable(fd)) {
       if (stop.stop_requested()) {
         return false;
       }
@@ -374,8 +340,7 @@ class NoisyPeer {
   }
 
   std::uint32_t random_;
-  int port_ = 0;
-  Fd listener_;
+  testing::LoopbackListener listener_;
   std::jthread thread_;
 };
 

@@ -11,6 +11,7 @@
 #include "firmware_iface/usb_link.h"
 #include "sim/controller_server.h"
 #include "tests/firmware_iface/controller_fixture.h"
+#include "tests/firmware_iface/late_answer.h"
 #include "tests/firmware_iface/usb_testbed.h"
 
 /// @file
@@ -111,8 +112,8 @@ TEST(UsbDriver, FindsItsDeviceBySerialNumberAndNamesTheOthers) {
   const auto opened = third->open();
   ASSERT_FALSE(opened);
   EXPECT_EQ(opened.error().code, Errc::device_gone);
-  EXPECT_THAT(opened.error().what, testing::HasSubstr("HL000003"));
-  EXPECT_THAT(opened.error().what, testing::HasSubstr("HL000002"));
+  EXPECT_THAT(opened.error().what, ::testing::HasSubstr("HL000003"));
+  EXPECT_THAT(opened.error().what, ::testing::HasSubstr("HL000002"));
 }
 
 TEST(UsbDriver, ClaimsItsDeviceForItselfAlone) {
@@ -188,7 +189,7 @@ TEST(UsbDriver, SilenceOfTheHostTurnsTheLightOffWithinTheLease) {
 
 // Every transfer of a show and of a reconnection is hit once by every fault: each is reported
 // or healed, no call outlasts a second by much, and the next light shown is the right one.
-class UsbTransferFaults : public testing::TestWithParam<UsbStatus> {};
+class UsbTransferFaults : public ::testing::TestWithParam<UsbStatus> {};
 
 TEST_P(UsbTransferFaults, AtEveryTransferAreReportedAndHealed) {
   const UsbStatus kind = GetParam();
@@ -256,7 +257,7 @@ TEST_P(UsbTransferFaults, DuringTheRecoveryAreHealedToo) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds, UsbTransferFaults,
-                         testing::Values(UsbStatus::stall, UsbStatus::hang, UsbStatus::gone),
+                         ::testing::Values(UsbStatus::stall, UsbStatus::hang, UsbStatus::gone),
                          [](const auto& param_info) {
                            return param_info.param == UsbStatus::stall  ? "Stall"
                                   : param_info.param == UsbStatus::hang ? "Timeout"
@@ -269,7 +270,7 @@ struct ReplyCase {
   Errc expected;
 };
 
-class UsbReplyFaults : public testing::TestWithParam<ReplyCase> {};
+class UsbReplyFaults : public ::testing::TestWithParam<ReplyCase> {};
 
 TEST_P(UsbReplyFaults, AreReportedAndHealed) {
   const ReplyCase& c = GetParam();
@@ -303,7 +304,7 @@ constexpr ReplyCase kReplyCases[] = {
     {"Gone", WireFault::close, Errc::device_gone},
 };
 
-INSTANTIATE_TEST_SUITE_P(Each, UsbReplyFaults, testing::ValuesIn(kReplyCases),
+INSTANTIATE_TEST_SUITE_P(Each, UsbReplyFaults, ::testing::ValuesIn(kReplyCases),
                          [](const auto& param_info) {
                            return std::string(param_info.param.name);
                          });
@@ -314,21 +315,7 @@ TEST(UsbDriver, LateAnswerIsNeverTakenForTheNextOne) {
     SCOPED_TRACE(delay.count());
     Bench bench;
     auto bus = make_usb_bus("HL000001", {.turnaround = 100ms, .open = 1500ms});
-    ASSERT_TRUE(bus->open());
-    const std::vector<std::uint16_t> levels = {111, 222};
-    ASSERT_TRUE(bus->write_holding(registers::holding::kLevels, levels));
-    bench.server.inject({.kind = WireFault::delay_reply, .delay = delay});
-    std::array<std::uint16_t, 1> word{};
-    const auto late = bus->read_holding(registers::holding::kLevels, word);
-    ASSERT_FALSE(late);
-    EXPECT_EQ(late.error().code, Errc::timeout);
-    const auto refused = bus->read_holding(registers::holding::kLevels + 1, word);
-    ASSERT_FALSE(refused);
-    EXPECT_EQ(refused.error().code, Errc::protocol);
-    ASSERT_TRUE(bus->settle());
-    const auto answer = bus->read_holding(registers::holding::kLevels + 1, word);
-    ASSERT_TRUE(answer) << answer.error().what;
-    EXPECT_EQ(word[0], 222);
+    testing::expect_late_answer_is_not_the_next(*bus, bench.server, delay);
   }
 }
 
@@ -375,7 +362,7 @@ TEST(UsbDriver, AnotherControllersSerialNumberBehindTheSameNameIsRefused) {
   std::this_thread::sleep_for(60ms);
   const auto shown = array->show(one_light(1), 1);
   ASSERT_FALSE(shown);
-  EXPECT_THAT(shown.error().what, testing::HasSubstr("77"));
+  EXPECT_THAT(shown.error().what, ::testing::HasSubstr("77"));
   bench.bus.unplug(device);
 }
 

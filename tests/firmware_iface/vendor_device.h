@@ -2,25 +2,21 @@
 
 #include <array>
 #include <atomic>
-#include <cerrno>
 #include <cstdint>
 #include <functional>
 #include <map>
 #include <mutex>
 #include <string>
-#include <system_error>
 #include <thread>
 #include <vector>
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "core/files.h"
 #include "firmware_iface/modbus_frame.h"
 #include "firmware_iface/modbus_request.h"
+#include "tests/firmware_iface/loopback_listener.h"
 
 /// @file
 /// Other vendors' controllers on Modbus TCP, written from their register tables and sharing no
@@ -36,17 +32,7 @@ class VendorDevice {
 
   VendorDevice(Words words, std::map<std::uint16_t, bool> coils)
       : words_(std::move(words)), coils_(std::move(coils)) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof address;
-    listener_.reset(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
-    auto* const generic = reinterpret_cast<sockaddr*>(&address);
-    if (::bind(listener_.get(), generic, size) != 0 || ::listen(listener_.get(), 4) != 0 ||
-        ::getsockname(listener_.get(), generic, &size) != 0) {
-      throw std::system_error(errno, std::generic_category(), "vendor device");
-    }
-    address_ = "127.0.0.1:" + std::to_string(ntohs(address.sin_port));
+    address_ = "127.0.0.1:" + listener_.port();
     thread_ = std::jthread([this](const std::stop_token& stop) { serve(stop); });
   }
 
@@ -174,20 +160,15 @@ class VendorDevice {
     return echo;
   }
 
-  static bool is_readable(int fd) {
-    pollfd line{fd, POLLIN, 0};
-    return ::poll(&line, 1, 5) > 0;
-  }
-
   void serve(const std::stop_token& stop) {
     while (!stop.stop_requested()) {
-      if (!is_readable(listener_.get())) {
+      if (!listener_.is_called()) {
         continue;
       }
-      const Fd fd(::accept(listener_.get(), nullptr, nullptr));
+      const Fd fd = listener_.accept();
       std::vector<std::uint8_t> bytes;
       while (!stop.stop_requested()) {
-        if (!is_readable(fd.get())) {
+        if (!testing::is_readable(fd.get())) {
           continue;
         }
         std::array<std::uint8_t, 300> chunk{};
@@ -221,7 +202,7 @@ class VendorDevice {
   std::atomic<int> n_to_drop_{0};
   std::atomic<int> n_requests_{0};
   std::string address_;
-  Fd listener_;
+  testing::LoopbackListener listener_;
   std::jthread thread_;
 };
 
