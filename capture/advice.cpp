@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "session/clip_level.h"
 
 namespace haarlight {
 
@@ -30,9 +31,7 @@ double read_variance(const CameraSpec& camera) {
 }
 
 double saturation_e(const CameraSpec& camera) {
-  const double white = std::pow(2.0, camera.bits) - 1.0;
-  return std::min(camera.noise.full_well_e,
-                  (white - camera.noise.black_dn) * camera.noise.gain_e_per_dn);
+  return (clip_level(camera) - camera.noise.black_dn) * camera.noise.gain_e_per_dn;
 }
 
 /// Pixels [begin, end) as columns: (n_lights, end - begin).

@@ -8,6 +8,7 @@
 
 #include "capture/frame_checks.h"
 #include "capture/preview_png.h"
+#include "session/clip_level.h"
 
 namespace haarlight {
 
@@ -68,6 +69,7 @@ CameraThread::CameraThread(std::unique_ptr<Camera> camera, CameraSpec spec, Fram
                            std::function<void(EventBody)> send)
     : camera_(std::move(camera)),
       spec_(std::move(spec)),
+      clip_dn_(clip_level(spec_)),
       store_(store),
       send_(std::move(send)),
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
@@ -187,8 +189,7 @@ void CameraThread::take_frame() {
   if (!pixels.is_empty()) {
     const ImageView<const std::uint16_t> active(pixels.data(), spec_.active_rows,
                                                 pixels.width(), 1, pixels.row_stride());
-    glance = glance_at(
-        active, static_cast<std::uint16_t>((1U << static_cast<unsigned>(spec_.bits)) - 1U));
+    glance = glance_at(active, clip_dn_);
     keep_preview(*frame);
   }
   const std::uint64_t id = store_.put(*std::move(frame));
@@ -206,21 +207,20 @@ void CameraThread::keep_preview(const Frame& frame) {
   picture.sequence = frame.info().sequence;
   picture.grey = Image<std::uint8_t>(spec_.active_rows / step, pixels.width() / step, 1);
   const auto shift = static_cast<unsigned>(spec_.bits - 8);
-  const auto white = static_cast<std::uint16_t>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
-  std::size_t n_white = 0;
+  std::size_t n_clipped = 0;
   for (int y = 0; y < picture.grey.height(); ++y) {
     for (int x = 0; x < picture.grey.width(); ++x) {
       const std::uint16_t word = pixels(y * step, x * step);
       picture.grey(y, x) = static_cast<std::uint8_t>(std::min(255, word >> shift));
-      n_white += word >= white ? 1 : 0;
+      n_clipped += word >= clip_dn_ ? 1 : 0;
     }
   }
   picture.saturated_share =
-      static_cast<double>(n_white) /
+      static_cast<double>(n_clipped) /
       static_cast<double>(std::max<std::size_t>(1, picture.grey.pixels().size()));
   const ImageView<const std::uint16_t> active(pixels.data(), spec_.active_rows, pixels.width(),
                                               1, pixels.row_stride());
-  picture.codes = make_preview_codes(active, spec_.noise.black_dn, clip_word(spec_), step);
+  picture.codes = make_preview_codes(active, spec_.noise.black_dn, clip_dn_, step);
   const std::lock_guard lock(preview_mutex_);
   preview_ = std::move(picture);
 }

@@ -70,6 +70,7 @@ class CameraThread {
 
   std::unique_ptr<Camera> camera_;
   CameraSpec spec_;
+  double clip_dn_;  ///< of spec_
   FrameStore& store_;
   std::function<void(EventBody)> send_;
   WorkQueue<Command> commands_{64};

@@ -439,9 +439,8 @@ class Daemon::Impl {
       return;
     }
     auto shown = patterns_of(*opened->plan);
-    const FrameForm form = session_info_of(config_.rig, *opened->plan, opened->id).form;
-    checker_of_session_ = std::make_shared<FrameChecker>(*opened->plan, form);
-    observer_.begin(kinds_of(*opened->plan), form, opened->next_attempt);
+    checker_of_session_ = std::make_shared<FrameChecker>(*opened->plan, opened->form);
+    observer_.begin(kinds_of(*opened->plan), opened->form, opened->next_attempt);
     run_ns_ = 0;
     n_commits_before_ = state.counters.commits;
     {

@@ -220,10 +220,8 @@ class PageHandlers {
         read_frame_tiff_rows(mapped.bytes(), header, 0, form.height, file->string());
     const ImageView<const std::uint16_t> words(
         reinterpret_cast<const std::uint16_t*>(bytes.data()), form.height, form.width, 1);
-    const Image<std::uint8_t> codes =
-        make_preview_codes(words, form.black_level,
-                           std::min(form.white_level, clip_word(daemon_.rig().cameras.front())),
-                           preview_step(form.width));
+    const Image<std::uint8_t> codes = make_preview_codes(
+        words, form.black_level, form.saturation_dn(), preview_step(form.width));
     return png(codes.view());
   }
 

@@ -13,7 +13,7 @@
 
 namespace haarlight {
 
-FrameGlance glance_at(ImageView<const std::uint16_t> active, std::uint16_t white) {
+FrameGlance glance_at(ImageView<const std::uint16_t> active, double clip_dn) {
   struct Free {
     void operator()(XXH3_state_t* state) const noexcept { XXH3_freeState(state); }
   };
@@ -23,10 +23,10 @@ FrameGlance glance_at(ImageView<const std::uint16_t> active, std::uint16_t white
   for (int y = 0; y < active.height(); ++y) {
     const auto row = active.row(y);
     XXH3_64bits_update(state.get(), row.data(), row.size_bytes());
-    glance.must_differ =
-        glance.must_differ || std::any_of(row.begin(), row.end(), [white](std::uint16_t word) {
-          return word > 0 && word < white;
-        });
+    glance.must_differ = glance.must_differ ||
+                         std::any_of(row.begin(), row.end(), [clip_dn](std::uint16_t word) {
+                           return word > 0 && word < clip_dn;
+                         });
   }
   glance.hash = XXH3_64bits_digest(state.get());
   return glance;
@@ -38,7 +38,7 @@ constexpr std::size_t kMaxSamples = 4096;                   // of one picture
 constexpr std::size_t kAllSamples = std::size_t{1} << 22U;  // of all patterns: 8 MB
 constexpr int kLeastSamples = 64;
 constexpr double kLeastSignal = 0.01;  // share of the range: rounding and read noise are below
-constexpr double kClippedShare = 0.9;  // of the range: predicted above it may clip
+constexpr double kClippedShare = 0.9;  // of the clip level: predicted above it may clip
 
 double scale_of(const FrameEvidence& evidence) {
   return evidence.exposure_read_us * std::pow(10.0, evidence.gain_db / 20.0);
@@ -102,7 +102,7 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
 FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,
                                  const FrameEvidence& evidence) const {
   const bool is_flat = evidence.min_dn == evidence.max_dn;
-  const bool is_clipped = evidence.max_dn == 0 || evidence.min_dn >= form_.white_level;
+  const bool is_clipped = evidence.max_dn == 0 || evidence.min_dn >= form_.saturation_dn();
   if (is_flat && !is_clipped && active.height() * active.width() > 1) {
     return {FrameVerdict::no_picture,
             fmt::format("every pixel is {}: the camera delivers no picture", evidence.min_dn)};
@@ -140,6 +140,7 @@ FrameFinding FrameChecker::judge_level(const Reference& reference,
                                        const std::vector<std::uint16_t>& samples,
                                        const FrameEvidence& evidence) const {
   const double range = form_.white_level - form_.black_level;
+  const double unclipped = form_.saturation_dn() - form_.black_level;
   const double ratio = scale_of(evidence) / reference.scale;
   double seen = 0.0;
   double predicted = 0.0;
@@ -147,9 +148,9 @@ FrameFinding FrameChecker::judge_level(const Reference& reference,
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const double before = reference.samples[i] - reference.dark_dn;
     const double now = ratio * before;
-    const bool counts = reference.samples[i] < form_.white_level &&
+    const bool counts = reference.samples[i] < form_.saturation_dn() &&
                         std::min(before, now) >= kLeastSignal * range &&
-                        now <= kClippedShare * range;
+                        now <= kClippedShare * unclipped;
     if (counts) {
       seen += samples[i] - dark_dn_;
       predicted += now;

@@ -17,12 +17,11 @@ namespace haarlight {
 
 /// Cheap enough for every frame that a camera delivers: one pass.
 struct FrameGlance {
-  std::uint64_t hash = 0;  ///< XXH3-64 of the active rows
-  bool must_differ =
-      false;  ///< some pixel is neither 0 nor at white: its noise is in the words
+  std::uint64_t hash = 0;    ///< XXH3-64 of the active rows
+  bool must_differ = false;  ///< some pixel is neither 0 nor clipped: its noise is in the words
 };
-/// @param white  the largest word
-[[nodiscard]] FrameGlance glance_at(ImageView<const std::uint16_t> active, std::uint16_t white);
+/// @param clip_dn  words at or above it are clipped
+[[nodiscard]] FrameGlance glance_at(ImageView<const std::uint16_t> active, double clip_dn);
 
 /// What the checks found.
 struct FrameFinding {
@@ -38,9 +37,9 @@ struct FrameFinding {
 ///
 ///     | sum(v - d) / sum(k (v0 - d0)) - 1 | <= level_tolerance,   k = E g / (E0 g0)
 ///
-/// over the samples unclipped in v0 and predicted below 0.9 of white, each at least 1 % of the
-/// range; d the last dark frame's mean, or the black level. Fewer than 64 such samples prove
-/// nothing and pass.
+/// over the samples unclipped in v0 and predicted below 0.9 of the clip level, each at least
+/// 1 % of the range; d the last dark frame's mean, or the black level. Fewer than 64 such
+/// samples prove nothing and pass.
 class FrameChecker {
  public:
   FrameChecker(const Plan& plan, const FrameForm& form);

@@ -100,10 +100,10 @@ std::string exposure_words(const FrameEvidence& e) {
 
 std::string pixel_words(const FrameEvidence& e, const FrameForm& form) {
   return fmt::format(
-      "Pixel values from {} to {}, on average {:.0f}; white is {:.0f}, black {:.0f}. "
-      "Saturated: "
+      "Pixel values from {} to {}, on average {:.0f}; saturated from {:.0f} on, "
+      "black is {:.0f}. Saturated: "
       "{:.3f} %. At or below black: {:.1f} %.",
-      e.min_dn, e.max_dn, e.mean_dn, form.white_level, form.black_level,
+      e.min_dn, e.max_dn, e.mean_dn, form.saturation_dn(), form.black_level,
       100.0 * e.saturated_share, 100.0 * e.black_share);
 }
 

@@ -63,17 +63,6 @@ std::string palette() {
 
 }  // namespace
 
-double clip_word(const CameraSpec& camera) noexcept {
-  constexpr double kUsableWell = 0.97;
-  const double white = std::exp2(camera.bits) - 1.0;
-  const SensorNoise& noise = camera.noise;
-  if (!(noise.full_well_e > 0.0) || !(noise.gain_e_per_dn > 0.0)) {
-    return white;
-  }
-  return std::min(white,
-                  noise.black_dn + kUsableWell * noise.full_well_e / noise.gain_e_per_dn);
-}
-
 int preview_step(int width) { return std::max(1, (width + kPreviewWidth - 1) / kPreviewWidth); }
 
 Image<std::uint8_t> make_preview_codes(ImageView<const std::uint16_t> words, double black,

@@ -24,10 +24,6 @@ inline constexpr std::uint8_t kCodeSaturated = 255;
 [[nodiscard]] Image<std::uint8_t> make_preview_codes(ImageView<const std::uint16_t> words,
                                                      double black, double white, int step);
 
-/// The word from which on a camera's pixels are clipped: white, or 0.97 of the full well where
-/// that comes first (a full well is known to within 3 %).
-[[nodiscard]] double clip_word(const CameraSpec& camera) noexcept;
-
 /// The step that brings `width` down to at most 640 pixels.
 [[nodiscard]] int preview_step(int width);
 

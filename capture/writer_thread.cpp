@@ -15,6 +15,7 @@
 #include "core/log.h"
 #include "core/pixel_format.h"
 #include "http/json_text.h"
+#include "session/clip_level.h"
 
 namespace haarlight {
 
@@ -59,7 +60,8 @@ SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string&
           pixel_use(camera) == PixelUse::measurement ? Transfer::linear : Transfer::unknown,
       .bayer = camera.bayer,
       .black_level = camera.noise.black_dn,
-      .white_level = static_cast<double>((1U << static_cast<unsigned>(camera.bits)) - 1U)};
+      .white_level = static_cast<double>((1U << static_cast<unsigned>(camera.bits)) - 1U),
+      .clip_level = clip_level(camera)};
   for (const LightElement& light : light_elements(rig)) {
     SessionLight entry;
     entry.name = fmt::format("{}/{}/{}", rig.faces[static_cast<std::size_t>(light.face)].id,
@@ -208,6 +210,7 @@ Result<OpenSession> WriterThread::make_or_reopen(SessionOrder order) {
   OpenSession session;
   session.id = order.id;
   session.folder = order.folder;
+  session.form = writer_->info().form;
   session.committed = writer_->committed();
   for (std::size_t i = 0; i < order.plan.shots.size(); ++i) {
     session.next_attempt.push_back(writer_->next_attempt(static_cast<int>(i)));

@@ -37,6 +37,7 @@ struct OpenSession {
   std::string id;
   std::filesystem::path folder;
   std::shared_ptr<const Plan> plan;
+  FrameForm form;  ///< as the session was begun with
   std::vector<bool> committed;
   std::vector<int> next_attempt;
   RecoveryReport recovery;

@@ -49,7 +49,7 @@ struct FrameEvidence {
   std::uint16_t min_dn = 0;
   std::uint16_t max_dn = 0;
   double mean_dn = 0.0;
-  double saturated_share = 0.0;  ///< of active pixels at the white level
+  double saturated_share = 0.0;  ///< of active pixels at or above the clip level
   double black_share = 0.0;      ///< of active pixels at or below the black level
   std::string pixel_hash;        ///< content_hash of the active pixels' bytes
   /// Not good in a committed frame: it was taken again as often as the plan allows and stayed

@@ -136,7 +136,7 @@ PixelStatistics measure_pixels(ImageView<const float> pixels, double black_level
 template <class T>
 void describe_pixels(ImageView<const T> active, const FrameForm& form,
                      FrameEvidence& evidence) {
-  const PixelStatistics statistics = measure(active, form.black_level, form.white_level);
+  const PixelStatistics statistics = measure(active, form.black_level, form.saturation_dn());
   evidence.min_dn = to_dn(statistics.min);
   evidence.max_dn = to_dn(statistics.max);
   evidence.mean_dn = statistics.mean;

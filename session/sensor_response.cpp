@@ -7,12 +7,12 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "session/clip_level.h"
 
 namespace haarlight {
 
 namespace {
 
-constexpr double kUsableWell = 0.97;      // commissioning knows the full well to 3 %
 constexpr double kBlackSlack = 0.001;     // of the range: a black level drifts that much
 constexpr double kRounding = 1.0 / 12.0;  // variance of rounding to whole numbers, DN^2
 
@@ -81,10 +81,7 @@ SensorResponse sensor_response(const Session& session) {
   response.electrons_per_dn = noise.gain_e_per_dn;
   response.gain_db = camera.gain_db;
   response.read_e = noise.read_e;
-  const double well_dn = form.black_level + noise.full_well_e / noise.gain_e_per_dn;
-  if (well_dn < form.white_level) {
-    response.clip_dn = form.black_level + kUsableWell * (well_dn - form.black_level);
-  }
+  response.clip_dn = clip_level(noise, form.black_level, form.white_level);
   return response;
 }
 

@@ -16,8 +16,7 @@ struct SensorResponse {
   double read_e = 0.0;            ///< rms
   double black_dn = 0.0;
   double white_dn = 65535.0;
-  /// From here on a sample is clipped: the white level, or 0.97 of the full well where that
-  /// comes first (a full well is known to within 3 %).
+  /// From here on a sample is clipped (session/clip_level.h).
   double clip_dn = 65535.0;
   /// The rig file gives the noise. Else samples are weighted as if only photons made noise, and
   /// no standard error can be given.

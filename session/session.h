@@ -60,6 +60,9 @@ struct FrameForm {
   BayerPattern bayer = BayerPattern::none;
   double black_level = 0.0;  ///< in samples' units
   double white_level = 65535.0;
+  /// From here on a sample counts as saturated (session/clip_level.h); nothing: white_level.
+  std::optional<double> clip_level = {};
+  [[nodiscard]] double saturation_dn() const { return clip_level.value_or(white_level); }
   friend bool operator==(const FrameForm&, const FrameForm&) = default;
 };
 

@@ -45,6 +45,9 @@ Json form_to_json(const FrameForm& form) {
   json["bayer"] = word(kBayers, form.bayer);
   json["black_level"] = form.black_level;
   json["white_level"] = form.white_level;
+  if (form.clip_level) {
+    json["clip_level"] = *form.clip_level;
+  }
   return json;
 }
 
@@ -69,6 +72,9 @@ FrameForm form_from_json(const JsonValue& value) {
   if (!(form.white_level > form.black_level)) {
     value["white_level"].refuse("the white level is not above the black level",
                                 "write the sensor's levels");
+  }
+  if (value.has("clip_level")) {
+    form.clip_level = value["clip_level"].number(form.black_level, form.white_level);
   }
   return form;
 }

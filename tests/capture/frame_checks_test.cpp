@@ -1,11 +1,15 @@
 #include "capture/frame_checks.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "capture/writer_thread.h"
 #include "core/random.h"
+#include "core/rig.h"
+#include "session/clip_level.h"
 
 namespace haarlight {
 namespace {
@@ -90,6 +94,50 @@ TEST(FrameChecker, RefusesClippingInTheShortestExposureOnly) {
   EXPECT_EQ(found.verdict, FrameVerdict::saturated);
   EXPECT_THAT(found.problem, HasSubstr("max_saturated_share"));
   EXPECT_EQ(check(checker, 2, picture(3000.0, 8000.0), 8000.0).verdict, FrameVerdict::good);
+}
+
+TEST(FrameChecker, ClippingBeginsBelowWhereTheConverterEnds) {
+  for (const char* name : {"small8", "cube32", "strobe60"}) {
+    const Rig rig =
+        read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/" + std::string(name) + ".toml");
+    FrameForm form = session_info_of(rig, plan_of({}), "s").form;
+    const double clip = clip_level(rig.cameras.front());
+    ASSERT_LT(clip, form.white_level) << name;
+    form.width = kWidth;
+    form.height = kHeight;
+    FrameChecker checker(plan_of({.max_saturated_share = 0.01, .attempts = 5}), form);
+    // Every pixel just below, but for the noise of one.
+    const auto word = static_cast<std::uint16_t>(std::ceil(clip) - 1.0);
+    Image<std::uint16_t> pixels(kHeight, kWidth, 1);
+    std::fill(pixels.pixels().begin(), pixels.pixels().end(), word);
+    pixels(0, 0) = static_cast<std::uint16_t>(word - 1);
+    FrameEvidence evidence;
+    EXPECT_TRUE(check(checker, 0, pixels, 1000.0, &evidence).is_taken()) << name;
+    EXPECT_EQ(evidence.saturated_share, 0.0) << name;
+    for (std::uint16_t& value : pixels.pixels()) {
+      ++value;
+    }
+    FrameFinding found = check(checker, 0, pixels, 1000.0, &evidence);
+    EXPECT_EQ(found.verdict, FrameVerdict::saturated) << name;
+    EXPECT_GT(evidence.saturated_share, 0.99) << name;
+    // Full everywhere: saturated, not a camera without a picture.
+    std::fill(pixels.pixels().begin(), pixels.pixels().end(),
+              static_cast<std::uint16_t>(std::ceil(clip) + 10.0));
+    found = check(checker, 0, pixels, 1000.0);
+    EXPECT_EQ(found.verdict, FrameVerdict::saturated) << name;
+  }
+}
+
+TEST(FrameChecker, APixelAtTheFullWellDoesNotCountForTheLevel) {
+  FrameForm form = form_of_12_bits();
+  form.clip_level = 1500.0;
+  FrameChecker checker(plan_of({}), form);
+  ASSERT_TRUE(check(checker, 0, picture(300.0, 1000.0), 1000.0).is_taken());
+  Image<std::uint16_t> full = picture(300.0, 8000.0);
+  for (std::uint16_t& word : full.pixels()) {
+    word = std::min<std::uint16_t>(word, 1600);
+  }
+  EXPECT_EQ(check(checker, 2, full, 8000.0).verdict, FrameVerdict::good);
 }
 
 TEST(FrameChecker, RefusesDarknessInTheLongestExposureOnly) {

@@ -188,17 +188,6 @@ TEST(PreviewCodes, MiddleGreyFollowsTheSrgbCurve) {
               0.5 * kCodeWhitest, 1.0);
 }
 
-TEST(PreviewCodes, AFullWellBelowWhiteClipsFirst) {
-  CameraSpec camera;
-  camera.bits = 14;
-  camera.noise = {.gain_e_per_dn = 1.0, .full_well_e = 16000.0, .black_dn = 256.0};
-  EXPECT_DOUBLE_EQ(clip_word(camera), 256.0 + 0.97 * 16000.0);
-  camera.noise.full_well_e = 60000.0;
-  EXPECT_DOUBLE_EQ(clip_word(camera), 16383.0);
-  camera.noise.full_well_e = 0.0;
-  EXPECT_DOUBLE_EQ(clip_word(camera), 16383.0);
-}
-
 std::uint32_t u32_at(const std::string& bytes, std::size_t at) {
   std::uint32_t value = 0;
   for (std::size_t i = 0; i < 4; ++i) {

@@ -8,7 +8,9 @@
 #include <gtest/gtest.h>
 
 #include "capture/daemon.h"
+#include "session/session.h"
 #include "session/storage.h"
+#include "session/verify.h"
 #include "sim/virtual_rig.h"
 #include "tests/capture/session_truth.h"
 #include "tests/sim/made_transport.h"
@@ -58,8 +60,8 @@ class WholeRig : public ::testing::Test {
       return true;
     };
     ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::idle; }));
-    const RunReceipt receipt =
-        daemon.run("schema = 1\nname = \"whole\"\npatterns = \"one_at_a_time\"\n", "p");
+    const RunReceipt receipt = daemon.run(
+        "schema = 1\nname = \"whole\"\npatterns = \"one_at_a_time\"\n" + limits_, "p");
     if (meanwhile) {
       ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.n_committed >= 10; }));
       meanwhile(daemon);
@@ -67,6 +69,7 @@ class WholeRig : public ::testing::Test {
     ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::done; }))
         << to_string(daemon.state().phase) << ": " << daemon.state().reason_text;
     counters_ = daemon.state().counters;
+    session_ = receipt.folder;
     expect_true_session(receipt.folder);
     EXPECT_TRUE(rig_->controller().lit().pattern->empty()) << "the lights are left on";
   }
@@ -77,6 +80,8 @@ class WholeRig : public ::testing::Test {
   std::unique_ptr<Storage> storage_ = std::make_unique<DiskStorage>();
   std::unique_ptr<VirtualRig> rig_;
   SequencerCounters counters_;
+  std::string limits_;             ///< of the plan
+  std::filesystem::path session_;  ///< the last one
   VirtualRigOptions options_;
 };
 
@@ -134,6 +139,63 @@ TEST_F(WholeRig, AnOpenInterlockSuspendsTheRunUntilItCloses) {
 TEST_F(WholeRig, ACameraThatIsCutOffIsFoundAgain) {
   capture({}, [this](Daemon&) { rig_->camera(0).disconnect_client(); });
   EXPECT_GE(counters_.camera_faults, 1U);
+}
+
+// ---- saturation: the shipped rig's full well ends below its converter
+
+class OverexposedRig : public WholeRig {
+ protected:
+  static constexpr int kLight = 5;
+
+  /// Light 5 gives `electrons` a pixel, the others 0.75 of that.
+  void capture_at(double electrons) {
+    std::vector<float> brightness(static_cast<std::size_t>(wanted_.n_lights()), 0.75F);
+    brightness[kLight] = 1.0F;
+    transports_.clear();
+    const CameraSpec& camera = wanted_.cameras.front();
+    transports_.push_back(
+        testing::flat_transport(folder_, camera.frame_width, camera.active_rows, brightness));
+    options_.lit_electrons = electrons * transports_.front().scale();
+    limits_ = "max_saturated_share = 0.01\nattempts = 2\n";
+    capture({});
+    const Session session = Session::open(session_);
+    for (const FrameRecord& frame : session.info().frames) {
+      const Shot& shot = session.info().shots[static_cast<std::size_t>(frame.shot)];
+      if (shot.kind == ShotKind::light && shot.lit.front().light == kLight) {
+        frame_ = frame;
+      }
+    }
+    const VerifyReport report = verify_session(session_);
+    EXPECT_TRUE(report.is_good()) << report.problems.front();
+  }
+
+  FrameRecord frame_;
+};
+
+// The well holds 16000 electrons and counts as full from 15520 on, photon noise there is 125.
+
+TEST_F(OverexposedRig, AnOverexposedLightIsTakenAgain) {
+  capture_at(15520.0 + 1000.0);
+  EXPECT_EQ(counters_.checks_failed, 1U);
+  EXPECT_EQ(frame_.attempt, 1);
+  EXPECT_EQ(frame_.evidence.verdict, FrameVerdict::saturated);
+  EXPECT_EQ(frame_.evidence.saturated_share, 1.0);
+  EXPECT_EQ(frame_.evidence.max_dn, 16256) << "white, 16383, is never reached";
+}
+
+TEST_F(OverexposedRig, AFarOverexposedLightIsSaturatedAndNotWithoutAPicture) {
+  capture_at(18000.0);  // every pixel holds the same word
+  EXPECT_EQ(counters_.checks_failed, 1U);
+  EXPECT_EQ(frame_.evidence.verdict, FrameVerdict::saturated);
+  EXPECT_EQ(frame_.evidence.min_dn, frame_.evidence.max_dn);
+}
+
+TEST_F(OverexposedRig, ALightJustBelowIsNot) {
+  capture_at(15520.0 - 4.0 * 125.0);  // 3e-5 of the pixels
+  EXPECT_EQ(counters_.checks_failed, 0U);
+  EXPECT_EQ(frame_.attempt, 0);
+  EXPECT_EQ(frame_.evidence.verdict, FrameVerdict::good);
+  EXPECT_LT(frame_.evidence.saturated_share, 0.002);
 }
 
 // ---- sync modes
