@@ -18,8 +18,10 @@ constexpr double kUsable = 0.2;          // of the brightest band: darker ones a
 constexpr double kHigh = 0.85;           // of white: no bright pixel above
 constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
-constexpr double kGoodPhaseUs = 80.0;    // 23 us of uncertainty
-constexpr double kSlowAck = 4.0;         // times the median round trip: such a step is left out
+constexpr double kExposureTol = 0.04;    // of an exposure: a wrong unit is further off
+constexpr double kSureSigmas = 4.0;
+constexpr double kGoodPhaseUs = 80.0;  // 23 us of uncertainty
+constexpr double kSlowAck = 4.0;       // times the median round trip: such a step is left out
 
 double us_between(std::int64_t later, std::int64_t earlier) {
   return static_cast<double>(later - earlier) / 1e3;
@@ -201,7 +203,34 @@ std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
 
 [[noreturn]] void throw_no_steps(const CommissionBench& bench) {
   throw Error("the camera does not see the light change", bench.rig().file.string(),
-              "is automatic exposure or gain on? does another program drive the lights?");
+              "is automatic exposure or gain on? does another program drive the lights? are "
+              "exposures far shorter than the camera says (exposure_unit_us, "
+              "docs/cameras.md)?");
+}
+
+/// A camera whose exposures are not what it says, as when the unit of its control is unknown.
+/// Two exposures must agree: a slow LED stretches the shorter one more.
+void require_true_exposure(const CommissionBench& bench, const std::vector<StepSample>& samples,
+                           double long_us, double short_us) {
+  const std::optional<ExposureScale> one = exposure_scale(samples, long_us);
+  const std::optional<ExposureScale> two = exposure_scale(samples, short_us);
+  if (!one || !two) {
+    return;
+  }
+  const double sigma = std::hypot(one->sigma, two->sigma);
+  const bool is_off =
+      std::abs(one->value - 1.0) > std::max(kExposureTol, kSureSigmas * one->sigma);
+  const bool is_common = std::abs(two->value - one->value) <=
+                         std::max(kExposureTol * one->value, kSureSigmas * sigma);
+  if (is_off && is_common) {
+    throw Error(fmt::format("an exposure of {:.0f} us lasts {:.3f} +- {:.3f} times as long as "
+                            "the camera says",
+                            long_us, one->value, one->sigma),
+                bench.spec().device,
+                fmt::format("set exposure_unit_us to {:.3g} times what it is now "
+                            "(docs/cameras.md), then begin again",
+                            one->value));
+  }
 }
 
 /// Exposure switched between two values under steady light; when does it take hold?
@@ -331,6 +360,8 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   take_references(bench, half);
   run.scan(half, scan_steps(half.exposure_us));
   const std::optional<StepFit> coarse = fit_steps(prompt_steps(samples, run.round_trips()));
+  require_true_exposure(bench, prompt_steps(samples, run.round_trips()), full.exposure_us,
+                        half.exposure_us);
   if (!coarse) {
     throw_no_steps(bench);
   }
@@ -383,6 +414,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   }
   result.samples = prompt_steps(samples, run.round_trips());
   result.short_us = brief.exposure_us;
+  require_true_exposure(bench, result.samples, full.exposure_us, brief.exposure_us);
   const std::optional<StepFit> free = fit_steps(result.samples);
   if (!free) {
     throw_no_steps(bench);

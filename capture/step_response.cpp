@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
+#include <utility>
 
 #include <Eigen/Dense>
 
@@ -366,6 +368,68 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
     sigma = std::hypot(sigma, 0.25 * (rise_blur + fall_blur));
   }
   return fit;
+}
+
+namespace {
+
+/// E_true / E by the pooled slope, without one step (-1: with all). 0: no slope.
+double pooled_scale(std::span<const StepSample> partial, int without) {
+  struct Sums {
+    double n = 0.0;
+    double x = 0.0;
+    double y = 0.0;
+    double xx = 0.0;
+    double xy = 0.0;
+  };
+  std::map<std::pair<double, bool>, Sums> groups;
+  for (const StepSample& s : partial) {
+    if (s.step != without) {
+      Sums& g = groups[{s.row, s.rises}];
+      const double x = s.after_us / s.exposure_us;
+      const double y = s.rises ? s.level : 1.0 - s.level;
+      g.n += 1.0;
+      g.x += x;
+      g.y += y;
+      g.xx += x * x;
+      g.xy += x * y;
+    }
+  }
+  double xx = 0.0;
+  double xy = 0.0;
+  for (const auto& [which, g] : groups) {
+    xx += g.xx - g.x * g.x / g.n;
+    xy += g.xy - g.x * g.y / g.n;
+  }
+  return xy > 0.0 ? xx / xy : 0.0;
+}
+
+}  // namespace
+
+std::optional<ExposureScale> exposure_scale(std::span<const StepSample> samples,
+                                            double exposure_us) {
+  constexpr int kLeastSteps = 4;
+  std::vector<StepSample> partial;
+  std::set<int> steps;
+  for (const StepSample& s : samples) {
+    if (s.exposure_us == exposure_us && s.level > kPartialLow && s.level < kPartialHigh) {
+      partial.push_back(s);
+      steps.insert(s.step);
+    }
+  }
+  ExposureScale scale{pooled_scale(partial, -1), 0.0, static_cast<int>(steps.size())};
+  if (scale.n_steps < kLeastSteps || !(scale.value > 0.0)) {
+    return std::nullopt;
+  }
+  const auto n = static_cast<double>(steps.size());
+  double mean = 0.0;
+  double square = 0.0;
+  for (const int step : steps) {
+    const double part = pooled_scale(partial, step);
+    mean += part / n;
+    square += part * part;
+  }
+  scale.sigma = std::sqrt(std::max(0.0, square - n * mean * mean) * (n - 1.0) / n);
+  return scale;
 }
 
 OffsetLine offset_line(const StepFit& fit) {

@@ -73,6 +73,23 @@ struct StepFitOptions {
 [[nodiscard]] std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
                                                const StepFitOptions& options = {});
 
+/// How long an exposure truly lasts, in units of what the camera says.
+struct ExposureScale {
+  double value = 1.0;
+  double sigma = 0.0;  ///< by a delete-a-step jackknife
+  int n_steps = 0;     ///< that were seen in part
+};
+
+/// The share seen grows by 1 / E_true a microsecond where the whole ramp lies inside the
+/// exposure: between 0.15 and 0.85 while the ramp is below 0.3 E; a longer ramp looks like a
+/// longer exposure, and then like another scale at every exposure. The slope over after / E,
+/// pooled over rows and directions, each with its own offset: neither skew nor the stamp's
+/// meaning matters.
+/// @param exposure_us  which samples: those that the camera says were exposed so long
+/// @return  nothing below 4 such steps seen in part, or where shares do not grow with time
+[[nodiscard]] std::optional<ExposureScale> exposure_scale(std::span<const StepSample> samples,
+                                                          double exposure_us);
+
 /// The straight line offset = c + slope E through the offsets of a free fit.
 struct OffsetLine {
   double slope = 0.0;

@@ -143,6 +143,35 @@ TEST(FitSteps, IsNotMovedByAFewWildSteps) {
   EXPECT_NEAR(fit->model.offset_us[1], 812.0, 30.0);
 }
 
+TEST(ExposureScale, IsTheSlopeOfTheShare) {
+  const StepModel truth{{4000.0}, {812.0}, 3000.0, 140.0, 60.0};
+  auto samples = made_steps(truth, 60, 8, 0.002, 5.0);
+  const auto scale = exposure_scale(samples, 4000.0);
+  ASSERT_TRUE(scale);
+  EXPECT_NEAR(scale->value, 1.0, 4.0 * scale->sigma);
+  EXPECT_LT(scale->sigma, 0.005);
+  EXPECT_GT(scale->sigma, 0.0001);
+  for (StepSample& s : samples) {
+    s.exposure_us = 3200.0;  // what the camera says
+  }
+  EXPECT_NEAR(exposure_scale(samples, 3200.0)->value, 1.25, 0.0125);
+}
+
+TEST(ExposureScale, ASlowLightLooksLikeALongerExposureButNotTwice) {
+  const StepModel truth{{2000.0, 4000.0}, {812.0, 812.0}, 0.0, 4000.0, 4000.0};
+  const auto samples = made_steps(truth, 60, 8, 0.002, 5.0);
+  const double at_4000 = exposure_scale(samples, 4000.0)->value;
+  const double at_2000 = exposure_scale(samples, 2000.0)->value;
+  EXPECT_GT(at_4000, 1.04);
+  EXPECT_GT(at_2000, 1.2 * at_4000);
+}
+
+TEST(ExposureScale, SaysNothingOfTooFewSteps) {
+  const StepModel truth{{4000.0}, {812.0}, 0.0, 140.0, 60.0};
+  EXPECT_FALSE(exposure_scale({}, 4000.0));
+  EXPECT_FALSE(exposure_scale(made_steps(truth, 3, 8, 0.0, 0.0), 4000.0));
+}
+
 TEST(FitSteps, SaysNothingWithoutSteps) {
   EXPECT_FALSE(fit_steps({}));
   const StepModel truth{{500.0}, {812.0}, 0.0, 140.0, 60.0};

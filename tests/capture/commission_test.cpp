@@ -98,6 +98,26 @@ TEST(Commission, KeepsWithinTheRigsPower) {
   EXPECT_NEAR(r.measured.controller->latch_us->value, 812.0, 100.0);
 }
 
+TEST(Commission, SaysWhenExposuresAreNotWhatTheCameraSays) {
+  struct Case {
+    Shutter shutter;
+    double factor;
+    const char* says;
+  };
+  for (const Case& c :
+       {Case{Shutter::global, 0.1, "far shorter than the camera says"},
+        Case{Shutter::global, 0.95, "lasts 0.95"}, Case{Shutter::global, 10.0, "lasts 10.0"},
+        Case{Shutter::rolling, 1.2, "lasts 1.19"}}) {
+    SCOPED_TRACE(fmt::format("factor {}, {}", c.factor, to_string(c.shutter)));
+    const Rig rig = written_rig(c.shutter);
+    TwinBench bench(rig, truth_of({TimestampMeaning::end_frame, c.shutter}));
+    bench.stretch_exposures(c.factor);
+    const std::string problem = failure_of(rig, bench, only_timing());
+    EXPECT_THAT(problem, HasSubstr(c.says));
+    EXPECT_THAT(problem, HasSubstr("exposure_unit_us"));
+  }
+}
+
 TEST(Commission, ACaptureRefusesACameraThatWasNotMeasured) {
   Rig rig = written_rig(Shutter::global);
   MeasuredRig measured;

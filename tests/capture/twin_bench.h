@@ -86,6 +86,8 @@ class TwinBench {
     requests_left_ = requests;
     fault_acts_ = acts;
   }
+  /// The camera exposes so many times as long as it says.
+  void stretch_exposures(double factor) { stretch_ = factor; }
   [[nodiscard]] double lit_watts_peak() const { return peak_watts_; }
 
  private:
@@ -157,7 +159,7 @@ class TwinBench {
       // A frame is the caller's until it gives it back; two may be held at once.
       auto copy = std::make_shared<Image<std::uint16_t>>(words_);
       return Frame(FrameInfo{frame.sequence, sensor.stamp_ns(frame.exposure), kFrameMonotonic,
-                             frame.exposure.exposure_us, 0.0},
+                             frame.exposure.exposure_us / bench_.stretch_, 0.0},
                    copy->view(), [copy]() mutable { copy.reset(); });
     }
 
@@ -188,7 +190,7 @@ class TwinBench {
       }
       Running frame;
       frame.sequence = sequence_++;
-      frame.exposure = {next_start_ns_, asked_us_.front(), 0.0};
+      frame.exposure = {next_start_ns_, bench_.stretch_ * asked_us_.front(), 0.0};
       const double late = bench_.chance(34);
       frame.arrival_ns = bench_.sensor_.read_out_ns(frame.exposure) + 200'000 +
                          static_cast<std::int64_t>(1e3 * (late < 0.97 ? 300.0 * late : 5000.0));
@@ -220,6 +222,7 @@ class TwinBench {
   bool fault_acts_ = false;
   int frames_left_ = -1;  // counts down; negative: never
   double peak_watts_ = 0.0;
+  double stretch_ = 1.0;
   VirtualCamera sensor_;
   TwinCamera camera_;
   std::unique_ptr<LightArray> lights_;
