@@ -79,8 +79,10 @@ std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig, const Plan& 
   for (const Shot& shot : plan.shots) {
     out->shots.push_back({.tag = kFirstTag + static_cast<std::uint32_t>(shot.index),
                           .exposure_us = shot.exposure_us,
-                          .pattern_id = shot.index});
+                          .pattern_id = shot.index,
+                          .is_dark = shot.kind == ShotKind::dark});
   }
+  out->darks_every_c = plan.darks_every_c;
   out->sync = rig.sync;
   out->timestamp = camera.timestamp;
   out->read_us = camera.read_us;

@@ -74,6 +74,7 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
                 .safe_off_rate = p(0.4),
                 .abort_rate = p(0.4),
                 .reshoot_rate = p(0.7)};
+  rig.warming_c_per_s = 20.0 * u() - 10.0;
   return rig;
 }
 
@@ -106,6 +107,10 @@ std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig
   plan->sync = rig.sync;
   plan->strobe_every = rig.strobe_every;
   plan->max_held = 1 + static_cast<int>(u() * 6.0);
+  plan->darks_every_c = u() < 0.5 ? 0.0 : 0.2 + 2.0 * u();
+  for (SequencedShot& shot : plan->shots) {
+    shot.is_dark = u() < 0.3;
+  }
   return plan;
 }
 

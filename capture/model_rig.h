@@ -63,6 +63,7 @@ struct ModelRigConfig {
   int strobe_every = 1;
   double trigger_us = 0.0;  ///< controller leads: from the latch to the trigger
   int table_depth = 1024;
+  double warming_c_per_s = 0.0;  ///< of the controller, from 25 degrees C
   ModelFaults faults;
 };
 
@@ -138,6 +139,9 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   [[nodiscard]] bool happens(double probability) { return chance() < probability; }
 
   // Light.
+  [[nodiscard]] double temperature_c() const {
+    return 25.0 + config_.warming_c_per_s * 1e-9 * static_cast<double>(now_ns_);
+  }
   void queue_job(std::function<void()> work);
   void start_job();
   void end_job(std::optional<EventBody> answer);

@@ -109,7 +109,7 @@ void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
         fault(Errc::device_gone, "status: connection reset");
         return;
       }
-      send(event::LightConfirmed{confirm->frame, request_ns, shown, boot});
+      send(event::LightConfirmed{confirm->frame, request_ns, shown, boot, temperature_c()});
       if (shown == confirm->tag) {
         show(job, tag);
       } else {
@@ -265,7 +265,8 @@ void ModelRig::poll(std::uint64_t job) {
                                .tag = shown_tag_,
                                .boot_id = boot_id_,
                                .is_armed = n_armed_ > 0,
-                               .is_done = n_armed_ > 0 && step_counter_ > n_armed_};
+                               .is_done = n_armed_ > 0 && step_counter_ > n_armed_,
+                               .temperature_c = temperature_c()};
     const bool is_up = is_connected_;
     at(now_ns_ + back_ns, [=, this] {
       if (!is_up) {

@@ -124,6 +124,17 @@ PlanSettings read_settings(ConfigTable& root) {
       static_cast<int>(root.integer_or("sentinel_light", 0, {.min = 0, .max = 1e6}));
   plan.darks_every_s = root.number_or("darks_every_s", 0.0, {.min = 0.0, .max = 1e6});
   plan.sentinel_every_s = root.number_or("sentinel_every_s", 0.0, {.min = 0.0, .max = 1e6});
+  plan.darks_every_c = root.number_or("darks_every_c", 0.0, {.min = 0.0, .max = 100.0});
+  plan.spare_darks =
+      static_cast<int>(root.integer_or("spare_darks", 0, {.min = 0, .max = 1e4}));
+  if ((plan.darks_every_c > 0.0) != (plan.spare_darks > 0)) {
+    root.problem(plan.spare_darks > 0 ? "spare_darks" : "darks_every_c",
+                 "darks by temperature need both darks_every_c and spare_darks",
+                 "write for example darks_every_c = 2.0 and spare_darks = 8");
+  } else if (plan.darks_every_c > 0.0 && plan.darks_every == 0 && plan.darks_every_s == 0.0) {
+    root.problem("darks_every_c", "no first dark frame to measure the temperature from",
+                 "set darks_every or darks_every_s too");
+  }
   plan.flats = static_cast<int>(root.integer_or("flats", 0, {.min = 0, .max = 10000}));
   plan.flat_level = static_cast<std::uint16_t>(
       root.integer_or("flat_level", plan.level, {.min = 1, .max = kFullLevel}));
@@ -459,7 +470,10 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
     n_lit += lit.size();
   }
   const double rounds = static_cast<double>(exposures.size()) * settings.repeats;
-  if (3.0 * rounds * static_cast<double>(list.size()) + settings.flats + 1.0 > kMaxShots ||
+  const double n_spare =
+      static_cast<double>(exposures.size()) * static_cast<double>(settings.spare_darks);
+  if (3.0 * rounds * static_cast<double>(list.size()) + settings.flats + 1.0 + n_spare >
+          kMaxShots ||
       rounds * static_cast<double>(n_lit) > static_cast<double>(kMaxLit)) {
     throw Error(fmt::format("{} patterns in {} rounds are more than a plan may hold",
                             list.size(), rounds),
@@ -470,9 +484,10 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
   plan.n_lights = rig.n_lights();
   plan.reserve_mb = settings.reserve_mb;
   plan.limits = settings.limits;
+  plan.darks_every_c = settings.darks_every_c;
   plan.patterns = std::move(recipe);
   plan.shots = arrange_shots(settings, rig, list, exposures);
-  plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;
+  plan.hash = plan_hash(plan);
   require_limits(plan, rig, settings.where);
   return plan;
 }

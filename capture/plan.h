@@ -70,7 +70,10 @@ struct PlanSettings {
   int sentinel_light = 0;
   double darks_every_s = 0.0;     ///< predicted seconds between darks; 0 = none
   double sentinel_every_s = 0.0;  ///< predicted seconds between sentinels; 0 = none
-  int flats = 0;                  ///< flat frames (all lights) before everything else
+  /// A spare dark frame as soon as the controller's temperature has moved so far; 0 = none.
+  double darks_every_c = 0.0;
+  int spare_darks = 0;  ///< of each exposure, at its end unless the temperature asks earlier
+  int flats = 0;        ///< flat frames (all lights) before everything else
   std::uint16_t flat_level = 65535;
   double flat_exposure_us = 0.0;  ///< 0 = the first of the exposures
   ShotOrder order = ShotOrder::raster;
@@ -106,17 +109,23 @@ struct Plan {
   PatternRecipe patterns;  ///< how develop makes single lights of the shots
   double reserve_mb = 0.0;
   FrameLimits limits;
+  /// Degrees C from the last dark frame's temperature at which the next comes early; 0 = never.
+  double darks_every_c = 0.0;
   std::vector<Shot> shots;
   std::string hash;  ///< content_hash of the JSON without its "hash" entry
 };
 
 /// Expands the settings for a rig. For each exposure, each repeat: [dark] [sentinel] patterns
-/// in order with darks and sentinels between, and a closing dark and sentinel.
+/// in order with darks and sentinels between, and a closing dark and sentinel; after
+/// the repeats of an exposure its spare darks.
 /// @throws Error  a light the rig does not have, a family that does not fit the grid, a pattern
 ///                above a face's max_watts (face, watts and limit named), more than 10^6 shots
 /// @param lighting  for the lighting patterns, which are refused without
 [[nodiscard]] Plan expand_plan(const PlanSettings& settings, const Rig& rig,
                                const Lighting* lighting = nullptr);
+
+/// Of everything else that the plan holds.
+[[nodiscard]] std::string plan_hash(const Plan& plan);
 
 /// plan.json: canonical, so equal plans have equal bytes.
 [[nodiscard]] std::string plan_to_json(const Plan& plan);

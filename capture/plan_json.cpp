@@ -46,6 +46,9 @@ Json body_of(const Plan& plan) {
                           {"level_tolerance", plan.limits.level_tolerance},
                           {"attempts", plan.limits.attempts}};
   }
+  if (plan.darks_every_c > 0.0) {
+    json["darks_every_c"] = plan.darks_every_c;
+  }
   if (plan.patterns.family != PatternFamily::list) {
     Json faces = Json::array();
     for (const FaceGrid& face : plan.patterns.faces) {
@@ -216,6 +219,12 @@ Plan read_body(const Json& json, const std::string& where) {
   plan.n_lights = static_cast<int>(n_lights);
   plan.reserve_mb = field<double>(json, "reserve_mb", where, "the plan");
   plan.limits = read_limits(json, where);
+  if (json.contains("darks_every_c")) {
+    plan.darks_every_c = field<double>(json, "darks_every_c", where, "the plan");
+    if (!(plan.darks_every_c > 0.0 && plan.darks_every_c <= 100.0)) {
+      refuse(fmt::format("\"darks_every_c\" is {}", plan.darks_every_c), where);
+    }
+  }
   if (json.contains("patterns")) {
     plan.patterns = read_recipe(json["patterns"], plan.n_lights, where);
   }
@@ -245,6 +254,8 @@ Plan read_body(const Json& json, const std::string& where) {
 
 }  // namespace
 
+std::string plan_hash(const Plan& plan) { return content_hash(body_of(plan).dump()); }
+
 std::string plan_to_json(const Plan& plan) {
   Json json = body_of(plan);
   json["hash"] = content_hash(json.dump());
@@ -257,7 +268,7 @@ Plan plan_from_json(const std::string& json, const std::string& where) {
     refuse("not JSON", where);
   }
   Plan plan = read_body(parsed, where);
-  plan.hash = content_hash(body_of(plan).dump());
+  plan.hash = plan_hash(plan);
   if (field<std::string>(parsed, "hash", where, "the plan") != plan.hash) {
     refuse("the plan's hash does not match its shots: it was changed after it was made", where);
   }

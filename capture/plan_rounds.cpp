@@ -65,6 +65,12 @@ class Rounds {
     }
   }
 
+  void append_spare_darks(double exposure_us) {
+    for (int i = 0; i < settings_.spare_darks; ++i) {
+      append(ShotKind::dark, {}, exposure_us);
+    }
+  }
+
   [[nodiscard]] std::vector<Shot> take() { return std::move(shots_); }
 
  private:
@@ -103,6 +109,7 @@ std::vector<Shot> arrange_shots(const PlanSettings& settings, const Rig& rig,
     for (int i = 0; i < settings.repeats && !patterns.empty(); ++i) {
       rounds.append_round(patterns, exposure_us);
     }
+    rounds.append_spare_darks(exposure_us);
   }
   return rounds.take();
 }

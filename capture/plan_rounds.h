@@ -14,7 +14,8 @@ namespace haarlight {
 [[nodiscard]] double shot_seconds(const Rig& rig, double exposure_us, double last_exposure_us);
 
 /// Flat frames first. Then for each exposure, each repeat: [dark] [sentinel] patterns in order
-/// with darks and sentinels between, and a closing dark and sentinel. Between two patterns a
+/// with darks and sentinels between, and a closing dark and sentinel; after the repeats
+/// the exposure's spare darks, which the temperature may call earlier. Between two patterns a
 /// dark (sentinel) is due after so many patterns, or after so many predicted seconds since the
 /// last, whichever comes first.
 /// @param patterns   in the order they are to be shown; an empty one is a dark frame

@@ -2,6 +2,7 @@
 /// The sequencer: phases, requests of people, and the one step.
 
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -228,6 +229,7 @@ void Stepper::advance(std::optional<ConfirmRequest> confirm) {
   }
   const bool has_room = static_cast<int>(s_.held.size()) + (s_.awaiting ? 1 : 0) < s_.max_held;
   if (has_room && !s_.pending.empty()) {
+    draw_dark();
     begin_shot(confirm);
   } else if (confirm || !s_.is_dark) {
     lights_off(confirm);
@@ -235,6 +237,44 @@ void Stepper::advance(std::optional<ConfirmRequest> confirm) {
     enter(Phase::finalise, "all shots are committed");
     out_.emplace_back(action::FinishSession{});
   }
+}
+
+void Stepper::note_temperature(std::optional<double> temperature_c, int shot) {
+  s_.temperature_c = temperature_c;
+  if (shot_of(shot).is_dark) {
+    s_.dark_temperature_c = temperature_c;
+  }
+}
+
+std::optional<int> Stepper::dark_due() const {
+  if (s_.plan->darks_every_c <= 0.0 || !s_.temperature_c || !s_.dark_temperature_c ||
+      std::abs(*s_.temperature_c - *s_.dark_temperature_c) < s_.plan->darks_every_c ||
+      s_.pending.empty() || shot_of(s_.pending.front()).is_dark) {
+    return std::nullopt;
+  }
+  const double exposure_us = shot_of(s_.pending.front()).exposure_us;
+  bool is_last = true;
+  for (auto shot = s_.pending.rbegin(); shot != s_.pending.rend(); ++shot) {
+    if (shot_of(*shot).is_dark && shot_of(*shot).exposure_us == exposure_us) {
+      if (!is_last) {
+        return *shot;
+      }
+      is_last = false;
+    }
+  }
+  return std::nullopt;
+}
+
+void Stepper::draw_dark() {
+  const std::optional<int> dark = dark_due();
+  if (!dark) {
+    return;
+  }
+  log("dark", fmt::format("{:.1f} degrees C, {:.1f} at the last dark frame: shot {} comes now",
+                          *s_.temperature_c, *s_.dark_temperature_c, *dark));
+  s_.pending.erase(std::find(s_.pending.begin(), s_.pending.end(), *dark));
+  s_.pending.push_front(*dark);
+  s_.dark_temperature_c = s_.temperature_c;  // until this one is taken
 }
 
 void Stepper::add_reason(std::uint32_t reason, const std::string& text) {

@@ -112,7 +112,9 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   int discarded = 0;
   /// Frames that came before the latch's acknowledgement was told; judged when it is.
   std::vector<event::FrameArrived> early;
-  int failures = 0;  ///< shots tried in a row without a commit
+  int failures = 0;                          ///< shots tried in a row without a commit
+  std::optional<double> temperature_c;       ///< the controller's, newest
+  std::optional<double> dark_temperature_c;  ///< at the newest dark frame
 
   // The light. At most one job matters: the newest.
   bool is_light_connected = false;

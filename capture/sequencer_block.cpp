@@ -104,6 +104,7 @@ void Stepper::begin_block() {
     }
     return;
   }
+  draw_dark();
   const double exposure_us = shot_of(s_.pending.front()).exposure_us;
   if (exposure_us != s_.exposure_asked_us) {
     s_.exposure_asked_us = exposure_us;
@@ -207,7 +208,7 @@ void Stepper::on(const event::BlockArmed& e) {
 
 void Stepper::extend_block() {
   SequencerState::Block& b = s_.block;
-  if (b.done_ns != kNever) {
+  if (b.done_ns != kNever || dark_due()) {
     return;
   }
   const int n_left = static_cast<int>(b.table.size()) - b.first - b.n_armed;
@@ -365,6 +366,7 @@ void Stepper::take_by_strobe(const event::FrameArrived& e, const ExposureWindow&
   evidence.t_stable_ns = proof.t_stable_ns;
   evidence.t_next_change_ns = window.end_ns;  // the strobe itself
   evidence.temperature_c = b.temperature_c;
+  note_temperature(b.temperature_c, shot);
   evidence.step_before = proof.counter;
   evidence.step_after = std::int64_t{proof.counter} + 1;
   evidence.margin_us = 1e-3 * static_cast<double>(window.start_ns - proof.t_stable_ns);

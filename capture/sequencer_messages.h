@@ -22,6 +22,7 @@ struct SequencedShot {
   std::uint32_t tag = 0;  ///< what the controller echoes; never 0
   double exposure_us = 0.0;
   int pattern_id = 0;
+  bool is_dark = false;  ///< a dark frame
 };
 
 /// Everything that does not change during a run.
@@ -39,6 +40,9 @@ struct SequencerPlan {
   /// Camera leads: the table steps at every n-th strobe. E + skew + settle <= n frame periods.
   int strobe_every = 1;
   int table_depth = 1024;  ///< camera leads: patterns uploaded at once, at most
+  /// A dark frame comes early when the controller's temperature is this far from that of the
+  /// last one, degrees C; 0 = never.
+  double darks_every_c = 0.0;
 };
 
 /// The lowest tag of a plan's shots; shot i has kFirstTag + i.

@@ -59,6 +59,7 @@ void Stepper::on(const event::LightConfirmed& e) {
   evidence.t_next_change_ns = e.t_request_ns;
   evidence.margin_us = verdict.margin_us;
   evidence.temperature_c = e.temperature_c;
+  note_temperature(e.temperature_c, waiting.shot);
   if (e.tag == evidence.tag && e.boot_id == s_.boot_id && verdict.is_clean) {
     s_.held.push_back(SequencerState::Held{waiting.frame, waiting.shot, waiting.attempt});
     shot_state(waiting.shot) = ShotState::checking;

@@ -100,6 +100,12 @@ class Stepper {
   /// Shows the next shot when there is one and a buffer for it; else darkens, and finishes when
   /// all is committed. With `confirm` the light is asked about the last frame first.
   void advance(std::optional<ConfirmRequest> confirm);
+  /// The controller's temperature while a shot's frame was exposed.
+  void note_temperature(std::optional<double> temperature_c, int shot);
+  /// Dark frames by temperature: the pending dark that should come now. It is the last but one
+  /// that is left of this exposure: the spare ones stand at the end, and one is kept for it.
+  [[nodiscard]] std::optional<int> dark_due() const;
+  void draw_dark();
   void add_reason(std::uint32_t reason, const std::string& text);
   void clear_reason(std::uint32_t reason);
   /// A device is there (again).

@@ -31,8 +31,8 @@ const std::vector<KindKeys>& kinds_of_toml() {
        {"face", "plane", "controller", "sync", "storage", "http", "object_centre"}},
       {FileKind::plan,
        {"patterns", "pattern", "order", "level", "lights", "bin", "exposures_us", "repeats",
-        "darks_every", "sentinel_every", "sentinel_light", "reserve_mb", "environment",
-        "wavelets"}},
+        "darks_every", "darks_every_c", "sentinel_every", "sentinel_light", "reserve_mb",
+        "environment", "wavelets"}},
       {FileKind::scene, {"material", "mesh", "sphere", "box", "quad"}},
       {FileKind::faults, {"frames", "bus", "restart"}},
   };

@@ -318,6 +318,26 @@ TEST(Plan, DarksAndSentinelsComeByThePredictedTime) {
   EXPECT_EQ(count_kind(longer, ShotKind::dark), 2);
 }
 
+TEST(Plan, DarksForTheTemperatureStandAtTheEndOfTheirExposure) {
+  const Plan plan = plan_of(
+      "patterns = \"one_at_a_time\"\nexposures_us = [500, 2000]\ndarks_every = 1000\n"
+      "darks_every_c = 1.5\nspare_darks = 3\n");
+  EXPECT_EQ(plan.darks_every_c, 1.5);
+  ASSERT_EQ(plan.shots.size(), 2U * (1 + 64 + 1 + 3));
+  for (std::size_t i = 65; i < 69; ++i) {
+    EXPECT_EQ(plan.shots[i].kind, ShotKind::dark);
+    EXPECT_EQ(plan.shots[i].exposure_us, 500.0);
+  }
+  const Plan again = plan_from_json(plan_to_json(plan), "plan.json");
+  EXPECT_EQ(again.darks_every_c, 1.5);
+  EXPECT_EQ(again.hash, plan.hash);
+  for (const char* half : {"darks_every = 8\ndarks_every_c = 1\n", "spare_darks = 2\n",
+                           "darks_every_c = 1\nspare_darks = 2\n"}) {
+    EXPECT_THROW((void)plan_of(std::string("patterns = \"one_at_a_time\"\n") + half), Error)
+        << half;
+  }
+}
+
 TEST(Plan, FlatFramesComeFirstInTheirOwnExposure) {
   const Plan plan = plan_of(
       "patterns = \"list\"\nflats = 3\nflat_level = 4000\nflat_exposure_us = 500\n"

@@ -385,5 +385,78 @@ TEST(Sequencer, ACameraThatCannotSetTheExposureEndsTheRun) {
   EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("1500"));
 }
 
+// ---- dark frames by temperature
+
+/// Two darks at the edges, `n` lights between them, and spare darks; 1 degree a second.
+ModelOutcome warm_up(SyncMode sync, int n, int n_spare,
+                     std::vector<std::pair<int, double>>& commits) {
+  ModelRigConfig config;
+  config.sync = sync;
+  config.warming_c_per_s = 1.0;
+  config.trigger_us = 850.0;  // controller leads: when the light is settled
+  auto plan = std::make_shared<SequencerPlan>();
+  const int n_shots = n + 2 + n_spare;
+  for (int k = 0; k < n_shots; ++k) {
+    plan->shots.push_back({.tag = kFirstTag + static_cast<std::uint32_t>(k),
+                           .exposure_us = 2000.0,
+                           .pattern_id = k,
+                           .is_dark = k == 0 || k > n});
+  }
+  plan->timestamp = config.timestamp;
+  plan->read_us = config.read_us;
+  plan->frame_us = 1e6 / config.fps;
+  plan->settle_ns = 400'000;
+  plan->sync = sync;
+  plan->darks_every_c = 0.5;
+  ModelRig rig(config, plan);
+  rig.set_commit([&](const action::CommitFrame& commit, const ModelFrame&) {
+    commits.emplace_back(commit.shot, commit.evidence.temperature_c.value_or(-1.0));
+    return true;
+  });
+  return rig.run(std::vector<bool>(plan->shots.size(), false),
+                 std::vector<int>(plan->shots.size(), 0));
+}
+
+class DarksByTemperature : public ::testing::TestWithParam<SyncMode> {};
+
+TEST_P(DarksByTemperature, NoFrameIsFartherFromADarkThanAskedWhileSparesLast) {
+  std::vector<std::pair<int, double>> commits;
+  constexpr int kLights = 400;
+  constexpr int kSpare = 40;
+  const ModelOutcome outcome = warm_up(GetParam(), kLights, kSpare, commits);
+  ASSERT_TRUE(outcome.is_done && outcome.problem.empty()) << outcome.problem;
+  double dark_c = -100.0;
+  int n_early = 0;
+  bool is_light_left = true;
+  for (const auto& [shot, temperature_c] : commits) {
+    const bool is_dark = shot == 0 || shot > kLights;
+    if (is_dark) {
+      n_early += is_light_left && shot > kLights + 1 ? 1 : 0;
+      dark_c = temperature_c;
+    }
+    is_light_left = is_light_left && shot != kLights;
+    // Half a degree, and what it warms in the frames already on their way or armed.
+    EXPECT_LT(std::abs(temperature_c - dark_c), 0.5 + 0.15) << "shot " << shot;
+  }
+  EXPECT_GE(n_early, static_cast<int>(outcome.seconds / 0.7) - 2) << outcome.seconds << " s";
+  EXPECT_LT(n_early, kSpare) << "a spare one for the end is kept";
+}
+
+TEST_P(DarksByTemperature, WithoutSparesThePlanIsDoneAllTheSame) {
+  std::vector<std::pair<int, double>> commits;
+  const ModelOutcome outcome = warm_up(GetParam(), 200, 2, commits);
+  ASSERT_TRUE(outcome.is_done && outcome.problem.empty()) << outcome.problem;
+  ASSERT_EQ(commits.size(), 204U);
+  EXPECT_GT(commits.back().first, 200) << "one is kept for the end";
+}
+
+INSTANTIATE_TEST_SUITE_P(Modes, DarksByTemperature,
+                         ::testing::Values(SyncMode::free_run, SyncMode::light_leads,
+                                           SyncMode::camera_leads, SyncMode::controller_leads),
+                         [](const auto& param) {
+                           return std::string("Mode") +
+                                  std::to_string(static_cast<int>(param.param));
+                         });
+
 }  // namespace
 }  // namespace haarlight

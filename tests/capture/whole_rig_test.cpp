@@ -61,7 +61,8 @@ class WholeRig : public ::testing::Test {
     };
     ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::idle; }));
     const RunReceipt receipt = daemon.run(
-        "schema = 1\nname = \"whole\"\npatterns = \"one_at_a_time\"\n" + limits_, "p");
+        "schema = 1\nname = \"whole\"\npatterns = \"one_at_a_time\"\n" + more_plan_, "p");
+    session_ = receipt.folder;
     if (meanwhile) {
       ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.n_committed >= 10; }));
       meanwhile(daemon);
@@ -69,7 +70,6 @@ class WholeRig : public ::testing::Test {
     ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::done; }))
         << to_string(daemon.state().phase) << ": " << daemon.state().reason_text;
     counters_ = daemon.state().counters;
-    session_ = receipt.folder;
     expect_true_session(receipt.folder);
     EXPECT_TRUE(rig_->controller().lit().pattern->empty()) << "the lights are left on";
   }
@@ -80,7 +80,7 @@ class WholeRig : public ::testing::Test {
   std::unique_ptr<Storage> storage_ = std::make_unique<DiskStorage>();
   std::unique_ptr<VirtualRig> rig_;
   SequencerCounters counters_;
-  std::string limits_;             ///< of the plan
+  std::string more_plan_;          ///< further keys of the plan
   std::filesystem::path session_;  ///< the last one
   VirtualRigOptions options_;
 };
@@ -122,6 +122,21 @@ TEST_F(WholeRig, AControllerThatRestartsIsFoundAgain) {
   EXPECT_EQ(counters_.controller_reboots, 1U);
 }
 
+TEST_F(WholeRig, ADarkFrameComesWhenTheControllerHasWarmedUp) {
+  more_plan_ = "darks_every = 1000\ndarks_every_c = 2\nspare_darks = 2\n";
+  capture({}, [this](Daemon&) { rig_->controller().set_temperature(31.0); });
+  const SessionInfo info = Session::open(session_).info();
+  ASSERT_EQ(info.frames.size(), 68U);  // dark, 64 lights, dark, 2 spare
+  const FrameEvidence& called = info.frames[66].evidence;
+  EXPECT_EQ(called.temperature_c, 31.0);
+  int n_before = 0;
+  for (const FrameRecord& frame : info.frames) {
+    n_before += frame.evidence.t_exposure_start_ns < called.t_exposure_start_ns ? 1 : 0;
+  }
+  EXPECT_GE(n_before, 10);
+  EXPECT_LT(n_before, 60) << "before the last lights, though it stands behind them";
+}
+
 TEST_F(WholeRig, AnOpenInterlockSuspendsTheRunUntilItCloses) {
   capture({}, [this](Daemon& daemon) {
     rig_->controller().set_interlock_open(true);
@@ -156,7 +171,7 @@ class OverexposedRig : public WholeRig {
     transports_.push_back(
         testing::flat_transport(folder_, camera.frame_width, camera.active_rows, brightness));
     options_.lit_electrons = electrons * transports_.front().scale();
-    limits_ = "max_saturated_share = 0.01\nattempts = 2\n";
+    more_plan_ = "max_saturated_share = 0.01\nattempts = 2\n";
     capture({});
     const Session session = Session::open(session_);
     for (const FrameRecord& frame : session.info().frames) {
