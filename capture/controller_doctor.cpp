@@ -6,7 +6,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
-#include <fstream>
 #include <optional>
 
 #include <fmt/format.h>
@@ -17,6 +16,7 @@
 #include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/register_map.h"
+#include "firmware_iface/serial_ports.h"
 
 namespace haarlight {
 
@@ -107,14 +107,13 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
                                        const DoctorOptions& options) {
   std::vector<DoctorLine> lines;
   DoctorLine line{"serial line", Finding::good, address.device, "", ""};
+  const std::vector<SerialPort> ports = list_serial_ports(options.root);
   std::error_code failed;
-  std::vector<std::string> others;
-  for (fs::directory_iterator it(options.root / "dev/serial/by-id", failed), end;
-       !failed && it != end; it.increment(failed)) {
-    others.push_back("/dev/serial/by-id/" + it->path().filename().string());
-  }
-  std::sort(others.begin(), others.end());
   if (!fs::exists(address.device, failed)) {
+    std::vector<std::string> others;
+    for (const SerialPort& port : ports) {
+      others.push_back((port.by_id.empty() ? port.device : port.by_id).string());
+    }
     line.finding = Finding::wrong;
     line.found = "no such device";
     line.cure = others.empty()
@@ -132,67 +131,29 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
   }
   const fs::path node = fs::canonical(address.device, failed);
   line.found = node.string();
-  const std::string name = node.filename().string();
-  if (name.starts_with("ttyUSB") && address.device.find("/by-") == std::string::npos) {
+  const auto port = std::find_if(ports.begin(), ports.end(), [&](const SerialPort& p) {
+    return p.device.filename() == node.filename();
+  });
+  if (port != ports.end() && address.device.find("/by-") == std::string::npos) {
     line.finding = Finding::warning;
-    line.cure =
-        "this name changes with the order of plugging in; use one of "
-        "/dev/serial/by-id: " +
-        fmt::format("{}", fmt::join(others, ", "));
+    line.cure = "this name changes with the order of plugging in; use " +
+                (port->by_id.empty() ? std::string("its name in /dev/serial/by-path")
+                                     : port->by_id.string());
   }
   lines.push_back(line);
-  const fs::path timer = options.root / "sys/bus/usb-serial/devices" / name / "latency_timer";
-  if (fs::exists(timer, failed)) {
-    int ms = 0;
-    std::ifstream(timer) >> ms;
-    DoctorLine latency{"latency timer", Finding::good, "1 ms", fmt::format("{} ms", ms), ""};
-    if (ms > 1) {
+  if (port != ports.end() && port->latency_ms) {
+    DoctorLine latency{"latency timer", Finding::good, "1 ms",
+                       fmt::format("{} ms", *port->latency_ms), ""};
+    if (*port->latency_ms > 1) {
       latency.finding = Finding::warning;
       latency.cure = fmt::format(
           "each answer waits up to {} ms in the adapter: install 99-haarlight.rules, or echo 1 "
-          "| sudo tee {}",
-          ms, timer.string());
+          "| sudo tee /sys/bus/usb-serial/devices/{}/latency_timer",
+          *port->latency_ms, node.filename().string());
     }
     lines.push_back(latency);
   }
   return lines;
-}
-
-/// USB devices with the light controller's interface, as sysfs lists them.
-struct UsbController {
-  std::string serial;
-  fs::path node;
-};
-
-std::string text_of(const fs::path& file) {
-  std::ifstream in(file);
-  std::string text;
-  std::getline(in, text);
-  return text;
-}
-
-std::vector<UsbController> list_usb(const DoctorOptions& options) {
-  std::vector<UsbController> found;
-  std::error_code failed;
-  const fs::path devices = options.root / "sys/bus/usb/devices";
-  for (fs::directory_iterator it(devices, failed), end; !failed && it != end;
-       it.increment(failed)) {
-    const fs::path& interface = it->path();
-    if (text_of(interface / "bInterfaceClass") != "ff" ||
-        text_of(interface / "bInterfaceSubClass") != "48" ||
-        text_of(interface / "bInterfaceProtocol") != "4c") {
-      continue;
-    }
-    const std::string name = interface.filename().string();
-    const fs::path device = devices / name.substr(0, name.find(':'));
-    const auto number = [&](const char* file) {
-      return std::atoi(text_of(device / file).c_str());
-    };
-    found.push_back({text_of(device / "serial"),
-                     options.root / fmt::format("dev/bus/usb/{:03}/{:03}", number("busnum"),
-                                                number("devnum"))});
-  }
-  return found;
 }
 
 /// True when the device is there and may be opened.
@@ -200,44 +161,54 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
                  std::vector<DoctorLine>& lines) {
   DoctorLine line{"USB", Finding::good, "controller with serial number " + spec.address, "",
                   ""};
-  const std::vector<UsbController> all = list_usb(options);
-  std::vector<std::string> serials;
+  const auto wrong = [&](std::string found, std::string cure) {
+    line.finding = Finding::wrong;
+    line.found = std::move(found);
+    line.cure = std::move(cure);
+    lines.push_back(line);
+    return false;
+  };
+  const auto all = options.list_usb ? options.list_usb() : list_usb_controllers();
+  if (!all) {
+    return wrong(all.error().what, "use a machine with USB; does `lsusb` answer?");
+  }
+  std::vector<std::string> there;
   const UsbController* mine = nullptr;
-  for (const UsbController& one : all) {
-    serials.push_back(one.serial);
-    if (one.serial == spec.address || (spec.address.empty() && all.size() == 1)) {
+  bool is_barred = false;
+  for (const UsbController& one : *all) {
+    there.push_back(fmt::format("{} ({}{}{})", one.serial.empty() ? "one" : one.serial,
+                                one.place, one.problem.empty() ? "" : ": ", one.problem));
+    is_barred = is_barred || !one.problem.empty();
+    if (one.problem.empty() && one.serial == spec.address) {
       mine = &one;
     }
   }
-  if (mine == nullptr) {
-    line.finding = Finding::wrong;
-    line.found = all.empty() ? "no light controller on USB"
-                             : fmt::format("light controllers {}", fmt::join(serials, ", "));
-    line.cure = all.empty() ? "plug it in and switch it on; `lsusb` shows what is there"
-                            : "write its serial number as address in [controller]";
+  if (mine != nullptr) {
+    line.found = fmt::format("{}, {}", mine->product, mine->place);
     lines.push_back(line);
-    return false;
+    return true;
   }
-  line.found = mine->node.string();
-  const bool may_open = ::access(mine->node.c_str(), R_OK | W_OK) == 0;
-  if (!may_open) {
-    bool has_rule = false;
-    std::error_code failed;
-    for (const char* folder :
-         {"etc/udev/rules.d", "lib/udev/rules.d", "usr/lib/udev/rules.d"}) {
-      has_rule = has_rule || fs::exists(options.root / folder / "99-haarlight.rules", failed);
-    }
-    line.finding = Finding::wrong;
-    line.found += ": no permission";
-    line.cure = has_rule
-                    ? "99-haarlight.rules is installed: add yourself to the group plugdev "
-                      "(sudo usermod -aG plugdev $USER), log in again, plug the "
-                      "controller out and in"
-                    : "install 99-haarlight.rules into /etc/udev/rules.d, then sudo udevadm "
-                      "control --reload, and plug the controller out and in";
+  if (all->empty()) {
+    return wrong("no light controller on USB",
+                 "plug it in and switch it on; `lsusb` shows what is there");
   }
-  lines.push_back(line);
-  return may_open;
+  std::string found = fmt::format("{}", fmt::join(there, ", "));
+  if (!is_barred) {
+    return wrong(std::move(found), "write its serial number as address in [controller]");
+  }
+  // It may be the one: who may not open a device cannot read its serial number.
+  bool has_rule = false;
+  std::error_code failed;
+  for (const char* folder : {"etc/udev/rules.d", "lib/udev/rules.d", "usr/lib/udev/rules.d"}) {
+    has_rule = has_rule || fs::exists(options.root / folder / "99-haarlight.rules", failed);
+  }
+  return wrong(std::move(found),
+               has_rule
+                   ? "99-haarlight.rules is installed: add yourself to the group plugdev "
+                     "(sudo usermod -aG plugdev $USER), log in again, plug the "
+                     "controller out and in"
+                   : "install 99-haarlight.rules into /etc/udev/rules.d, then sudo udevadm "
+                     "control --reload, and plug the controller out and in");
 }
 
 std::string fault_words(std::uint32_t faults) {

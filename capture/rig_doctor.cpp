@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "capture/camera.h"
+#include "capture/v4l2_camera.h"
 #include "capture/v4l2_list.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -45,6 +46,18 @@ std::string access_problem(const fs::path& node, std::string_view group) {
                                "usermod -aG {} $USER, then log in again",
                                group, group)
                          : std::string(std::strerror(errno));
+}
+
+/// "is /dev/v4l/by-id/usb-... (HD Camera, serial 1234), ...".
+std::string cameras_there(const std::vector<V4l2Description>& cameras) {
+  std::vector<std::string> words;
+  words.reserve(cameras.size());
+  for (const V4l2Description& camera : cameras) {
+    words.push_back(
+        fmt::format("{} ({})", camera.links.empty() ? camera.node : camera.links.front(),
+                    camera.problem.empty() ? identity_text(camera.identity) : camera.problem));
+  }
+  return words.empty() ? "is none" : fmt::format("is {}", fmt::join(words, ", "));
 }
 
 double megabytes(std::uintmax_t bytes) { return static_cast<double>(bytes) / 1e6; }
@@ -152,36 +165,40 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
     return std::vector<DoctorLine>{line};
   };
   std::error_code failed;
-  // A V4L2 camera with a serial number is found under any node.
-  const bool is_found_by_serial = spec.kind == CameraKind::v4l2 && !spec.v4l2.serial.empty();
-  if (!is_found_by_serial && !fs::exists(spec.device, failed)) {
-    std::vector<std::string> others;
-    if (spec.kind == CameraKind::v4l2) {
-      for (const V4l2Description& other : list_v4l2_cameras()) {
-        others.push_back(fmt::format("{} ({})",
-                                     other.links.empty() ? other.node : other.links.front(),
-                                     identity_text(other.identity)));
-      }
+  const bool is_v4l2 = spec.kind == CameraKind::v4l2;
+  const V4l2Places places{options.root / "dev", options.root / "sys"};
+  std::string node = spec.device;
+  if (is_v4l2 && !spec.v4l2.serial.empty()) {
+    // Under whatever node it has now.
+    line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
+    const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, places);
+    if (!found) {
+      return wrong(found.error().what, fmt::format("plug it in, or correct serial; there {}",
+                                                   cameras_there(list_v4l2_cameras(places))));
     }
-    const char* cure = spec.kind == CameraKind::remote
-                           ? "start the camera's program (haarlight-sim, or your bridge), or "
-                             "correct device"
-                       : spec.kind == CameraKind::v4l2
-                           ? "plug the camera in; this machine shows no camera at all"
-                           : "correct device: the folder of a session";
+    node = found->node();
+  } else if (!fs::exists(node, failed)) {
+    const std::vector<V4l2Description> others =
+        is_v4l2 ? list_v4l2_cameras(places) : std::vector<V4l2Description>{};
     return wrong("no such device or socket",
-                 others.empty()
-                     ? cure
-                     : fmt::format("set device to one of: {}", fmt::join(others, ", ")));
+                 !others.empty() ? fmt::format("set device to one that is there: there {}",
+                                               cameras_there(others))
+                 : is_v4l2       ? "plug the camera in; this machine shows no camera at all"
+                 : spec.kind == CameraKind::remote
+                     ? "start the camera's program (haarlight-sim, or your bridge), or "
+                       "correct device"
+                     : "correct device: the folder of a session");
   }
-  if (spec.kind == CameraKind::v4l2 && fs::exists(spec.device, failed)) {
-    if (const std::string problem = access_problem(spec.device, "video"); !problem.empty()) {
-      return wrong("the device cannot be opened", problem);
+  if (is_v4l2) {
+    if (const std::string problem = access_problem(node, "video"); !problem.empty()) {
+      return wrong(fmt::format("{} cannot be opened", node), problem);
     }
   } else if (spec.kind == CameraKind::remote && !fs::is_socket(spec.device, failed)) {
     return wrong("it is there, but it is no socket", "correct device");
   }
-  auto device = make_camera(spec);
+  Result<std::unique_ptr<Camera>> device =
+      is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(places))
+              : make_camera(spec);
   if (!device) {
     return wrong(device.error().what, "correct kind in [[camera]]");
   }

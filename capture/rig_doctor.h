@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/rig.h"
+#include "firmware_iface/usb_link.h"
 
 /// @file
 /// `haarlight rig doctor`: what of a rig is there, what was expected, and the cure where the
@@ -41,6 +42,8 @@ struct DoctorOptions {
   /// GET of a local address: the body, or nothing when nobody answers. Says whether a daemon
   /// holds the devices.
   std::function<std::string(const std::string& url)> fetch;
+  /// The light controllers on USB; empty: list_usb_controllers().
+  std::function<Result<std::vector<UsbController>>()> list_usb{};
 };
 
 /// Everything below, in the order in which a person would mend it.

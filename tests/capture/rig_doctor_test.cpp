@@ -132,17 +132,22 @@ TEST_F(Doctor, ReadsTheSerialLine) {
   EXPECT_TRUE(is_healthy(lines));
   const fs::path timer =
       folder_ / ("sys/bus/usb-serial/devices/" + tty.filename().string() + "/latency_timer");
+  fs::create_directories(folder_ / "dev/serial/by-id");
+  fs::create_symlink("../../" + tty.filename().string(),
+                     folder_ / "dev/serial/by-id/usb-FTDI_A50285BI-if00-port0");
   put(timer, "16\n");
   lines = examine_controller(rig_, options_);
   EXPECT_TRUE(is_healthy(lines));
   EXPECT_EQ(line_of(lines, "latency timer").finding, Finding::warning);
   EXPECT_THAT(line_of(lines, "latency timer").cure, HasSubstr("tee"));
+  EXPECT_EQ(line_of(lines, "serial line").finding, Finding::warning);
+  EXPECT_THAT(line_of(lines, "serial line").cure,
+              HasSubstr("/dev/serial/by-id/usb-FTDI_A50285BI-if00-port0"));
   put(timer, "1\n");
   EXPECT_EQ(line_of(examine_controller(rig_, options_), "latency timer").finding,
             Finding::good);
   // Unplugged: what is there instead is offered.
   controller_.unplug_rtu();
-  put(folder_ / "dev/serial/by-id/usb-FTDI_A50285BI-if00-port0", "");
   rig_.controller.address = "/dev/serial/by-id/usb-gone:115200";
   lines = examine_controller(rig_, options_);
   EXPECT_EQ(line_of(lines, "serial line").finding, Finding::wrong);
@@ -152,22 +157,27 @@ TEST_F(Doctor, ReadsTheSerialLine) {
 TEST_F(Doctor, ListsControllersOnUsb) {
   rig_.controller.kind = ControllerKind::usb;
   rig_.controller.address = "HL0042";
+  std::vector<UsbController> there;
+  options_.list_usb = [&there] { return Result<std::vector<UsbController>>(there); };
   EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plug it in"));
-  const fs::path devices = folder_ / "sys/bus/usb/devices";
-  put(devices / "1-2/serial", "HL0043\n");
-  put(devices / "1-2/busnum", "1\n");
-  put(devices / "1-2/devnum", "7\n");
-  put(devices / "1-2:1.0/bInterfaceClass", "ff\n");
-  put(devices / "1-2:1.0/bInterfaceSubClass", "48\n");
-  put(devices / "1-2:1.0/bInterfaceProtocol", "4c\n");
-  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").found, HasSubstr("HL0043"));
-  rig_.controller.address = "HL0043";
-  // Its node is not there: it cannot be opened, and no rule is installed.
+  there.push_back({"HL0043", "cube", 0x1209, 1, "bus 1 port 2", ""});
   DoctorLine line = line_of(examine_controller(rig_, options_), "USB");
-  EXPECT_THAT(line.found, HasSubstr("dev/bus/usb/001/007"));
+  EXPECT_THAT(line.found, HasSubstr("HL0043 (bus 1 port 2)"));
+  EXPECT_THAT(line.cure, HasSubstr("serial number"));
+  rig_.controller.address = "HL0043";
+  EXPECT_EQ(line_of(examine_controller(rig_, options_), "USB").finding, Finding::good);
+  // It may not be opened, so that its serial number is not known; and no rule is installed.
+  there = {{"", "", 0x1209, 1, "bus 1 port 2", "no permission"}};
+  line = line_of(examine_controller(rig_, options_), "USB");
+  EXPECT_EQ(line.finding, Finding::wrong);
+  EXPECT_THAT(line.found, HasSubstr("no permission"));
   EXPECT_THAT(line.cure, HasSubstr("install 99-haarlight.rules"));
   put(folder_ / "etc/udev/rules.d/99-haarlight.rules", "");
   EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").cure, HasSubstr("plugdev"));
+  options_.list_usb = [] {
+    return Result<std::vector<UsbController>>(fail(Errc::unsupported, "USB: none"));
+  };
+  EXPECT_THAT(line_of(examine_controller(rig_, options_), "USB").found, HasSubstr("USB: none"));
 }
 
 TEST_F(Doctor, JudgesTheClock) {
