@@ -63,6 +63,13 @@ class PatternInverse {
   void apply(std::span<const double> measured, std::span<const double> plate, std::size_t width,
              std::span<double> lights) const;
 
+  /// What independent noise of the shots becomes: with apply() written T' = A M + ..., the
+  /// variances sum_j A_kj^2 v_j, in closed form (a sum for the S-matrix, additions alone for
+  /// wavelets). @param shots  (n_shots, width), not negative
+  /// @param plate, lights   as in apply()
+  void apply_variance(std::span<const double> shots, std::span<const double> plate,
+                      std::size_t width, std::span<double> lights) const;
+
   /// The weights a with sum_k w_k T'_k = sum_j a_j M_j at one pixel: how the shots' noise
   /// enters a picture that is relit with w.
   /// @param w, plate  (n_lights); plate may be empty
@@ -89,6 +96,12 @@ class PatternInverse {
                   std::size_t width, std::span<double> lights) const;
   void apply_target(std::span<const double> measured, std::span<const double> plate,
                     std::size_t width, std::span<double> lights) const;
+  void s_matrix_variance(std::span<const double> shots, std::size_t width,
+                         std::span<double> lights) const;
+  void haar_variance(std::span<const double> shots, std::span<const double> plate,
+                     std::size_t width, std::span<double> lights) const;
+  void target_variance(std::span<const double> shots, std::span<const double> plate,
+                       std::size_t width, std::span<double> lights) const;
   void shared_weights(std::span<const double> w, std::span<const double> plate,
                       std::span<double> a) const;
   void haar_weights(std::span<const double> w, std::span<const double> plate,

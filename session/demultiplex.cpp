@@ -110,8 +110,14 @@ MatchedShots match_shots(const Session& session,
   return {std::move(order), PatternInverse(recipe, std::move(shots), n_lights)};
 }
 
-void demultiplex_rows(const PatternInverse& inverse, const std::vector<double>& power,
-                      const PlatePixels& plate, int y0, std::vector<Image<float>>& pictures) {
+namespace {
+
+/// Runs of pixels of all shots through `solve(measured, plate, n, single)`, (shots, n) to
+/// (lights, n).
+template <class Solve>
+void demultiplex(const PatternInverse& inverse, const std::vector<double>& power,
+                 const PlatePixels& plate, int y0, std::vector<Image<float>>& pictures,
+                 const Solve& solve) {
   const auto n_shots = static_cast<std::size_t>(inverse.n_shots());
   const auto n_lights = static_cast<std::size_t>(inverse.n_lights());
   HAARLIGHT_EXPECTS(pictures.size() == n_shots && power.size() == n_lights,
@@ -161,16 +167,77 @@ void demultiplex_rows(const PatternInverse& inverse, const std::vector<double>& 
                        }
                      }
                    }
-                   inverse.apply(measured, shared, n, single);
+                   solve(measured, shared, n, single);
                    for (std::size_t k = 0; k < n_lights; ++k) {
                      float* out = lights[k].pixels().data() + first;
-                     for (std::size_t i = 0; i < n; ++i) {
-                       out[i] = static_cast<float>(single[k * n + i] / power[k]);
-                     }
+                     std::transform(single.begin() + static_cast<std::ptrdiff_t>(k * n),
+                                    single.begin() + static_cast<std::ptrdiff_t>((k + 1) * n),
+                                    out,
+                                    [](double value) { return static_cast<float>(value); });
                    }
                  }
                });
   pictures = std::move(lights);
+}
+
+/// values[k] /= power[k]^exponent, exponent 1 or 2.
+void divide_by_power(const std::vector<double>& power, int exponent, std::size_t n,
+                     std::vector<double>& values) {
+  for (std::size_t k = 0; k < power.size(); ++k) {
+    const double divisor = exponent == 1 ? power[k] : power[k] * power[k];
+    for (std::size_t i = 0; i < n; ++i) {
+      values[k * n + i] /= divisor;
+    }
+  }
+}
+
+}  // namespace
+
+void demultiplex_rows(const PatternInverse& inverse, const std::vector<double>& power,
+                      const PlatePixels& plate, int y0, std::vector<Image<float>>& pictures) {
+  demultiplex(inverse, power, plate, y0, pictures,
+              [&](const std::vector<double>& measured, const std::vector<double>& shared,
+                  std::size_t n, std::vector<double>& single) {
+                inverse.apply(measured, shared, n, single);
+                divide_by_power(power, 1, n, single);
+              });
+}
+
+void demultiplex_variance_rows(const PatternInverse& inverse, const std::vector<double>& power,
+                               const PlatePixels& plate, int y0,
+                               const std::vector<double>& common_sigma,
+                               std::vector<Image<float>>& variances) {
+  HAARLIGHT_EXPECTS(common_sigma.size() == static_cast<std::size_t>(inverse.n_shots()),
+                    "a sigma a shot");
+  // A picture in shares of the range a second has variances below 1e6; squares of the inverse's
+  // entries that matter are above 1e-12.
+  constexpr double kMark = 1e30;
+  constexpr double kMarked = 1e15;
+  const bool has_common = std::any_of(common_sigma.begin(), common_sigma.end(),
+                                      [](double sigma) { return sigma > 0.0; });
+  demultiplex(inverse, power, plate, y0, variances,
+              [&](std::vector<double>& measured, const std::vector<double>& shared,
+                  std::size_t n, std::vector<double>& single) {
+                for (double& v : measured) {
+                  v = v < 0.0 ? kMark : v;
+                }
+                inverse.apply_variance(measured, shared, n, single);
+                if (has_common) {
+                  for (std::size_t j = 0; j < common_sigma.size(); ++j) {
+                    std::fill_n(measured.begin() + static_cast<std::ptrdiff_t>(j * n), n,
+                                common_sigma[j]);
+                  }
+                  std::vector<double> sum(single.size());
+                  inverse.apply(measured, shared, n, sum);
+                  for (std::size_t i = 0; i < single.size(); ++i) {
+                    single[i] += sum[i] * sum[i];
+                  }
+                }
+                divide_by_power(power, 2, n, single);
+                for (double& v : single) {
+                  v = v > kMarked ? -1.0 : v;
+                }
+              });
 }
 
 }  // namespace haarlight

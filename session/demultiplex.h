@@ -43,4 +43,16 @@ struct MatchedShots {
 void demultiplex_rows(const PatternInverse& inverse, const std::vector<double>& power,
                       const PlatePixels& plate, int y0, std::vector<Image<float>>& pictures);
 
+/// Variances of the shots' pictures become those of the lights', in place: independent noise by
+/// the squares of the inverse's rows, and noise that all shots share (the dark frames' own) by
+/// its sum, (sum_j A_kj s_j)^2.
+/// @param common_sigma  s, one a shot
+/// @param variances     (rows, width, channels), one a shot, below 0: not known (clipped in
+/// every
+///                      exposure); then one a light, -1 where a shot that it needs is not known
+void demultiplex_variance_rows(const PatternInverse& inverse, const std::vector<double>& power,
+                               const PlatePixels& plate, int y0,
+                               const std::vector<double>& common_sigma,
+                               std::vector<Image<float>>& variances);
+
 }  // namespace haarlight

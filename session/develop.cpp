@@ -24,7 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kRecipe =
-    "develop 2";  // part of the cache's key: bump when results change
+    "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) a light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
   const int width = pictures[0].width();
@@ -122,6 +122,28 @@ struct Band {
   std::vector<float> errors;
 };
 
+/// Variances of the patterns become the lights'; a flat field's error is common to all of them
+/// and comes out as the same share of each light.
+void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
+                        const std::vector<Image<float>>& lights,
+                        std::vector<Image<float>>& variances) {
+  std::vector<double> dark_sigma;
+  dark_sigma.reserve(job.plan.groups.size());
+  for (const PatternGroup& group : job.plan.groups) {
+    dark_sigma.push_back(radiometry.dark_sigma(group));
+  }
+  demultiplex_variance_rows(*job.plan.inverse, job.power, job.plate, y0, dark_sigma, variances);
+  const double flat = radiometry.flat_variance();
+  for (std::size_t k = 0; flat > 0.0 && k < variances.size(); ++k) {
+    for (std::size_t i = 0; i < variances[k].pixels().size(); ++i) {
+      const double value = double{lights[k].pixels()[i]};
+      float& variance = variances[k].pixels()[i];
+      variance =
+          variance < 0.0F ? -1.0F : static_cast<float>(double{variance} + flat * value * value);
+    }
+  }
+}
+
 Band develop_band(const Job& job, const Radiometry& radiometry, int i_band, MergeTally& tally) {
   const int height = job.shape.height;
   const int y0 = i_band * job.shape.band_rows;
@@ -136,7 +158,8 @@ Band develop_band(const Job& job, const Radiometry& radiometry, int i_band, Merg
   std::vector<MergeTally> tallies(n_groups);
   parallel_for(n_groups, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t g = begin; g < end; ++g) {
-      RadianceRows rows = radiometry.measure(job.plan.groups[g], {from, to, y0, y1});
+      RadianceRows rows = radiometry.measure(
+          job.plan.groups[g], {from, to, y0, y1, !job.plan.is_single && job.has_error});
       pictures[g] = std::move(rows.value);
       tallies[g] = std::move(rows.tally);
       if (job.has_error) {
@@ -149,6 +172,9 @@ Band develop_band(const Job& job, const Radiometry& radiometry, int i_band, Merg
   }
   if (!job.plan.is_single) {
     demultiplex_rows(*job.plan.inverse, job.power, job.plate, from, pictures);
+    if (job.has_error) {
+      demultiplex_errors(job, radiometry, from, pictures, variances);
+    }
   }
   const BayerPattern bayer = job.session->info().form.bayer;
   if (job.demosaic != Demosaic::none) {
@@ -262,19 +288,13 @@ std::optional<Developed> open_all_cached(const fs::path& folder, const std::stri
   return developed;
 }
 
-void require_error_known(const Session& session, const ExposurePlan& plan,
-                         const Radiometry& radiometry) {
+void require_error_known(const Session& session, const Radiometry& radiometry) {
   if (!radiometry.response().is_measured) {
     throw Error(
         "the camera's noise is not known: no standard error can be given",
         session.folder().string(),
         "measure it (haarlight rig commission), or set noise = { gain, read, full_well, "
         "black } in the rig file");
-  }
-  if (!plan.is_single) {
-    throw Error("standard errors are given for sessions of single lights only",
-                session.folder().string(),
-                "for multiplexed patterns the planner predicts them: haarlight plan --dry-run");
   }
 }
 
@@ -318,7 +338,7 @@ Developed develop_all(const Session& session, const DevelopOptions& options) {
   job.shape.n_lights = static_cast<int>(session.info().lights.size());
   const Radiometry radiometry(session, job.plan, transfer, options.radiometry);
   if (job.has_error) {
-    require_error_known(session, job.plan, radiometry);
+    require_error_known(session, radiometry);
   }
   const bool needs_margin = job.demosaic != Demosaic::none || radiometry.has_bad_pixels();
   job.margin = needs_margin ? 2 * kDemosaicMargin : 0;

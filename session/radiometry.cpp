@@ -74,8 +74,9 @@ void MergeTally::add(const MergeTally& other) {
 /// electrons_per_step is then 1.
 struct Radiometry::Factors {
   double electrons_per_step = 1.0;
-  double per_unit = 1.0;  ///< electrons of radiance 1
-  double floor = 0.0;     ///< variance without light, electrons^2, the dark model's included
+  double per_unit = 1.0;    ///< electrons of radiance 1
+  double floor = 0.0;       ///< variance without light, electrons^2, the dark model's included
+  double dark_floor = 0.0;  ///< of it: the dark model's
   double dark_level = 0.0;
   double drift_sigma = 0.0;
   double scale = 1.0;  ///< exposure and gain: names the exposure in the tally
@@ -173,10 +174,11 @@ Radiometry::Factors Radiometry::factors_of(const ScaledFrame& frame) const {
   factors.per_unit = linear_.range() * factors.electrons_per_step * frame.scale * drift.gain;
   if (!dark_.is_empty()) {
     factors.dark_level = dark_.level_of(*session_, *frame.frame);
-    const double k = factors.electrons_per_step;
-    factors.floor += response_.is_measured ? k * k * dark_.variance(factors.dark_level) +
-                                                 k * std::max(factors.dark_level, 0.0)
-                                           : 0.0;
+    if (response_.is_measured) {
+      const double k = factors.electrons_per_step;
+      factors.dark_floor = k * k * dark_.variance(factors.dark_level);
+      factors.floor += factors.dark_floor + k * std::max(factors.dark_level, 0.0);
+    }
   }
   return factors;
 }
@@ -195,6 +197,9 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
   std::vector<LevelPair> levels(n_frames);
   for (const ScaledFrame& frame : group.frames) {
     factors.push_back(factors_of(frame));
+    if (rows.is_combined) {
+      factors.back().floor -= factors.back().dark_floor;
+    }
     words.push_back(session_->read_rows(*frame.frame, y0, y1));
   }
   std::vector<ExposureSample> samples(n_frames);
@@ -224,8 +229,8 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
       merged = response_.is_measured ? merge_exposures(samples) : merge_by_photons(samples);
     }
     out.value.pixels()[in_rows + i] = static_cast<float>(merged.radiance);
-    const double common =
-        factors[0].drift_sigma * factors[0].drift_sigma + flat_.relative_variance;
+    const double common = factors[0].drift_sigma * factors[0].drift_sigma +
+                          (rows.is_combined ? 0.0 : flat_.relative_variance);
     out.variance.pixels()[in_rows + i] =
         merged.is_saturated
             ? -1.0F
@@ -284,6 +289,19 @@ RadianceRows Radiometry::measure(const PatternGroup& group, const Rows& rows) co
     }
   }
   return out;
+}
+
+double Radiometry::dark_sigma(const PatternGroup& group) const {
+  double sigma = 0.0;
+  double longest = 0.0;
+  for (const ScaledFrame& frame : group.frames) {
+    const Factors factors = factors_of(frame);
+    if (factors.scale > longest) {
+      longest = factors.scale;
+      sigma = std::sqrt(factors.dark_floor) / factors.per_unit;
+    }
+  }
+  return sigma;
 }
 
 void Radiometry::require_levels(const MergeTally& tally) const {

@@ -70,12 +70,22 @@ class Radiometry {
     int y1 = 0;
     int count_from = 0;
     int count_to = 0;
+    /// The pattern is one of many that will be combined: its variance is without the noise that
+    /// it shares with the others, the dark model's and the flat field's.
+    bool is_combined = false;
   };
   /// @throws Error  a sample that is not a finite number, a frame that cannot be read
   [[nodiscard]] RadianceRows measure(const PatternGroup& group, const Rows& rows) const;
 
   /// @throws Error  an exposure whose level contradicts the others by more than max_level_error
   void require_levels(const MergeTally& tally) const;
+
+  /// Standard deviation of a pattern's radiance by the dark model's own noise, the same in
+  /// every pattern of these exposures. With several exposures: of the longest, which weighs
+  /// most where dark noise matters (an approximation: the others weigh less and have more).
+  [[nodiscard]] double dark_sigma(const PatternGroup& group) const;
+  /// Relative variance of the flat field: of every pattern the same at a pixel.
+  [[nodiscard]] double flat_variance() const { return flat_.relative_variance; }
 
   /// Pixels around a band that inpainting looks at, 0 when nothing is bad.
   [[nodiscard]] bool has_bad_pixels() const { return !bad_.is_empty(); }

@@ -165,7 +165,8 @@ void add_develop(Command root, Invocation& invocation) {
               {.shows_default = true});
   verb.flag("--standard-error", &arguments->has_standard_error,
             "Also make the values' standard errors (with --exr: light_0000.error.exr); -1: "
-            "clipped in every exposure");
+            "clipped in every exposure. Of shots of several lights: their noise through the "
+            "demultiplexing, not what the plate shares out wrongly");
   verb.footer(
       "Values are linear shares of the camera's range a second at full drive and unit power.\n"
       "The result is a cache that compress and relight use; --force makes it again.\n"

@@ -237,7 +237,8 @@ TEST(PatternInverse, SomeWaveletsAreTheTruncatedSeriesAndThePlateFillsTheRest) {
   EXPECT_LT(worst(there_and_back(inverse, dimmed, 1, lights), dimmed), 1e-13);
 }
 
-TEST(PatternInverse, ShotWeightsAreTheAdjoint) {
+/// Every family, and whether it is given a plate.
+std::vector<std::pair<PatternInverse, bool>> all_families() {
   PatternRecipe target;
   target.family = PatternFamily::target;
   std::vector<std::pair<PatternInverse, bool>> cases;
@@ -253,7 +254,11 @@ TEST(PatternInverse, ShotWeightsAreTheAdjoint) {
   cases.emplace_back(
       PatternInverse({}, {{{0, 1.0}, {1, 1.0}}, {{1, 1.0}, {2, 0.5}}, {{0, 1.0}, {2, 1.0}}}, 3),
       false);
-  for (const auto& [inverse, has_plate] : cases) {
+  return cases;
+}
+
+TEST(PatternInverse, ShotWeightsAreTheAdjoint) {
+  for (const auto& [inverse, has_plate] : all_families()) {
     const auto n = static_cast<std::size_t>(inverse.n_lights());
     const auto m = static_cast<std::size_t>(inverse.n_shots());
     const std::vector<double> w = random_values(n, 21);
@@ -267,6 +272,43 @@ TEST(PatternInverse, ShotWeightsAreTheAdjoint) {
     const double right = std::inner_product(a.begin(), a.end(), measured.begin(), 0.0);
     EXPECT_NEAR(left, right, 1e-11 * (1.0 + std::abs(left)))
         << to_string(inverse.recipe().family);
+  }
+}
+
+TEST(PatternInverse, VariancesAreTheSquaredRowsOfTheInverse) {
+  auto cases = all_families();
+  const std::vector<FaceGrid> faces{{4, 4}, {4, 4}};
+  cases.emplace_back(inverse_of(recipe_of(PatternFamily::haar, faces), 0.7), false);
+  cases.emplace_back(
+      inverse_of(PatternRecipe{PatternFamily::haar, faces, 0, {0, 1, 7, 16, 30}}), false);
+  cases.emplace_back(inverse_of(recipe_of(PatternFamily::bins, faces, 4)), false);
+  constexpr std::size_t kPixels = 3;
+  for (const auto& [inverse, has_plate] : cases) {
+    const auto n = static_cast<std::size_t>(inverse.n_lights());
+    const auto m = static_cast<std::size_t>(inverse.n_shots());
+    std::vector<double> plate =
+        has_plate ? random_values(n * kPixels, 22) : std::vector<double>();
+    for (std::size_t k = 0; has_plate && k < n; ++k) {
+      plate[k * kPixels + 2] = 0.0;  // a pixel that the plate does not see
+    }
+    const std::vector<double> variance = random_values(m * kPixels, 23);
+    std::vector<double> lights(n * kPixels);
+    inverse.apply_variance(variance, plate, kPixels, lights);
+    // Column j of the inverse is what a unit of shot j alone gives.
+    std::vector<double> expected(n * kPixels, 0.0);
+    for (std::size_t j = 0; j < m; ++j) {
+      std::vector<double> unit(m * kPixels, 0.0);
+      std::fill_n(unit.begin() + static_cast<std::ptrdiff_t>(j * kPixels), kPixels, 1.0);
+      std::vector<double> column(n * kPixels);
+      inverse.apply(unit, plate, kPixels, column);
+      for (std::size_t at = 0; at < expected.size(); ++at) {
+        expected[at] += column[at] * column[at] * variance[j * kPixels + at % kPixels];
+      }
+    }
+    for (std::size_t at = 0; at < expected.size(); ++at) {
+      ASSERT_NEAR(lights[at], expected[at], 1e-12 * (1.0 + expected[at]))
+          << to_string(inverse.recipe().family) << ", light " << at / kPixels;
+    }
   }
 }
 

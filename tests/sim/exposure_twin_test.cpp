@@ -154,6 +154,16 @@ class ExposureTwin : public ::testing::Test {
   };
   Error2 errors(const Session& session, const RadiometryOptions& steps) {
     DevelopOptions options;
+    // Of bins: the object itself, so that sharing out is exact and only noise is left.
+    options.plate.key = "truth";
+    options.plate.read = [this](int y, int x0, int x1, std::span<float> out) {
+      for (int x = x0; x < x1; ++x) {
+        for (int k = 0; k < 64; ++k) {
+          out[static_cast<std::size_t>((x - x0) * 64 + k)] = static_cast<float>(
+              truth(k, static_cast<std::size_t>(y * rig_.cameras.front().frame_width + x)));
+        }
+      }
+    };
     options.radiometry = steps;
     options.use_cache = false;
     const auto t0 = std::chrono::steady_clock::now();
@@ -226,6 +236,71 @@ TEST_F(ExposureTwin, BracketsReachTheStatedErrorOverFourDecades) {
   EXPECT_NEAR(merged.z_rms, 1.0, 0.02);
   EXPECT_EQ(merged.n_saturated, 0U);
   EXPECT_LT(std::abs(merged.bias), 1e-3);
+}
+
+TEST_F(ExposureTwin, MultiplexedLightsReachTheStatedError) {
+  // The brightest pixel of 32 lights together keeps below the well at 6 us.
+  const std::string at_6 = "exposures_us = [6]\npatterns = ";
+  struct Case {
+    const char* name;
+    std::string keys;
+    double least_z;
+  };
+  const RigFlaws dark{.dark_e_per_s = 2e5};
+  // Noise of all lights of a pixel is one draw of 63 shots: 64 x 3072 values stand for at least
+  // 3072 x 63 draws, 0.0016 of z. 8 dark frames are common to all: 8 x 3072 draws besides. A
+  // sample's photon noise is taken from the sample, not below 0: without light that adds 0.4
+  // sigmas, 1.2 to 9 electrons^2 at most, so that z is 0.94 where all is dark.
+  for (const Case& c :
+       {Case{"S-matrix of 64", at_6 + "\"s_matrix\"\n", 0.97},
+        Case{"all Haar wavelets", "exposures_us = [3]\npatterns = \"haar\"\n", 0.94},
+        Case{"bins of 2 x 2", at_6 + "\"bins\"\nbin = 2\n", 0.97},
+        Case{"S-matrix in a bracket", "exposures_us = [2, 6]\npatterns = \"s_matrix\"\n", 0.97},
+        Case{"S-matrix, 8 darks", at_6 + "\"s_matrix\"\ndarks_every = 9\n", 0.97},
+        Case{"bins, 2 darks", at_6 + "\"bins\"\nbin = 2\ndarks_every = 16\n", 0.97}}) {
+    const bool has_darks = c.keys.find("darks") != std::string::npos;
+    const Error2 found =
+        errors(capture(c.name, c.keys, with(has_darks ? dark : RigFlaws{})), {});
+    print(c.name, found);
+    EXPECT_EQ(found.n_saturated, 0U) << c.name;
+    EXPECT_GT(found.z_rms, c.least_z) << c.name;
+    EXPECT_LT(found.z_rms, 1.02) << c.name;
+  }
+}
+
+TEST_F(ExposureTwin, RepeatsOfAnSMatrixScatterAsStated) {
+  // Without the truth: 12 captures of other noise, the variance of each pixel of each light.
+  constexpr int kRepeats = 12;
+  std::vector<double> sum(64 * 3072, 0.0);
+  std::vector<double> square(64 * 3072, 0.0);
+  std::vector<double> stated(64 * 3072, 0.0);
+  for (int repeat = 0; repeat < kRepeats; ++repeat) {
+    VirtualCameraOptions options = with({});
+    options.seed = 100 + static_cast<std::uint64_t>(repeat);
+    const Session session = capture(fmt::format("repeat{}", repeat),
+                                    "exposures_us = [6]\npatterns = \"s_matrix\"\n", options);
+    const Developed developed =
+        develop_all(session, {.use_cache = false, .has_standard_error = true});
+    for (int k = 0; k < 64; ++k) {
+      const Image<float> value = developed.stack.light_image(k);
+      const Image<float> sigma = developed.standard_error->light_image(k);
+      for (std::size_t i = 0; i < value.pixels().size(); ++i) {
+        const std::size_t at = static_cast<std::size_t>(k) * 3072 + i;
+        sum[at] += value.pixels()[i];
+        square[at] += double{value.pixels()[i]} * value.pixels()[i];
+        ASSERT_GT(sigma.pixels()[i], 0.0F);
+        stated[at] += double{sigma.pixels()[i]} * sigma.pixels()[i] / kRepeats;
+      }
+    }
+  }
+  double ratio = 0.0;
+  for (std::size_t at = 0; at < sum.size(); ++at) {
+    const double variance = (square[at] - sum[at] * sum[at] / kRepeats) / (kRepeats - 1);
+    ratio += variance / stated[at] / static_cast<double>(sum.size());
+  }
+  fmt::print("variance of {} repeats over the stated one: {:.4f}\n", kRepeats, ratio);
+  // Each pixel's 64 lights share 63 shots' noise: at least 3072 x 11 degrees of freedom.
+  EXPECT_NEAR(ratio, 1.0, 4.0 * std::sqrt(2.0 / (3072.0 * 11.0)));
 }
 
 TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
