@@ -487,7 +487,8 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
   plan.darks_every_c = settings.darks_every_c;
   plan.patterns = std::move(recipe);
   plan.shots = arrange_shots(settings, rig, list, exposures);
-  plan.hash = plan_hash(plan);
+  // Reading it back checks what settings made in code may hold: a light twice, say.
+  plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;
   require_limits(plan, rig, settings.where);
   return plan;
 }

@@ -124,9 +124,6 @@ struct Plan {
 [[nodiscard]] Plan expand_plan(const PlanSettings& settings, const Rig& rig,
                                const Lighting* lighting = nullptr);
 
-/// Of everything else that the plan holds.
-[[nodiscard]] std::string plan_hash(const Plan& plan);
-
 /// plan.json: canonical, so equal plans have equal bytes.
 [[nodiscard]] std::string plan_to_json(const Plan& plan);
 /// @throws Error  not a plan, or its hash does not match its shots; `where` is the file's name

@@ -254,8 +254,6 @@ Plan read_body(const Json& json, const std::string& where) {
 
 }  // namespace
 
-std::string plan_hash(const Plan& plan) { return content_hash(body_of(plan).dump()); }
-
 std::string plan_to_json(const Plan& plan) {
   Json json = body_of(plan);
   json["hash"] = content_hash(json.dump());
@@ -268,7 +266,7 @@ Plan plan_from_json(const std::string& json, const std::string& where) {
     refuse("not JSON", where);
   }
   Plan plan = read_body(parsed, where);
-  plan.hash = plan_hash(plan);
+  plan.hash = content_hash(body_of(plan).dump());
   if (field<std::string>(parsed, "hash", where, "the plan") != plan.hash) {
     refuse("the plan's hash does not match its shots: it was changed after it was made", where);
   }

@@ -338,6 +338,14 @@ TEST(Plan, DarksForTheTemperatureStandAtTheEndOfTheirExposure) {
   }
 }
 
+TEST(Plan, ALightTwiceInOnePatternIsRefusedFromCodeToo) {
+  PlanSettings settings;  // as the daemon makes them for a preview
+  settings.name = "preview";
+  settings.patterns = PlanPatterns::list;
+  settings.list = {{{7, 65535}, {7, 65535}}};
+  EXPECT_THROW((void)expand_plan(settings, read_rig(kRigs + "small8.toml")), Error);
+}
+
 TEST(Plan, FlatFramesComeFirstInTheirOwnExposure) {
   const Plan plan = plan_of(
       "patterns = \"list\"\nflats = 3\nflat_level = 4000\nflat_exposure_us = 500\n"
