@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <span>
+#include <type_traits>
 #include <vector>
 
 #include <fmt/format.h>
@@ -17,6 +19,52 @@ namespace haarlight {
 namespace {
 
 template <class T>
+struct RowStatistics {
+  T min{};
+  T max{};
+  double sum = 0.0;
+  std::size_t n_saturated = 0;
+  std::size_t n_black = 0;
+};
+
+/// Words in integers, which the compiler does sixteen at a time; their sums are exact, so the
+/// result is that of doubles to the last bit.
+template <class T>
+RowStatistics<T> measure_row(std::span<const T> row, double black_level, double white_level) {
+  RowStatistics<T> result{row.front(), row.front()};
+  if constexpr (std::is_integral_v<T>) {
+    constexpr double kMost = std::numeric_limits<T>::max();
+    // value >= white  <=>  value >= ceil(white), value <= black  <=>  value <= floor(black)
+    const bool can_saturate = std::ceil(white_level) <= kMost;
+    const bool can_be_black = std::floor(black_level) >= 0.0;
+    const auto white = static_cast<T>(std::clamp(std::ceil(white_level), 0.0, kMost));
+    const auto dark = static_cast<T>(std::clamp(std::floor(black_level), 0.0, kMost));
+    std::uint32_t n_white = 0;
+    std::uint32_t n_dark = 0;
+    std::uint64_t sum = 0;
+    for (const T value : row) {
+      sum += value;
+      result.min = std::min(result.min, value);
+      result.max = std::max(result.max, value);
+      n_white += value >= white ? 1U : 0U;
+      n_dark += value <= dark ? 1U : 0U;
+    }
+    result.sum = static_cast<double>(sum);
+    result.n_saturated = can_saturate ? n_white : 0;
+    result.n_black = can_be_black ? n_dark : 0;
+  } else {
+    for (const T value : row) {
+      result.sum += static_cast<double>(value);
+      result.min = std::min(result.min, value);
+      result.max = std::max(result.max, value);
+      result.n_saturated += static_cast<double>(value) >= white_level ? 1U : 0U;
+      result.n_black += static_cast<double>(value) <= black_level ? 1U : 0U;
+    }
+  }
+  return result;
+}
+
+template <class T>
 PixelStatistics measure(ImageView<const T> pixels, double black_level, double white_level) {
   PixelStatistics result;
   if (pixels.is_empty()) {
@@ -28,15 +76,12 @@ PixelStatistics measure(ImageView<const T> pixels, double black_level, double wh
   std::size_t saturated = 0;
   std::size_t black = 0;
   for (int y = 0; y < pixels.height(); ++y) {
-    double row_sum = 0.0;
-    for (const T value : pixels.row(y)) {
-      row_sum += static_cast<double>(value);
-      min = std::min(min, value);
-      max = std::max(max, value);
-      saturated += static_cast<double>(value) >= white_level ? 1U : 0U;
-      black += static_cast<double>(value) <= black_level ? 1U : 0U;
-    }
-    sum += row_sum;
+    const RowStatistics<T> row = measure_row(pixels.row(y), black_level, white_level);
+    sum += row.sum;
+    min = std::min(min, row.min);
+    max = std::max(max, row.max);
+    saturated += row.n_saturated;
+    black += row.n_black;
   }
   const auto n = static_cast<double>(pixels.height()) * pixels.width() * pixels.channels();
   result.min = static_cast<double>(min);
