@@ -16,6 +16,9 @@ Result<Exception> FakeBus::run(Act act) {
     return fail(Errc::device_gone, "fake bus: not open");
   }
   const auto fault = script_ ? script_() : std::nullopt;
+  if (fault && fault->answer) {
+    return *fault->answer;
+  }
   if (fault && !fault->acts) {
     return fail(fault->code, "fake bus: scripted fault, not carried out");
   }

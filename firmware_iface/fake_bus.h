@@ -20,6 +20,8 @@ namespace haarlight {
 struct FakeBusFault {
   Errc code = Errc::timeout;
   bool acts = false;  ///< the request is carried out although it fails
+  /// Instead: answered by this exception, not carried out.
+  std::optional<registers::Exception> answer{};
 };
 
 /// Asked once a request, before it acts; nothing = it succeeds.

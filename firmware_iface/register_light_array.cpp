@@ -577,8 +577,18 @@ Result<void> RegisterLightArray::set_trigger_delay(std::chrono::microseconds del
   const auto us = static_cast<std::uint32_t>(std::clamp<std::int64_t>(
       delay.count(), 0, std::int64_t{registers::kMaxTriggerDelayUs} + 1));
   const std::array<std::uint16_t, 2> words = {high_word(us), low_word(us)};
-  return demand(link_.bus().write_holding(hold::kTriggerDelay, words),
-                "setting the trigger delay");
+  const auto answer = link_.bus().write_holding(hold::kTriggerDelay, words);
+  // A controller without the register has no trigger line: it sends no pulse, as is wanted.
+  if (us == 0 && answer && *answer == Exception::illegal_address) {
+    return {};
+  }
+  if (answer && *answer == Exception::illegal_address) {
+    return fail(Errc::unsupported,
+                fmt::format("{}: the controller has no register for a trigger delay, so no "
+                            "trigger line: use another sync mode than controller-leads",
+                            name()));
+  }
+  return demand(answer, "setting the trigger delay");
 }
 
 Result<LatchReceipt> RegisterLightArray::step_table() {

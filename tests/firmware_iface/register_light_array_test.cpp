@@ -277,6 +277,22 @@ TEST(RegisterLightArray, ATriggerDelayReachesTheController) {
   EXPECT_FALSE(b.array->set_trigger_delay(std::chrono::seconds(2)));
 }
 
+// What other vendors' firmware, or an older one of ours, has not.
+TEST(RegisterLightArray, AControllerWithoutATriggerLineIsAskedForNone) {
+  Bench b(wide_config(64));
+  ASSERT_TRUE(b.array->connect());
+  const FakeBusFault unknown{.answer = registers::Exception::illegal_address};
+  b.faults[b.n_requests] = unknown;
+  const auto none = b.array->set_trigger_delay(std::chrono::microseconds(0));
+  EXPECT_TRUE(none) << none.error().what;
+  EXPECT_EQ(b.array->link_state(), LinkState::up);
+  b.faults[b.n_requests] = unknown;
+  const auto some = b.array->set_trigger_delay(std::chrono::microseconds(500));
+  ASSERT_FALSE(some);
+  EXPECT_EQ(some.error().code, Errc::unsupported);
+  EXPECT_THAT(some.error().what, testing::HasSubstr("no trigger line"));
+}
+
 TEST(RegisterLightArray, StepAfterARestartIsRefused) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());
