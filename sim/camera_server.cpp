@@ -150,6 +150,9 @@ class CameraServer::Impl {
     exposure_us_ = spec.exposure_us;
     gain_db_ = spec.gain_db;
     fps_ = spec.fps;
+    if (options.is_prepared) {
+      prepare();
+    }
     listen();
     thread_ = std::jthread([this] { run(); });
   }
@@ -444,19 +447,26 @@ class CameraServer::Impl {
     first_frame_ns_.compare_exchange_strong(none, start_ns);
   }
 
-  /// A prepared picture: noise on grey, which no two buffers share.
+  /// Noise on grey, made once: a stream begins in no time.
+  void prepare() {
+    noise_.resize(static_cast<std::size_t>(spec_.frame_width) *
+                  static_cast<std::size_t>(spec_.active_rows));
+    const auto grey = static_cast<unsigned>(1U << static_cast<unsigned>(spec_.bits - 1));
+    for (std::size_t i = 0; i < noise_.size(); ++i) {
+      noise_[i] =
+          static_cast<std::uint16_t>(grey + (hash_key(31, i / 4) >> (16U * (i % 4))) % 64U);
+    }
+  }
+
+  /// A prepared picture: the noise from a place on that is the buffer's own.
   void fill(Buffer& buffer) const {
-    if (!options_.is_prepared) {
+    if (noise_.empty()) {
       return;
     }
-    const std::size_t n = static_cast<std::size_t>(spec_.frame_width) *
-                          static_cast<std::size_t>(spec_.active_rows);
-    const auto key = static_cast<std::uint64_t>(&buffer - buffers_.data());
-    const auto grey = static_cast<unsigned>(1U << static_cast<unsigned>(spec_.bits - 1));
-    for (std::size_t i = 0; i < n; ++i) {
-      buffer.memory.words()[i] = static_cast<std::uint16_t>(
-          grey + (hash_key(key, 31, i / 4) >> (16U * (i % 4))) % 64U);
-    }
+    const auto number = static_cast<std::size_t>(&buffer - buffers_.data());
+    const auto begin =
+        noise_.begin() + static_cast<std::ptrdiff_t>(number * 7919 % noise_.size());
+    std::rotate_copy(noise_.begin(), begin, noise_.end(), buffer.memory.words());
   }
 
   // ---- triggers ----
@@ -735,6 +745,7 @@ class CameraServer::Impl {
   std::optional<Outgoing> swapped_;
   std::vector<Buffer> buffers_;
   std::vector<std::uint16_t> last_words_;
+  std::vector<std::uint16_t> noise_;  ///< of prepared pictures
   std::uint64_t clean_key_ = 0;
   std::uint64_t n_clean_ = 0;
   // Shared.
