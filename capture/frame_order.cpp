@@ -2,14 +2,6 @@
 
 namespace haarlight {
 
-namespace {
-
-// A stamp is taken before the frame is handed out; drivers that estimate the device's clock may
-// be ahead by a fraction of a frame.
-constexpr std::int64_t kAheadNs = 20'000'000;
-
-}  // namespace
-
 FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
                                       std::int64_t now_ns) {
   Verdict verdict;
@@ -26,7 +18,7 @@ FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
   is_restarted_ = false;
   verdict.sequence = sequence_;
   verdict.is_stamp_jump = (last_stamp_ns_ && stamp_ns <= *last_stamp_ns_) ||
-                          stamp_ns > now_ns + kAheadNs || stamp_ns < now_ns - patience_ns_;
+                          stamp_ns > now_ns + kStampAheadNs || stamp_ns < now_ns - patience_ns_;
   if (!verdict.is_stamp_jump) {
     last_stamp_ns_ = stamp_ns;
   }

@@ -9,6 +9,11 @@
 
 namespace haarlight {
 
+/// A stamp further ahead of its arrival than this is wrong: its driver flags the frame, and the
+/// sequencer refuses it whatever the driver says. A true stamp lies before its arrival
+/// whichever moment it means; what is left is the host's own jitter in reading two clocks.
+inline constexpr std::int64_t kStampAheadNs = 2'000'000;
+
 class FrameOrder {
  public:
   struct Verdict {

@@ -220,6 +220,7 @@ void LightThread::read_steps() {
                                .boot_id = status->boot_id,
                                .is_armed = status->is_armed,
                                .is_done = status->is_table_done,
+                               .faults = status->faults,
                                .temperature_c = status->temperature_c});
   const std::int64_t poll_ns = std::chrono::nanoseconds(config_.poll).count();
   next_read_ns_ = std::max(t_ack_ns, t_request_ns + poll_ns);

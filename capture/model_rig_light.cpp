@@ -258,15 +258,17 @@ void ModelRig::poll(std::uint64_t job) {
     return;
   }
   at(now_ns_ + way_ns, [=, this] {
-    const event::StepRead read{.job = job,
-                               .t_request_ns = request_ns,
-                               .t_ack_ns = now_ns_ + back_ns,
-                               .step_counter = step_counter_,
-                               .tag = shown_tag_,
-                               .boot_id = boot_id_,
-                               .is_armed = n_armed_ > 0,
-                               .is_done = n_armed_ > 0 && step_counter_ > n_armed_,
-                               .temperature_c = temperature_c()};
+    const event::StepRead read{
+        .job = job,
+        .t_request_ns = request_ns,
+        .t_ack_ns = now_ns_ + back_ns,
+        .step_counter = step_counter_,
+        .tag = shown_tag_,
+        .boot_id = boot_id_,
+        .is_armed = n_armed_ > 0,
+        .is_done = n_armed_ > 0 && step_counter_ > n_armed_,
+        .faults = now_ns_ < interlock_closes_ns_ ? registers::kFaultInterlock : 0U,
+        .temperature_c = temperature_c()};
     const bool is_up = is_connected_;
     at(now_ns_ + back_ns, [=, this] {
       if (!is_up) {

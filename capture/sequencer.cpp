@@ -277,9 +277,9 @@ void Stepper::draw_dark() {
   s_.dark_temperature_c = s_.temperature_c;  // until this one is taken
 }
 
-void Stepper::add_reason(std::uint32_t reason, const std::string& text) {
+void Stepper::add_reason(std::uint32_t reason, const std::string& text, int shot) {
   if ((s_.reasons & reason) == 0) {
-    log("fault", text);
+    log("fault", text, shot);
   }
   s_.reasons |= reason;
   s_.reason_text = text;

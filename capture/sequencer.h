@@ -174,6 +174,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;
   bool has_sequence = false;
+  bool is_stamp_refused = false;  ///< one from the future was told of in this stream
   std::uint64_t last_sequence = 0;
   std::int64_t last_timestamp_ns = 0;
   std::array<std::uint64_t, 32> recent_hashes{};  ///< more than a camera has buffers

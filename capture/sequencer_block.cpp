@@ -22,6 +22,18 @@ constexpr std::size_t kMaxReadings = 1024;
 constexpr int kWorthARun =
     8;  // a shorter rest of the old table is not worth a block of its own
 
+/// What keeps a controller from lighting anything for now; empty: nothing that it tells.
+std::string cause_of_holding_back(std::uint32_t faults) {
+  if ((faults & registers::kFaultInterlock) != 0) {
+    return "the interlock is open";
+  }
+  if ((faults & registers::kFaultOverTemperature) != 0) {
+    return "the board is too hot";
+  }
+  return (faults & registers::kFaultElementDuty) != 0 ? "an element is beyond its thermal duty"
+                                                      : "";
+}
+
 }  // namespace
 
 bool Stepper::is_by_strobe() const {
@@ -44,6 +56,12 @@ StrobeTiming Stepper::strobe_timing() const {
 std::int64_t Stepper::block_patience_ns() const {
   const double frames = kShotFrames * s_.plan->strobe_every;
   return kShotSlackNs + static_cast<std::int64_t>(frames * s_.plan->frame_us * 1e3);
+}
+
+int Stepper::shot_under_way() const {
+  const SequencerState::Block& b = s_.block;
+  const bool is_stepped = is_block_armed() && b.counter >= 1 && b.counter <= b.shots.size();
+  return is_stepped ? b.shots[b.counter - 1] : s_.current;
 }
 
 int Stepper::block_capacity() const { return std::max(1, s_.n_buffers - kSpareBuffers); }
@@ -240,13 +258,21 @@ void Stepper::on(const event::StepRead& e) {
     return;
   }
   if (e.boot_id != s_.boot_id) {
+    const int shot = shot_under_way();
     leave_block();
-    lose_controller(fmt::format("the controller started again (boot {})", e.boot_id), t_);
+    lose_controller(fmt::format("the controller started again (boot {})", e.boot_id), t_, shot);
     return;
   }
   if (!e.is_armed) {
     ++s_.counters.confirms_failed;
     s_.is_dark = false;  // unknown
+    if (const std::string cause = cause_of_holding_back(e.faults); !cause.empty()) {
+      const int shot = shot_under_way();
+      leave_block();
+      s_.retry_held_ns = t_ + kHeldRetryNs;
+      add_reason(kHeldBack, "controller: the table was disarmed: " + cause, shot);
+      return;
+    }
     end_block("the table was disarmed: lease, interlock or another host");
     return;
   }
@@ -411,8 +437,10 @@ void Stepper::end_block(const std::string& why) {
     ++s_.failures;
     if (s_.failures >= kBlocksToSuspend && s_.phase == Phase::running) {
       s_.retry_evidence_ns = t_ + kEvidenceRetryNs;
-      add_reason(kNoEvidence, "no frame proved by the strobe: " +
-                                  (why.empty() ? "steps were lost or false" : why));
+      add_reason(
+          kNoEvidence,
+          "no frame proved by the strobe: " + (why.empty() ? "steps were lost or false" : why),
+          -1);
     }
   }
   advance(std::nullopt);

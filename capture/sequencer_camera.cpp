@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "capture/frame_order.h"
 #include "capture/stepper.h"
 
 namespace haarlight {
@@ -20,6 +21,7 @@ void Stepper::on(const event::CameraStarted& e) {
   s_.is_camera_started = true;
   s_.is_exposure_open = false;
   s_.has_sequence = false;
+  s_.is_stamp_refused = false;
   s_.n_hashes = 0;
   s_.is_exposure_seen = false;
   s_.n_buffers = e.n_buffers;
@@ -56,7 +58,7 @@ void Stepper::on(const event::CameraFault& e) {
     return;
   }
   s_.retry_camera_ns = t_ + backoff_ns(s_.camera_faults);
-  add_reason(kCameraLost, "camera: " + e.what);
+  add_reason(kCameraLost, "camera: " + e.what, shot_under_way());
 }
 
 void Stepper::on(const event::FrameArrived& e) {
@@ -132,8 +134,12 @@ bool Stepper::examine(const event::FrameArrived& e) {
   const bool is_first = !s_.has_sequence;
   const bool is_forward = is_first || (info.sequence > s_.last_sequence &&
                                        info.timestamp_ns > s_.last_timestamp_ns);
-  if (!is_forward || info.timestamp_ns > t_ + kStampAheadNs) {
+  const std::int64_t ahead_ns = info.timestamp_ns - t_;
+  if (!is_forward || ahead_ns > kStampAheadNs) {
     ++s_.counters.frames_out_of_order;
+    if (ahead_ns > kStampAheadNs) {
+      refuse_stamp(info, ahead_ns);
+    }
     return false;
   }
   const bool is_gap = !is_first && info.sequence != s_.last_sequence + 1;
@@ -156,6 +162,20 @@ bool Stepper::examine(const event::FrameArrived& e) {
   }
   // Without the strobe's count the stamp alone decides: a lost neighbour takes nothing from it.
   return !is_gap || !is_by_strobe();
+}
+
+/// Said once a stream: nothing else would tell why no frame is clean.
+void Stepper::refuse_stamp(const FrameInfo& info, std::int64_t ahead_ns) {
+  if (s_.is_stamp_refused) {
+    return;
+  }
+  s_.is_stamp_refused = true;
+  log("camera",
+      fmt::format(
+          "frame {} is stamped {:.1f} ms after it came, {:.0f} ms are allowed: its clock "
+          "is not the host's, or the stamp means a later moment; it is not used",
+          info.sequence, 1e-6 * static_cast<double>(ahead_ns),
+          1e-6 * static_cast<double>(kStampAheadNs)));
 }
 
 bool Stepper::is_exposed_as_asked(const FrameInfo& info) {

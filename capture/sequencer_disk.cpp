@@ -51,7 +51,7 @@ void Stepper::on(const event::CommitFault& e) {
   }
   ++s_.counters.commit_faults;
   s_.retry_disk_ns = t_ + kDiskRetryNs;
-  add_reason(kDiskFull, "disk: " + e.what);
+  add_reason(kDiskFull, "disk: " + e.what, shot_under_way());
 }
 
 void Stepper::on(const event::DiskGood&) {

@@ -54,8 +54,9 @@ void Stepper::on(const event::LightFault& e) {
   if (e.job == 0 && s_.is_light_connected) {
     ++s_.counters.light_faults;
     ++s_.light_faults;
+    const int shot = shot_under_way();
     leave_shot();
-    lose_controller("controller: " + e.what, t_ + backoff_ns(s_.light_faults));
+    lose_controller("controller: " + e.what, t_ + backoff_ns(s_.light_faults), shot);
   } else if (e.job == s_.job && (s_.is_job_open || is_block_armed())) {
     on_light_fault(e.code, e.what);
   }
@@ -89,24 +90,26 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
   ++s_.counters.light_faults;
   ++s_.light_faults;
   s_.is_job_open = false;
+  const int shot = shot_under_way();
   leave_shot();
   s_.block.table.clear();  // what a fault has left of it is not known
   if (code == Errc::refused || code == Errc::unsupported) {
     abort("controller: " + what);
     return;
   }
-  if (code == Errc::device_busy) {
+  const bool was_connected = s_.is_light_connected;
+  // A busy one that is not even connected is not asked to show again but to connect again.
+  if (code == Errc::device_busy && was_connected) {
     s_.retry_held_ns = t_ + kHeldRetryNs;
     s_.is_dark = false;  // what was lit before may be lit still
-    add_reason(kHeldBack, "controller: " + what);
+    add_reason(kHeldBack, "controller: " + what, shot);
     return;
   }
-  const bool was_connected = s_.is_light_connected;
   if (!was_connected || code == Errc::device_gone || s_.light_faults >= kLightFaultsToLose) {
-    lose_controller("controller: " + what, t_ + backoff_ns(s_.light_faults));
+    lose_controller("controller: " + what, t_ + backoff_ns(s_.light_faults), shot);
     return;
   }
-  log("light", what);
+  log("light", what, shot);
   s_.is_dark = false;  // unknown: off, or latched again
   if (s_.phase == Phase::running) {
     advance(std::nullopt);
@@ -115,7 +118,7 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
   }
 }
 
-void Stepper::lose_controller(const std::string& what, std::int64_t retry_ns) {
+void Stepper::lose_controller(const std::string& what, std::int64_t retry_ns, int shot) {
   s_.is_light_connected = false;
   s_.is_job_open = false;
   s_.block.table.clear();
@@ -123,7 +126,7 @@ void Stepper::lose_controller(const std::string& what, std::int64_t retry_ns) {
                          s_.phase != Phase::idle && s_.phase != Phase::aborting;
   if (is_needed || s_.phase == Phase::safe_off) {
     s_.retry_light_ns = retry_ns;
-    add_reason(kControllerLost, what);
+    add_reason(kControllerLost, what, shot);
   }
 }
 

@@ -211,6 +211,7 @@ struct StepRead {
   std::uint32_t boot_id = 0;
   bool is_armed = false;
   bool is_done = false;                   ///< stepped past the last armed entry
+  std::uint32_t faults = 0;               ///< registers::kFault... bits
   std::optional<double> temperature_c{};  ///< of the controller
 };
 /// The status read before the lights changed.

@@ -80,7 +80,7 @@ void Stepper::on(const event::LightConfirmed& e) {
             ? fmt::format("the controller started again (boot {})", e.boot_id)
             : fmt::format("the light changed by itself: tag {}, not {}", e.tag, evidence.tag));
   if (is_reboot) {
-    lose_controller("the controller started again", t_);
+    lose_controller("the controller started again", t_, waiting.shot);
   } else if (is_newest) {
     s_.is_dark = false;  // unknown
     advance(std::nullopt);
@@ -134,7 +134,7 @@ void Stepper::retry(int shot, const std::string& why) {
   }
   if (s_.failures >= kFailuresToSuspend && s_.phase == Phase::running) {
     s_.retry_evidence_ns = t_ + kEvidenceRetryNs;
-    add_reason(kNoEvidence, "no clean frame: " + why);
+    add_reason(kNoEvidence, "no clean frame: " + why, shot);
   }
 }
 

@@ -31,11 +31,9 @@ inline constexpr std::int64_t kPreviewNs = 60'000 * kMs;
 inline constexpr double kShotFrames = 8.0;   ///< frame times without a clean frame: shown again
 inline constexpr std::size_t kMaxEarly = 4;  ///< frames kept until the latch's answer is told
 inline constexpr int kLightFaultsToLose = 3;
-inline constexpr int kFailuresToRotate = 4;    ///< the next shot is tried first
-inline constexpr int kBlocksToSuspend = 6;     ///< in a row, without a proven frame
-inline constexpr int kFailuresToSuspend = 24;  ///< in a row, without a commit
-/// A stamp this far after its arrival is a jump.
-inline constexpr std::int64_t kStampAheadNs = 2 * kMs;
+inline constexpr int kFailuresToRotate = 4;       ///< the next shot is tried first
+inline constexpr int kBlocksToSuspend = 6;        ///< in a row, without a proven frame
+inline constexpr int kFailuresToSuspend = 24;     ///< in a row, without a commit
 inline constexpr double kExposureTol = 0.005;     ///< frame against read-back: floats on a wire
 inline constexpr double kExposureReadTol = 0.05;  ///< read-back against asked: steps of rows
 inline constexpr int kSpareBuffers = 3;           ///< for frames that are not held
@@ -106,7 +104,10 @@ class Stepper {
   /// that is left of this exposure: the spare ones stand at the end, and one is kept for it.
   [[nodiscard]] std::optional<int> dark_due() const;
   void draw_dark();
-  void add_reason(std::uint32_t reason, const std::string& text);
+  /// @param shot  that was under way; -1: none
+  void add_reason(std::uint32_t reason, const std::string& text, int shot);
+  /// Shown now, or what the table was last read to show; -1: none.
+  [[nodiscard]] int shot_under_way() const;
   void clear_reason(std::uint32_t reason);
   /// A device is there (again).
   void became_ready(std::uint32_t reason);
@@ -142,7 +143,7 @@ class Stepper {
   void darken();
   void darken_always();
   void on_light_fault(Errc code, const std::string& what);
-  void lose_controller(const std::string& what, std::int64_t retry_ns);
+  void lose_controller(const std::string& what, std::int64_t retry_ns, int shot);
 
   // sequencer_camera.cpp
   void start_camera();
@@ -150,6 +151,7 @@ class Stepper {
   bool check_exposure();
   /// Keeps track of sequence and stamps; true when the frame by itself may be used.
   bool examine(const event::FrameArrived& e);
+  void refuse_stamp(const FrameInfo& info, std::int64_t ahead_ns);
   bool is_exposed_as_asked(const FrameInfo& info);
 
   // sequencer_block.cpp

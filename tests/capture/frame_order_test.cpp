@@ -61,6 +61,12 @@ TEST(FrameOrder, AStampOfThePastTheFutureOrLongAgoIsAJumpAndIsForgotten) {
   EXPECT_FALSE(order.judge(5, t + kFrameNs, t + kFrameNs).is_stamp_jump);
 }
 
+TEST(FrameOrder, AStampMayBeAheadByTheOneRuleForAllDrivers) {
+  const std::int64_t t = 1'000'000'000'000;
+  EXPECT_FALSE(FrameOrder(kPatienceNs).judge(0, t + kStampAheadNs, t).is_stamp_jump);
+  EXPECT_TRUE(FrameOrder(kPatienceNs).judge(0, t + kStampAheadNs + 1, t).is_stamp_jump);
+}
+
 RC_GTEST_PROP(FrameOrder, SequencesGrowAndTellEveryGapWhateverTheDriverCounts,
               (std::uint32_t first)) {
   const auto steps = *rc::gen::container<std::vector<std::uint32_t>>(rc::gen::oneOf(

@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "capture/frame_order.h"
 #include "capture/model_rig.h"
 
 namespace haarlight {
@@ -277,6 +278,21 @@ TEST(Sequencer, AFrameOutOfSequenceIsNotTaken) {
   EXPECT_EQ(d.state.current, 0);
 }
 
+TEST(Sequencer, AStampFromTheFutureIsNotTakenAndToldOfOnceAStream) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(1, d.t_ns + kStampAheadNs + 1'000'000));
+  EXPECT_EQ(d.state.counters.frames_out_of_order, 1U);
+  EXPECT_EQ(d.state.current, 0);
+  const auto* line = d.find<action::LogEvent>();
+  ASSERT_NE(line, nullptr);
+  EXPECT_THAT(line->text, ::testing::HasSubstr("frame 1 is stamped 3.0 ms after it came"));
+  d.send(frame_at(2, d.t_ns + kStampAheadNs + 2'000'000));
+  EXPECT_EQ(d.find<action::LogEvent>(), nullptr);
+  d.send(frame_at(3, d.t_ns + kStampAheadNs - 100'000));
+  EXPECT_EQ(d.state.counters.frames_out_of_order, 2U);
+}
+
 TEST(Sequencer, APictureSeenBeforeIsNotTakenUnderANewNumber) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
@@ -346,6 +362,42 @@ TEST(Sequencer, AControllerThatSaysNotNowIsAskedAgainAfterASecond) {
   d.send(event::Tick{});
   EXPECT_EQ(d.state.phase, Phase::running);
   EXPECT_NE(d.find<action::ShowShot>(), nullptr);
+}
+
+TEST(Sequencer, AFaultOfTheControllerNamesTheShotThatWasShown) {
+  Driver d = collecting();
+  d.send(event::LightFault{0, Errc::device_gone, "renewing the lease: no such device"});
+  ASSERT_EQ(d.state.reasons, kControllerLost);
+  for (const Action& action : d.actions) {
+    if (const auto* line = std::get_if<action::LogEvent>(&action);
+        line && line->kind == "fault") {
+      EXPECT_EQ(line->shot, 0);
+    }
+  }
+  EXPECT_THAT(d.actions, ::testing::Contains(::testing::VariantWith<action::LogEvent>(
+                             ::testing::Field(&action::LogEvent::kind, "fault"))));
+}
+
+// Lost and, when it is looked for again, in another program's hands for a while.
+TEST(Sequencer, ALostControllerThatIsBusyIsLookedForUntilItIsFree) {
+  Driver d = collecting();
+  d.send(event::LightFault{0, Errc::device_gone, "unplugged"});
+  for (int i = 0; i < 30; ++i) {
+    ASSERT_NE(d.state.deadline_ns, kNever) << "given up after " << i << " tries";
+    d.t_ns = d.state.deadline_ns;
+    d.send(event::Tick{});
+    if (d.find<action::ConnectLight>() != nullptr) {
+      d.send(event::LightFault{d.state.job, Errc::device_busy, "claimed by another program"});
+    }
+  }
+  EXPECT_EQ(d.state.phase, Phase::suspended);
+  while (d.find<action::ConnectLight>() == nullptr) {
+    ASSERT_NE(d.state.deadline_ns, kNever);
+    d.t_ns = d.state.deadline_ns;
+    d.send(event::Tick{});
+  }
+  d.send(event::LightConnected{d.state.job, 77});
+  EXPECT_EQ(d.state.phase, Phase::running);
 }
 
 TEST(Sequencer, AllOffIsAcceptedInEveryPhase) {

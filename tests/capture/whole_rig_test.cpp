@@ -250,6 +250,21 @@ TEST_F(WholeRig, ASlowDiskEndsABlockEarlyAndLosesNothing) {
   EXPECT_LT(counts.n_no_buffer, counts.n_delivered / 4);
 }
 
+TEST_F(WholeRig, AnInterlockThatOpensWithinABlockIsNamedAndWaitedFor) {
+  wanted_.sync = SyncMode::camera_leads;
+  capture({}, [this](Daemon& daemon) {
+    rig_->controller().set_interlock_open(true);
+    const auto deadline = std::chrono::steady_clock::now() + 10s;
+    while (daemon.state().phase != Phase::suspended &&
+           std::chrono::steady_clock::now() < deadline) {
+      std::this_thread::sleep_for(1ms);
+    }
+    EXPECT_EQ(daemon.state().reasons, kHeldBack);
+    EXPECT_THAT(daemon.state().reason_text, ::testing::HasSubstr("the interlock is open"));
+    rig_->controller().set_interlock_open(false);
+  });
+}
+
 TEST_F(WholeRig, AControllerThatRestartsWithinABlockIsFoundAgain) {
   wanted_.sync = SyncMode::camera_leads;
   capture({}, [this](Daemon&) { rig_->controller().restart(200ms); });
