@@ -623,7 +623,8 @@ class CameraServer::Impl {
                                 static_cast<std::size_t>(spec_.frame_width);
     if (options_.is_prepared) {
       take_prepared(seen, frame.sequence, words);
-    } else if (fault == FrameFault::stale && last_words_.size() == n_words) {
+    } else if (fault == FrameFault::stale && !swapped_ && last_words_.size() == n_words) {
+      // The pixels of a frame that went out: a buffer that was not filled anew holds no others.
       std::copy(last_words_.begin(), last_words_.end(), words.data());
     } else {
       camera_.take(history, frame.exposure, seen, noise_key(seen, frame.sequence), words);
