@@ -2,6 +2,7 @@
 /// operation that reaches the disk, with three kinds of crash; the restarted capture must end
 /// in the undisturbed session.
 
+#include <cerrno>
 #include <cstdlib>
 #include <optional>
 #include <string>
@@ -60,16 +61,29 @@ void require_running(const FaultyDisk& disk) {
   }
 }
 
+Result<SessionWriter> open_session(const fs::path& folder, const SessionInfo& info,
+                                   FaultyDisk& disk) {
+  std::error_code ignored;
+  const bool is_made = fs::exists(folder / "start.json", ignored);
+  if (!is_made) {
+    fs::remove_all(folder, ignored);  // nothing was promised yet
+  }
+  auto opened = is_made ? SessionWriter::reopen(folder, disk)
+                        : SessionWriter::create(folder, info, "", test::kSmallPlan, 0, disk);
+  require_running(disk);
+  return opened;
+}
+
 /// Captures what is missing, as the daemon would; Stopped comes out when the disk stops.
 /// @param kept  in: shots whose commit was answered before a crash, which must be there; shots
 ///              whose commit is answered now are added
 void capture(const fs::path& folder, int n_lights, FaultyDisk& disk, std::uint64_t seed,
              std::vector<int>& kept) {
   const SessionInfo info = test::small_info(n_lights);
-  auto opened = fs::exists(folder / "start.json")
-                    ? SessionWriter::reopen(folder, disk)
-                    : SessionWriter::create(folder, info, "", test::kSmallPlan, 0, disk);
-  require_running(disk);
+  auto opened = open_session(folder, info, disk);
+  if (!opened) {
+    opened = open_session(folder, info, disk);  // a disk that fails once
+  }
   ASSERT_TRUE(opened.has_value()) << opened.error().what;
   SessionWriter writer = *std::move(opened);
   for (const int shot : kept) {
@@ -167,6 +181,31 @@ void stop_everywhere(int n_lights) {
 TEST(CaptureCrash, StoppedAtEveryOperationItEndsInTheUndisturbedSession) {
   const char* lights = std::getenv("HAARLIGHT_CRASH_LIGHTS");
   stop_everywhere(lights == nullptr ? 6 : std::atoi(lights));
+}
+
+/// The disk answers ENOSPC or EIO once, at every write, sync, rename and journal operation of a
+/// capture in turn: the run waits, goes on by itself, and ends in the undisturbed session.
+TEST(CaptureCrash, FailedOnceAtEveryOperationItEndsInTheUndisturbedSession) {
+  const char* lights = std::getenv("HAARLIGHT_CRASH_LIGHTS");
+  const int n_lights = lights == nullptr ? 6 : std::atoi(lights);
+  const std::vector<std::string> expected = undisturbed(n_lights);
+  const int n_operations =
+      stop_and_restart(n_lights, FaultyDisk::kNever, Survives::everything, {});
+  for (const int error : {ENOSPC, EIO}) {
+    for (int fail_at = 0; fail_at < n_operations; ++fail_at) {
+      test::TemporaryFolder temporary;
+      FaultyDisk disk({.fail_at = fail_at, .error = error});
+      std::vector<int> kept;
+      capture(temporary.path() / "session", n_lights, disk, 1, kept);
+      ASSERT_EQ(test::committed_set(temporary.path() / "session"), expected)
+          << "errno " << error << " at operation " << fail_at;
+      if (::testing::Test::HasFailure()) {
+        return;
+      }
+    }
+  }
+  fmt::print("{} lights: {} operations, each failed with ENOSPC and with EIO\n", n_lights,
+             n_operations);
 }
 
 }  // namespace

@@ -1,22 +1,23 @@
 #include "capture/daemon.h"
 
+#include <algorithm>
+#include <array>
 #include <atomic>
+#include <cerrno>
 #include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "capture/daemon_client.h"
-#include "capture/fake_camera.h"
-#include "capture/fake_light_array.h"
 #include "capture/thread_pulse.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "session/session.h"
 #include "session/storage.h"
 #include "session/verify.h"
+#include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"
-#include "tests/temporary_folder.h"
 
 namespace haarlight {
 namespace {
@@ -28,89 +29,59 @@ using namespace std::chrono_literals;
 const std::string kPlan = "schema = 1\nname = \"quick\"\npatterns = \"one_at_a_time\"\n";
 const std::string kPlanWithDarks = kPlan + "darks_every = 16\n";
 
-/// The kernel's files, until a test says the disk is full.
-class FillableStorage final : public Storage {
+/// The kernel's files, until a test says what fails.
+class FailingStorage final : public DiskStorage {
  public:
   std::atomic<bool> is_full{false};
   std::atomic<int> reserve_ms{0};  ///< how long reserving space takes
 
   Result<void> reserve(const std::filesystem::path& path, std::uint64_t bytes) override {
     std::this_thread::sleep_for(std::chrono::milliseconds(reserve_ms));
-    return disk_.reserve(path, bytes);
+    return DiskStorage::reserve(path, bytes);
   }
   Result<void> write(const std::filesystem::path& path,
                      std::span<const std::byte> bytes) override {
     if (is_full) {
       return fail(Errc::no_space, "write: no space left on device", ENOSPC);
     }
-    return disk_.write(path, bytes);
+    return refused(0).and_then([&] { return DiskStorage::write(path, bytes); });
   }
   Result<void> sync_file(const std::filesystem::path& path) override {
-    return disk_.sync_file(path);
+    return refused(1).and_then([&] { return DiskStorage::sync_file(path); });
   }
   Result<void> rename(const std::filesystem::path& from,
                       const std::filesystem::path& to) override {
-    return disk_.rename(from, to);
+    return refused(2).and_then([&] { return DiskStorage::rename(from, to); });
   }
   Result<void> sync_folder(const std::filesystem::path& folder) override {
-    return disk_.sync_folder(folder);
+    return refused(3).and_then([&] { return DiskStorage::sync_folder(folder); });
   }
-  Result<std::uint64_t> free_bytes(const std::filesystem::path& folder) override {
-    return disk_.free_bytes(folder);
+  /// One of the next operations of each kind (write, sync, rename, folder's sync) fails.
+  void fail_each_kind(int error) {
+    for (std::atomic<int>& one : to_fail_) {
+      one = error;
+    }
+  }
+  [[nodiscard]] bool has_failed_each_kind() const {
+    return std::all_of(to_fail_.begin(), to_fail_.end(), [](const auto& n) { return n == 0; });
   }
 
  private:
-  DiskStorage disk_;
+  Result<void> refused(std::size_t kind) {
+    const int error = to_fail_.at(kind).exchange(0);
+    if (error == 0) {
+      return {};
+    }
+    return fail(error == ENOSPC ? Errc::no_space : Errc::io, "the disk refuses", error);
+  }
+  std::array<std::atomic<int>, 4> to_fail_{};
 };
 
-class DaemonTest : public ::testing::Test {
+class DaemonTest : public testing::DaemonBench {
  protected:
-  DaemonTest() : rig_(read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml")) {
-    rig_.http.port = 0;
-    rig_.storage.reserve_mb = 0.0;
-  }
+  Storage& storage() override { return storage_; }
 
-  void start(bool has_http = false) {
-    daemon_ = std::make_unique<Daemon>(
-        DaemonConfig{.rig = rig_,
-                     .sessions = folder_.path() / "sessions",
-                     .make_light = [this]() -> Result<std::unique_ptr<LightArray>> {
-                       return std::make_unique<FakeLightArray>(light_);
-                     },
-                     .make_camera = [this]() -> Result<std::unique_ptr<Camera>> {
-                       return std::make_unique<FakeCamera>(light_, hands_);
-                     },
-                     .storage = &storage_,
-                     .has_http = has_http});
-    EXPECT_TRUE(wait_until([](const DaemonState& s) {
-      return s.phase != Phase::boot && s.phase != Phase::recover;
-    }));
-  }
-
-  template <class Predicate>
-  bool wait_until(Predicate predicate, std::chrono::milliseconds limit = 20s) {
-    const auto deadline = std::chrono::steady_clock::now() + limit;
-    while (std::chrono::steady_clock::now() < deadline) {
-      if (predicate(daemon_->state())) {
-        return true;
-      }
-      std::this_thread::sleep_for(1ms);
-    }
-    return false;
-  }
-  bool wait_for(Phase phase) {
-    return wait_until([phase](const DaemonState& s) { return s.phase == phase; });
-  }
-  bool wait_for_commits(int n) {
-    return wait_until([n](const DaemonState& s) { return s.n_committed >= n; });
-  }
-
-  testing::TemporaryFolder folder_;
-  Rig rig_;
-  FillableStorage storage_;
-  std::shared_ptr<FakeLight> light_ = std::make_shared<FakeLight>();
-  std::shared_ptr<FakeCameraHands> hands_ = std::make_shared<FakeCameraHands>();
-  std::unique_ptr<Daemon> daemon_;
+  FailingStorage storage_;
 };
 
 TEST_F(DaemonTest, CapturesAPlanAndEveryFrameShowsItsOwnLight) {
@@ -206,6 +177,20 @@ TEST_F(DaemonTest, AFullDiskSuspendsAndTheRunGoesOnWhenThereIsSpace) {
   EXPECT_TRUE(wait_until([this](const DaemonState&) { return light_->is_dark(); }, 1s));
   storage_.is_full = false;
   ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
+  expect_true_session(receipt.folder);
+}
+
+TEST_F(DaemonTest, AWriteSyncOrRenameThatFailsOnceIsRepeated) {
+  start();
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  for (const int error : {ENOSPC, EIO}) {
+    ASSERT_TRUE(wait_for_commits(error == ENOSPC ? 5 : 20));
+    storage_.fail_each_kind(error);
+    ASSERT_TRUE(
+        wait_until([this](const DaemonState&) { return storage_.has_failed_each_kind(); }));
+  }
+  ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
+  EXPECT_EQ(daemon_->state().counters.commit_faults, 8U);
   expect_true_session(receipt.folder);
 }
 
@@ -426,7 +411,7 @@ TEST_F(DaemonTest, AControllerWithoutATableIsRefusedWhereTheCameraLeads) {
 
 class DaemonHttpTest : public DaemonTest {
  protected:
-  DaemonHttpTest() { start(true); }
+  void SetUp() override { start(true); }
   DaemonClient client() {
     return DaemonClient({.url = "http://127.0.0.1:" + std::to_string(daemon_->http_port())});
   }

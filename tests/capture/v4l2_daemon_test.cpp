@@ -1,15 +1,13 @@
 #include <cstring>
-#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "capture/daemon.h"
-#include "capture/fake_light_array.h"
 #include "capture/tag_rows.h"
 #include "capture/v4l2_camera.h"
 #include "core/error.h"
-#include "session/storage.h"
+#include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"
 #include "tests/capture/v4l2_rig.h"
 
@@ -25,11 +23,9 @@ using namespace std::chrono_literals;
 
 const std::string kPlan = "schema = 1\nname = \"quick\"\npatterns = \"one_at_a_time\"\n";
 
-class V4l2Daemon : public ::testing::Test {
+class V4l2Daemon : public testing::DaemonBench {
  protected:
-  V4l2Daemon() : rig_(read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml")) {
-    rig_.http.port = 0;
-    rig_.storage.reserve_mb = 0.0;
+  V4l2Daemon() {
     CameraSpec& camera = rig_.cameras[0];
     camera.kind = CameraKind::v4l2;
     camera.device = machine_.node(0);
@@ -70,47 +66,11 @@ class V4l2Daemon : public ::testing::Test {
     return camera;
   }
 
-  void start() {
-    daemon_ = std::make_unique<Daemon>(
-        DaemonConfig{.rig = rig_,
-                     .sessions = folder_.path() / "sessions",
-                     .make_light = [this]() -> Result<std::unique_ptr<LightArray>> {
-                       return std::make_unique<FakeLightArray>(light_);
-                     },
-                     .make_camera = [this]() -> Result<std::unique_ptr<Camera>> {
-                       return std::make_unique<V4l2Camera>(machine_.places());
-                     },
-                     .storage = &storage_,
-                     .has_http = false});
-    EXPECT_TRUE(wait_until([](const DaemonState& s) {
-      return s.phase != Phase::boot && s.phase != Phase::recover;
-    }));
+  Result<std::unique_ptr<Camera>> make_camera() override {
+    return std::make_unique<V4l2Camera>(machine_.places());
   }
 
-  template <class Predicate>
-  bool wait_until(Predicate predicate, std::chrono::milliseconds limit = 60s) {
-    const auto deadline = std::chrono::steady_clock::now() + limit;
-    while (std::chrono::steady_clock::now() < deadline) {
-      if (predicate(daemon_->state())) {
-        return true;
-      }
-      std::this_thread::sleep_for(1ms);
-    }
-    return false;
-  }
-  bool wait_for(Phase phase) {
-    return wait_until([phase](const DaemonState& s) { return s.phase == phase; });
-  }
-  bool wait_for_commits(int n) {
-    return wait_until([n](const DaemonState& s) { return s.n_committed >= n; });
-  }
-
-  testing::TemporaryFolder folder_;
   testing::V4l2Machine machine_;
-  Rig rig_;
-  DiskStorage storage_;
-  std::shared_ptr<FakeLight> light_ = std::make_shared<FakeLight>();
-  std::unique_ptr<Daemon> daemon_;
 };
 
 TEST_F(V4l2Daemon, CapturesAPlanAndEveryFrameShowsItsOwnLight) {

@@ -7,11 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/daemon.h"
-#include "capture/fake_camera.h"
-#include "capture/fake_light_array.h"
-#include "session/storage.h"
-#include "tests/temporary_folder.h"
+#include "tests/capture/daemon_bench.h"
 
 namespace haarlight {
 namespace {
@@ -55,78 +51,46 @@ class GatedCamera final : public Camera {
   const Gate& gate_;
 };
 
-class GatedStorage final : public Storage {
+class GatedStorage final : public DiskStorage {
  public:
   explicit GatedStorage(const Gate& gate) : gate_(gate) {}
   Result<void> write(const std::filesystem::path& path,
                      std::span<const std::byte> bytes) override {
     gate_.pass();
-    return disk_.write(path, bytes);
-  }
-  Result<void> sync_file(const std::filesystem::path& path) override {
-    return disk_.sync_file(path);
-  }
-  Result<void> rename(const std::filesystem::path& from,
-                      const std::filesystem::path& to) override {
-    return disk_.rename(from, to);
-  }
-  Result<void> sync_folder(const std::filesystem::path& folder) override {
-    return disk_.sync_folder(folder);
-  }
-  Result<std::uint64_t> free_bytes(const std::filesystem::path& folder) override {
-    return disk_.free_bytes(folder);
+    return DiskStorage::write(path, bytes);
   }
 
  private:
   const Gate& gate_;
-  DiskStorage disk_;
 };
 
-class WatchdogTest : public ::testing::Test {
+class WatchdogTest : public testing::DaemonBench {
  protected:
-  WatchdogTest() {
-    Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
-    rig.storage.reserve_mb = 0.0;
-    DaemonConfig config{.rig = std::move(rig),
-                        .sessions = folder_.path() / "sessions",
-                        .make_light = [this]() -> Result<std::unique_ptr<LightArray>> {
-                          return std::make_unique<FakeLightArray>(light_);
-                        },
-                        .make_camera = [this]() -> Result<std::unique_ptr<Camera>> {
-                          return std::make_unique<GatedCamera>(
-                              std::make_unique<FakeCamera>(light_, hands_), camera_gate_);
-                        },
-                        .storage = &storage_,
-                        .has_http = false};
-    config.hang_limit = kLimit;
-    config.on_turn = [this](std::string_view thread) {
-      (thread == "control" ? control_gate_ : checks_gate_).pass();
-    };
-    daemon_ = std::make_unique<Daemon>(std::move(config));
-  }
+  void SetUp() override { start(); }
   void TearDown() override {  // no thread may stand at a gate when the daemon ends
     for (Gate* gate : {&camera_gate_, &control_gate_, &checks_gate_, &disk_gate_}) {
       gate->shut(false);
     }
+    DaemonBench::TearDown();
+  }
+  Result<std::unique_ptr<Camera>> make_camera() override {
+    return std::make_unique<GatedCamera>(std::make_unique<FakeCamera>(light_, hands_),
+                                         camera_gate_);
+  }
+  Storage& storage() override { return storage_; }
+  void configure(DaemonConfig& config) override {
+    config.hang_limit = kLimit;
+    config.on_turn = [this](std::string_view thread) {
+      (thread == "control" ? control_gate_ : checks_gate_).pass();
+    };
   }
 
-  template <class Predicate>
-  static bool wait_until(Predicate predicate) {
-    const auto deadline = std::chrono::steady_clock::now() + 30s;
-    while (!predicate()) {
-      if (std::chrono::steady_clock::now() > deadline) {
-        return false;
-      }
-      std::this_thread::sleep_for(1ms);
-    }
-    return true;
-  }
   bool is_named(std::string_view thread) {
-    return wait_until([&] { return daemon_->hanging_thread() == thread; });
+    return wait_until([&](const DaemonState&) { return daemon_->hanging_thread() == thread; });
   }
   void begin_run() {
     (void)daemon_->run(kLongPlan, "long.toml");
-    ASSERT_TRUE(wait_until([&] { return daemon_->state().n_committed >= 3; }));
+    ASSERT_TRUE(wait_for_commits(3));
   }
   void expect_named_while_shut(Gate& gate, std::string_view thread) {
     begin_run();
@@ -137,19 +101,15 @@ class WatchdogTest : public ::testing::Test {
     EXPECT_TRUE(is_named("")) << daemon_->hanging_thread();
   }
 
-  testing::TemporaryFolder folder_;
   Gate camera_gate_;
   Gate control_gate_;
   Gate checks_gate_;
   Gate disk_gate_;
   GatedStorage storage_{disk_gate_};
-  std::shared_ptr<FakeLight> light_ = std::make_shared<FakeLight>();
-  std::shared_ptr<FakeCameraHands> hands_ = std::make_shared<FakeCameraHands>();
-  std::unique_ptr<Daemon> daemon_;
 };
 
 TEST_F(WatchdogTest, AnIdleDaemonIsHealthy) {
-  ASSERT_TRUE(wait_until([&] { return daemon_->state().phase == Phase::idle; }));
+  ASSERT_TRUE(wait_for(Phase::idle));
   std::this_thread::sleep_for(3 * kLimit);
   EXPECT_TRUE(is_named(""));
 }
@@ -173,7 +133,8 @@ TEST_F(WatchdogTest, NamesTheControlThreadAndTheDeadmanPutsTheLightsOut) {
   begin_run();
   control_gate_.shut(true);
   EXPECT_TRUE(is_named("control"));
-  EXPECT_TRUE(wait_until([&] { return light_->is_dark(); })) << "the light thread's deadman";
+  EXPECT_TRUE(wait_until([this](const DaemonState&) { return light_->is_dark(); }))
+      << "the light thread's deadman";
   control_gate_.shut(false);
   EXPECT_TRUE(is_named(""));
 }
