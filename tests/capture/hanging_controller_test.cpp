@@ -1,0 +1,218 @@
+/// @file
+/// Calls into the controller's driver that never return, while a light is on: the real drivers
+/// against the simulated controller, by Modbus TCP and by USB (libusb under umockdev). A
+/// person's abort is answered in 200 ms all the same, the lease puts the light out, the last
+/// resort does it at once, and when the call comes back so does the daemon.
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <thread>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "firmware_iface/light_array.h"
+#include "sim/controller_server.h"
+#include "sim/usb_device.h"
+#include "tests/capture/daemon_bench.h"
+#include "tests/firmware_iface/usb_testbed.h"
+
+namespace haarlight {
+namespace {
+
+using namespace std::chrono_literals;
+
+const std::string kLongPlan =
+    "schema = 1\nname = \"long\"\npatterns = \"one_at_a_time\"\nrepeats = 100\n";
+
+/// Where every call stands while it is shut.
+class Gate {
+ public:
+  void pass() {
+    ++n_waiting_;
+    while (is_shut_) {
+      std::this_thread::sleep_for(1ms);
+    }
+    --n_waiting_;
+  }
+  void shut(bool is_shut) { is_shut_ = is_shut; }
+  [[nodiscard]] bool is_shut() const { return is_shut_; }
+  [[nodiscard]] int n_waiting() const { return n_waiting_; }
+
+ private:
+  std::atomic<bool> is_shut_{false};
+  std::atomic<int> n_waiting_{0};
+};
+
+/// A driver whose calls do not come back while the gate is shut.
+class StuckLights final : public LightArray {
+ public:
+  StuckLights(std::unique_ptr<LightArray> lights, Gate& gate)
+      : lights_(std::move(lights)), gate_(gate) {}
+  Result<ControllerIdentity> connect() override { return passed().connect(); }
+  void disconnect() noexcept override { passed().disconnect(); }
+  Result<LatchReceipt> show(std::span<const ElementLevel> pattern, std::uint32_t tag) override {
+    return passed().show(pattern, tag);
+  }
+  Result<LatchReceipt> all_off() override { return passed().all_off(); }
+  Result<void> renew_lease() override { return passed().renew_lease(); }
+  Result<ControllerStatus> status() override { return passed().status(); }
+  Result<void> upload_table(std::span<const std::vector<ElementLevel>> patterns,
+                            std::span<const std::uint32_t> tags) override {
+    return passed().upload_table(patterns, tags);
+  }
+  Result<LatchReceipt> step_table() override { return passed().step_table(); }
+  Result<void> set_trigger_delay(std::chrono::microseconds delay) override {
+    return passed().set_trigger_delay(delay);
+  }
+
+ private:
+  LightArray& passed() {
+    gate_.pass();
+    return *lights_;
+  }
+  std::unique_ptr<LightArray> lights_;
+  Gate& gate_;
+};
+
+enum class Hang {
+  call,  ///< the driver's call itself
+  wire,  ///< below the driver: no answer comes on the wire, no completion from the system
+};
+
+struct Case {
+  ControllerKind kind;
+  Hang hang;
+};
+
+class HangingController : public testing::DaemonBench,
+                          public ::testing::WithParamInterface<Case> {
+ protected:
+  void begin(std::chrono::milliseconds lease) {
+    rig_.controller.kind = GetParam().kind;
+    rig_.controller.lease = lease;
+    ControllerServerOptions options;
+    options.controller = controller_config(rig_);
+    options.has_tcp = GetParam().kind == ControllerKind::modbus_tcp;
+    server_ = std::make_unique<ControllerServer>(std::move(options));
+    if (GetParam().kind == ControllerKind::usb) {
+      device_ = std::make_unique<UsbLightDevice>(UsbDeviceConfig{}, *server_);
+      bus_ = std::make_unique<UsbTestbed>();
+      bus_->plug(*device_);
+      rig_.controller.address = "HL000001";
+    } else {
+      rig_.controller.address = server_->tcp_address();
+    }
+    start();
+    run_until_lit();
+  }
+  void run_until_lit() {
+    (void)daemon_->run(kLongPlan, "long.toml");
+    ASSERT_TRUE(wait_until([this](const DaemonState& s) {
+      return s.phase == Phase::running && !server_->lit().pattern->empty();
+    })) << daemon_->state().reason_text;
+  }
+  void TearDown() override {
+    release();
+    DaemonBench::TearDown();
+  }
+
+  /// Only the daemon's own light thread meets the hanging call; its last resort is another
+  /// user.
+  Result<std::unique_ptr<LightArray>> make_light() override {
+    auto lights = make_light_array(rig_.controller, rig_.n_lights());
+    if (!lights || gate_.is_shut()) {
+      return lights;
+    }
+    return std::make_unique<StuckLights>(*std::move(lights), gate_);
+  }
+
+  void hang() {
+    if (GetParam().hang == Hang::call) {
+      gate_.shut(true);
+      ASSERT_TRUE(wait_until([this](const DaemonState&) { return gate_.n_waiting() == 1; }));
+    } else if (bus_ != nullptr) {
+      bus_->hold_completions(1);
+    } else {
+      server_->inject({.kind = WireFault::drop_request, .count = -1});
+    }
+  }
+  void release() {
+    gate_.shut(false);
+    if (bus_ != nullptr) {
+      bus_->release_completions();
+    }
+    if (server_ != nullptr) {
+      server_->clear_faults();
+    }
+  }
+  double on_seconds() {
+    double sum = 0.0;
+    for (int k = 0; k < rig_.n_lights(); ++k) {
+      sum += server_->total_on_seconds(k);
+    }
+    return sum;
+  }
+  bool is_dark() { return server_->lit().pattern->empty(); }
+
+  Gate gate_;
+  std::unique_ptr<ControllerServer> server_;
+  std::unique_ptr<UsbLightDevice> device_;
+  std::unique_ptr<UsbTestbed> bus_;
+};
+
+TEST_P(HangingController, AnAbortIsAnsweredIn200MsAndTheLeasePutsTheLightOut) {
+  constexpr auto kLease = 1000ms;
+  begin(kLease);
+  hang();
+  const double on_before = on_seconds();
+  const auto asked = std::chrono::steady_clock::now();
+  daemon_->request(event::Abort{});
+  ASSERT_TRUE(wait_for(Phase::idle));
+  const std::chrono::duration<double> answered = std::chrono::steady_clock::now() - asked;
+  // 200 ms are promised; 100 ms more for a loaded machine and the polling of this test.
+  EXPECT_LT(answered.count(), 0.3);
+  ASSERT_TRUE(wait_until([this](const DaemonState&) { return is_dark(); }));
+  const double spent_s = on_seconds() - on_before;
+  fmt::print("answered after {:.3f} s; {:.3f} s on after the hang, the lease is {:.3f} s\n",
+             answered.count(), spent_s, 1e-3 * static_cast<double>(kLease.count()));
+  // Beside the lease: the time it takes to read 64 lights one after another.
+  EXPECT_LE(spent_s, 1e-3 * static_cast<double>(kLease.count()) + 20e-3);
+  release();
+  run_until_lit();
+}
+
+TEST_P(HangingController, TheLastResortPutsTheLightOutWithoutTheLease) {
+  if (GetParam().hang == Hang::wire && GetParam().kind == ControllerKind::modbus_tcp) {
+    GTEST_SKIP() << "a controller that answers nobody has its lease alone";
+  }
+  begin(30s);
+  hang();
+  ASSERT_FALSE(is_dark());
+  daemon_->put_lights_out();
+  EXPECT_TRUE(is_dark());
+}
+
+INSTANTIATE_TEST_SUITE_P(Wires, HangingController,
+                         ::testing::Values(Case{ControllerKind::modbus_tcp, Hang::call},
+                                           Case{ControllerKind::modbus_tcp, Hang::wire},
+                                           Case{ControllerKind::usb, Hang::call},
+                                           Case{ControllerKind::usb, Hang::wire}),
+                         [](const auto& one) {
+                           return std::string(one.param.kind == ControllerKind::usb
+                                                  ? "Usb"
+                                                  : "Modbus") +
+                                  (one.param.hang == Hang::call ? "Call" : "Wire");
+                         });
+
+}  // namespace
+}  // namespace haarlight
+
+int main(int argc, char** argv) {
+  haarlight::require_mock_environment(argv);
+  testing::InitGoogleMock(&argc, argv);
+  return RUN_ALL_TESTS();
+}
