@@ -34,8 +34,8 @@ struct DevelopOptions {
   PlatePixels plate{};
   bool share_evenly = false;
   RadiometryOptions radiometry{};
-  /// Make a second stack of the values' standard errors; -1 where every exposure (of a shot that
-  /// the light needs) is clipped. Noise alone: not what a plate shares out wrongly.
+  /// Make a second stack of the values' standard errors; -1 where every exposure (of a shot
+  /// that the light needs) is clipped. Noise alone: not what a plate shares out wrongly.
   bool has_standard_error = false;
 };
 
