@@ -105,7 +105,7 @@ TEST(UsbDriver, FindsItsDeviceBySerialNumberAndNamesTheOthers) {
     EXPECT_EQ(controller.problem, "");
     EXPECT_EQ(controller.vendor_id, 0x1209);
   }
-  EXPECT_THAT(serials, testing::UnorderedElementsAre("HL000001", "HL000002"));
+  EXPECT_THAT(serials, ::testing::UnorderedElementsAre("HL000001", "HL000002"));
   auto second = make_usb_bus("HL000002", kTiming);
   EXPECT_TRUE(second->open());
   auto third = make_usb_bus("HL000003", kTiming);
