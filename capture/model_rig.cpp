@@ -16,7 +16,7 @@ namespace {
 constexpr std::int64_t kUs = 1000;
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kMaxEvents = 2'000'000;
-constexpr std::int64_t kAbortPromiseNs = 201 * kMs;
+constexpr std::int64_t kAbortPromiseNs = 200 * kMs;
 
 double draw(std::uint64_t seed, std::uint64_t i) { return uniform_unit(hash_key(seed, i)); }
 

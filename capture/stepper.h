@@ -24,7 +24,8 @@ inline constexpr std::int64_t kLastBackoffNs = 2000 * kMs;
 inline constexpr std::int64_t kDiskRetryNs = 1000 * kMs;
 inline constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
 inline constexpr std::int64_t kHeldRetryNs = 1000 * kMs;
-inline constexpr std::int64_t kAbortLimitNs = 200 * kMs;
+/// An abort is promised within 200 ms; the rest is for the threads and the answer.
+inline constexpr std::int64_t kAbortLimitNs = 150 * kMs;
 /// Beside the frames: late delivery, a busy host.
 inline constexpr std::int64_t kShotSlackNs = 300 * kMs;
 inline constexpr std::int64_t kPreviewNs = 60'000 * kMs;
