@@ -10,8 +10,9 @@ namespace haarlight {
 
 namespace {
 
-// Looked at by a person beyond these. A highlight of a hundred pixels in a megapixel is usual.
-constexpr double kManySaturated = 1e-3;
+// Looked at by a person beyond these. Highlights of one pixel in a hundred are usual; develop
+// knows each of them.
+constexpr double kManySaturated = 1e-2;
 constexpr double kAllBlack = 0.995;
 constexpr double kCloseUs = 50.0;  // half of the guard of capture/timing.h is used up
 
