@@ -12,6 +12,12 @@
 
 #include "core/files.h"
 
+#if defined(HAARLIGHT_TSAN)
+// OpenImageIO's pool starts its threads, to end them at once, before it hears that it shall
+// have none (below).
+extern "C" const char* __tsan_default_suppressions() { return "race:libOpenImageIO_Util.so\n"; }
+#endif
+
 namespace haarlight {
 
 namespace {
