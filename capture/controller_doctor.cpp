@@ -111,6 +111,7 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
   std::error_code failed;
   if (!fs::exists(address.device, failed)) {
     std::vector<std::string> others;
+    others.reserve(ports.size());
     for (const SerialPort& port : ports) {
       others.push_back((port.by_id.empty() ? port.device : port.by_id).string());
     }
