@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include <fmt/format.h>
 
@@ -253,16 +254,16 @@ std::optional<int> Stepper::dark_due() const {
     return std::nullopt;
   }
   const double exposure_us = shot_of(s_.pending.front()).exposure_us;
-  bool is_last = true;
-  for (auto shot = s_.pending.rbegin(); shot != s_.pending.rend(); ++shot) {
-    if (shot_of(*shot).is_dark && shot_of(*shot).exposure_us == exposure_us) {
-      if (!is_last) {
-        return *shot;
-      }
-      is_last = false;
-    }
+  const auto is_dark_alike = [&](int shot) {
+    return shot_of(shot).is_dark && shot_of(shot).exposure_us == exposure_us;
+  };
+  const auto end = s_.pending.rend();
+  const auto last = std::find_if(s_.pending.rbegin(), end, is_dark_alike);
+  if (last == end) {
+    return std::nullopt;
   }
-  return std::nullopt;
+  const auto spare = std::find_if(std::next(last), end, is_dark_alike);
+  return spare == end ? std::nullopt : std::optional<int>(*spare);
 }
 
 void Stepper::draw_dark() {
