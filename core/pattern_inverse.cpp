@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/wavelet_synthesis.h"
 
 namespace haarlight {
 
@@ -142,31 +143,16 @@ void s_matrix_inverse(int order, std::span<double> x, std::size_t width) {
 }
 
 void wavelets_to_lights(int n, std::span<double> x, std::size_t width) {
-  const auto side = count(n);
-  HAARLIGHT_EXPECTS(is_power_of_two(side) && x.size() == side * side * width, "an n x n grid");
-  std::vector<double> old(x.size());
-  for (std::size_t h = 1; h < side; h *= 2) {
-    for (std::size_t row = 0; row < 2 * h; ++row) {
-      std::copy_n(x.data() + row * side * width, 2 * h * width,
-                  old.data() + row * side * width);
-    }
-    for (std::size_t row = 0; row < h; ++row) {
-      for (std::size_t col = 0; col < h; ++col) {
-        const double* mean = old.data() + (row * side + col) * width;
-        const double* dx = mean + h * width;
-        const double* dy = mean + h * side * width;
-        const double* dxy = dy + h * width;
-        double* top = x.data() + (2 * row * side + 2 * col) * width;
-        double* low = top + side * width;
-        for (std::size_t i = 0; i < width; ++i) {
-          top[i] = 0.5 * (mean[i] + dx[i] + dy[i] + dxy[i]);
-          top[width + i] = 0.5 * (mean[i] - dx[i] + dy[i] - dxy[i]);
-          low[i] = 0.5 * (mean[i] + dx[i] - dy[i] - dxy[i]);
-          low[width + i] = 0.5 * (mean[i] - dx[i] - dy[i] + dxy[i]);
-        }
-      }
-    }
-  }
+  HAARLIGHT_EXPECTS(is_power_of_two(count(n)) && x.size() == count(n) * count(n) * width,
+                    "an n x n grid");
+  synthesise_wavelets(n, x, width,
+                      [](double mean, double dx, double dy, double dxy, double& top_left,
+                         double& top_right, double& low_left, double& low_right) {
+                        top_left = 0.5 * (mean + dx + dy + dxy);
+                        top_right = 0.5 * (mean - dx + dy - dxy);
+                        low_left = 0.5 * (mean + dx - dy - dxy);
+                        low_right = 0.5 * (mean - dx - dy + dxy);
+                      });
 }
 
 void lights_to_wavelets(int n, std::span<double> x, std::size_t width) {

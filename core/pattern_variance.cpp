@@ -6,6 +6,7 @@
 
 #include "core/error.h"
 #include "core/pattern_inverse.h"
+#include "core/wavelet_synthesis.h"
 
 namespace haarlight {
 
@@ -15,28 +16,12 @@ std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// Wavelets of independent coefficients, variances for values: every +-1/2 becomes 1/4.
 void spread_wavelets(int n, std::span<double> x, std::size_t width) {
-  const auto side = count(n);
-  std::vector<double> old(x.size());
-  for (std::size_t h = 1; h < side; h *= 2) {
-    for (std::size_t row = 0; row < 2 * h; ++row) {
-      std::copy_n(x.data() + row * side * width, 2 * h * width,
-                  old.data() + row * side * width);
-    }
-    for (std::size_t row = 0; row < h; ++row) {
-      for (std::size_t col = 0; col < h; ++col) {
-        const double* mean = old.data() + (row * side + col) * width;
-        const double* dx = mean + h * width;
-        const double* dy = mean + h * side * width;
-        const double* dxy = dy + h * width;
-        double* top = x.data() + (2 * row * side + 2 * col) * width;
-        double* low = top + side * width;
-        for (std::size_t i = 0; i < width; ++i) {
-          const double quarter = 0.25 * (mean[i] + dx[i] + dy[i] + dxy[i]);
-          top[i] = top[width + i] = low[i] = low[width + i] = quarter;
-        }
-      }
-    }
-  }
+  synthesise_wavelets(n, x, width,
+                      [](double mean, double dx, double dy, double dxy, double& top_left,
+                         double& top_right, double& low_left, double& low_right) {
+                        top_left = 0.25 * (mean + dx + dy + dxy);
+                        top_right = low_left = low_right = top_left;
+                      });
 }
 
 }  // namespace
