@@ -294,7 +294,7 @@ struct MadeSensor {
     for (int y = 0; y < 100; ++y) {
       for (int x = 0; x < 200; ++x) {
         // Uneven light and a fixed pattern of 3 %.
-        const auto place = static_cast<std::uint64_t>(y * 200 + x);
+        const auto place = static_cast<std::uint64_t>(y) * 200U + static_cast<std::uint64_t>(x);
         const double fixed = 1.0 + 0.03 * standard_normal(hash_key(77, place));
         const double mean = drift * electrons * (0.4 + 0.6 * x / 199.0) * fixed;
         const double e =

@@ -136,6 +136,8 @@ class HangingController : public testing::DaemonBench,
       ASSERT_TRUE(wait_until([this](const DaemonState&) { return gate_.n_waiting() == 1; }));
     } else if (bus_ != nullptr) {
       bus_->hold_completions(1);
+      // Before the last resort asks: it is the light thread that shall hang.
+      ASSERT_TRUE(wait_until([this](const DaemonState&) { return bus_->n_holding() == 1; }));
     } else {
       server_->inject({.kind = WireFault::drop_request, .count = -1});
     }

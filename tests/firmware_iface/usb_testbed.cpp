@@ -366,6 +366,15 @@ void UsbTestbed::release_completions() {
   }
 }
 
+int UsbTestbed::n_holding() const {
+  std::size_t n = 0;
+  for (auto& node : impl_->nodes) {
+    const std::lock_guard lock(node->mutex);
+    n += node->held.size();
+  }
+  return static_cast<int>(n);
+}
+
 int UsbTestbed::n_claimed() const {
   int n = 0;
   for (auto& node : impl_->nodes) {

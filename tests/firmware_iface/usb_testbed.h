@@ -31,6 +31,8 @@ class UsbTestbed {
   /// any more: a system that hangs. Nodes opened later work.
   void hold_completions(int n_users);
   void release_completions();
+  /// Users whose call hangs now.
+  [[nodiscard]] int n_holding() const;
   /// Interfaces claimed and not released.
   [[nodiscard]] int n_claimed() const;
 
