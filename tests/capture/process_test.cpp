@@ -40,6 +40,10 @@ std::string with_value(std::string text, const std::string& key, const std::stri
 }
 
 class DaemonProcess : public ::testing::TestWithParam<SyncMode> {
+ public:
+  DaemonProcess(const DaemonProcess&) = delete;
+  DaemonProcess& operator=(const DaemonProcess&) = delete;
+
  protected:
   DaemonProcess() {
     std::string text = read_file(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml", 1U << 20U);

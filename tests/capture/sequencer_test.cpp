@@ -135,7 +135,7 @@ struct Driver {
     actions = std::move(result.actions);
   }
   template <class T>
-  const T* find() const {
+  [[nodiscard]] const T* find() const {
     for (const Action& action : actions) {
       if (const T* found = std::get_if<T>(&action)) {
         return found;

@@ -159,8 +159,10 @@ class ExposureTwin : public ::testing::Test {
     options.plate.read = [this](int y, int x0, int x1, std::span<float> out) {
       for (int x = x0; x < x1; ++x) {
         for (int k = 0; k < 64; ++k) {
-          out[static_cast<std::size_t>((x - x0) * 64 + k)] = static_cast<float>(
-              truth(k, static_cast<std::size_t>(y * rig_.cameras.front().frame_width + x)));
+          const auto at = static_cast<std::size_t>(x - x0) * 64 + static_cast<std::size_t>(k);
+          const auto width = static_cast<std::size_t>(rig_.cameras.front().frame_width);
+          out[at] = static_cast<float>(
+              truth(k, static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x)));
         }
       }
     };
@@ -271,9 +273,9 @@ TEST_F(ExposureTwin, MultiplexedLightsReachTheStatedError) {
 TEST_F(ExposureTwin, RepeatsOfAnSMatrixScatterAsStated) {
   // Without the truth: 12 captures of other noise, the variance of each pixel of each light.
   constexpr int kRepeats = 12;
-  std::vector<double> sum(64 * 3072, 0.0);
-  std::vector<double> square(64 * 3072, 0.0);
-  std::vector<double> stated(64 * 3072, 0.0);
+  std::vector<double> sum(std::size_t{64} * 3072, 0.0);
+  std::vector<double> square(std::size_t{64} * 3072, 0.0);
+  std::vector<double> stated(std::size_t{64} * 3072, 0.0);
   for (int repeat = 0; repeat < kRepeats; ++repeat) {
     VirtualCameraOptions options = with({});
     options.seed = 100 + static_cast<std::uint64_t>(repeat);
