@@ -385,10 +385,9 @@ void PatternInverse::apply_bins(std::span<const double> measured, std::span<cons
       gain[i] = measured[j * width + i] / (is_even[i] != 0 ? drives : sum[j * width + i]);
     }
     for (const LightDrive& light : shots_[j]) {
-      double* out = lights.data() + count(light.light) * width;
-      const double* b = plate.empty() ? nullptr : plate.data() + count(light.light) * width;
+      const std::size_t first = count(light.light) * width;
       for (std::size_t i = 0; i < width; ++i) {
-        out[i] = gain[i] * (is_even[i] != 0 ? 1.0 : b[i]);
+        lights[first + i] = gain[i] * (is_even[i] != 0 ? 1.0 : plate[first + i]);
       }
     }
   }

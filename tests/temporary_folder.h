@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cerrno>
 #include <filesystem>
 #include <string>
+#include <system_error>
 
 #include <stdlib.h>  // NOLINT(modernize-deprecated-headers): mkdtemp is POSIX
 
@@ -14,7 +16,10 @@ class TemporaryFolder {
  public:
   TemporaryFolder() {
     std::string name = (std::filesystem::temp_directory_path() / "haarlight.XXXXXX").string();
-    path_ = mkdtemp(name.data());
+    if (mkdtemp(name.data()) == nullptr) {
+      throw std::system_error(errno, std::generic_category(), "mkdtemp " + name);
+    }
+    path_ = name;
   }
   ~TemporaryFolder() {
     std::error_code ignored;

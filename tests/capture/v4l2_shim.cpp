@@ -7,6 +7,7 @@
 #include <cstdarg>
 #include <cstdlib>
 #include <optional>
+#include <utility>
 
 #include <fcntl.h>
 #include <poll.h>
@@ -105,42 +106,50 @@ std::optional<int> open_device(const char* path) {
   return fd;
 }
 
-/// True when the descriptor was a camera's.
-bool forget(int fd) {
+/// A camera's open descriptor under the world's lock; null and no lock for any other.
+struct LockedHandle {
+  std::unique_lock<std::mutex> lock;
+  Handle* handle = nullptr;
+};
+
+LockedHandle lock_handle(int fd) {
   if (!may_be_camera(fd)) {
-    return false;
+    return {};
   }
   World& w = world();
-  const std::lock_guard lock(w.mutex);
+  std::unique_lock lock(w.mutex);
   const auto found = w.handles.find(fd);
   if (found == w.handles.end()) {
+    return {};
+  }
+  return {std::move(lock), &found->second};
+}
+
+/// True when the descriptor was a camera's.
+bool forget(int fd) {
+  const auto [lock, handle] = lock_handle(fd);
+  if (handle == nullptr) {
     return false;
   }
-  if (found->second.device->owner == fd) {
-    found->second.device->owner = -1;
+  if (handle->device->owner == fd) {
+    handle->device->owner = -1;
   }
-  real<int(int)>("close")(found->second.memory);  // ours would come back here
-  w.handles.erase(found);
+  real<int(int)>("close")(handle->memory);  // ours would come back here
+  world().handles.erase(fd);
   is_camera[static_cast<std::size_t>(fd)] = false;
   return true;
 }
 
 std::optional<int> control_device(int fd, unsigned long request, void* argument) {
-  if (!may_be_camera(fd)) {
+  const auto [lock, handle] = lock_handle(fd);
+  if (handle == nullptr) {
     return std::nullopt;
   }
-  World& w = world();
-  const std::lock_guard lock(w.mutex);
-  const auto found = w.handles.find(fd);
-  if (found == w.handles.end()) {
-    return std::nullopt;
-  }
-  Handle& handle = found->second;
-  int error = count_call(w, request, handle.device->path);
-  if (handle.device->is_gone) {
+  int error = count_call(world(), request, handle->device->path);
+  if (handle->device->is_gone) {
     error = ENODEV;
   }
-  error = error != 0 ? error : answer(w, fd, handle, request, argument);
+  error = error != 0 ? error : answer(world(), fd, *handle, request, argument);
   if (error != 0) {
     errno = error;
     return -1;
@@ -150,58 +159,47 @@ std::optional<int> control_device(int fd, unsigned long request, void* argument)
 
 /// Descriptor of the buffers' memory for a camera's, -1 with errno, nothing for another.
 std::optional<int> memory_of(int fd) {
-  if (!may_be_camera(fd)) {
+  const auto [lock, handle] = lock_handle(fd);
+  if (handle == nullptr) {
     return std::nullopt;
   }
-  World& w = world();
-  const std::lock_guard lock(w.mutex);
-  const auto found = w.handles.find(fd);
-  if (found == w.handles.end()) {
-    return std::nullopt;
-  }
-  if (const int error = count_call(w, kMmap, found->second.device->path); error != 0) {
+  if (const int error = count_call(world(), kMmap, handle->device->path); error != 0) {
     errno = error;
     return -1;
   }
-  if (found->second.device->is_gone) {
+  if (handle->device->is_gone) {
     errno = ENODEV;
     return -1;
   }
-  return found->second.memory;
+  return handle->memory;
 }
 
 using Poll = int(pollfd*, nfds_t, int);
 
 /// The answer of poll for one camera, or nothing for another descriptor.
 std::optional<int> poll_device(pollfd* wait, int timeout_ms) {
-  if (!may_be_camera(wait->fd)) {
-    return std::nullopt;
-  }
   const std::int64_t end = timeout_ms < 0 ? INT64_MAX : now_ns() + timeout_ms * 1'000'000LL;
   bool is_first = true;
   for (;;) {
     std::int64_t until = end;
     {
-      World& w = world();
-      const std::lock_guard lock(w.mutex);
-      const auto found = w.handles.find(wait->fd);
-      if (found == w.handles.end()) {
+      const auto [lock, handle] = lock_handle(wait->fd);
+      if (handle == nullptr) {
         return std::nullopt;
       }
-      Handle& handle = found->second;
-      const int error = is_first ? count_call(w, kPoll, handle.device->path) : 0;
+      const int error = is_first ? count_call(world(), kPoll, handle->device->path) : 0;
       is_first = false;
       if (error == EINTR) {
         errno = error;
         return -1;
       }
-      wait->revents = static_cast<short>((error != 0 ? POLLERR : poll_bits(handle)) &
+      wait->revents = static_cast<short>((error != 0 ? POLLERR : poll_bits(*handle)) &
                                          (wait->events | POLLERR | POLLHUP));
       if (wait->revents != 0) {
         return 1;
       }
-      if (handle.device->camera.period_ns > 0 && !handle.device->is_silent) {
-        until = std::min(until, next_frame_ns(handle));
+      if (handle->device->camera.period_ns > 0 && !handle->device->is_silent) {
+        until = std::min(until, next_frame_ns(*handle));
       }
     }
     const std::int64_t now = now_ns();
