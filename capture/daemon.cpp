@@ -276,7 +276,10 @@ class Daemon::Impl {
   void take_turn() {
     const std::lock_guard lock(mutex_);
     const Phase phase = published_.phase;
-    if (!is_free(phase) || published_.is_opening) {
+    // The steps out of these two are in the inbox before anybody can ask: an order comes
+    // behind.
+    const bool is_starting = phase == Phase::boot || phase == Phase::recover;
+    if (!(is_free(phase) || is_starting) || published_.is_opening) {
       throw Error(fmt::format("the daemon is busy: {}{}", to_string(phase),
                               published_.session.empty() ? "" : " with " + published_.session),
                   "run",

@@ -40,6 +40,13 @@ class DaemonBench : public ::testing::Test {
   virtual void configure(DaemonConfig& config) { static_cast<void>(config); }
 
   void start(bool has_http = false) {
+    launch(has_http);
+    EXPECT_TRUE(wait_until([](const DaemonState& s) {
+      return s.phase != Phase::boot && s.phase != Phase::recover;
+    }));
+  }
+  /// As start(), without waiting until it has looked around.
+  void launch(bool has_http = false) {
     DaemonConfig config{.rig = rig_,
                         .sessions = folder_.path() / "sessions",
                         .make_light = [this] { return make_light(); },
@@ -48,9 +55,6 @@ class DaemonBench : public ::testing::Test {
                         .has_http = has_http};
     configure(config);
     daemon_ = std::make_unique<Daemon>(std::move(config));
-    EXPECT_TRUE(wait_until([](const DaemonState& s) {
-      return s.phase != Phase::boot && s.phase != Phase::recover;
-    }));
   }
 
   template <class Predicate>

@@ -4,6 +4,8 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <functional>
+#include <string_view>
 #include <thread>
 
 #include <gmock/gmock.h>
@@ -80,8 +82,10 @@ class FailingStorage final : public DiskStorage {
 class DaemonTest : public testing::DaemonBench {
  protected:
   Storage& storage() override { return storage_; }
+  void configure(DaemonConfig& config) override { config.on_turn = on_turn_; }
 
   FailingStorage storage_;
+  std::function<void(std::string_view)> on_turn_;
 };
 
 TEST_F(DaemonTest, CapturesAPlanAndEveryFrameShowsItsOwnLight) {
@@ -119,6 +123,22 @@ TEST_F(DaemonTest, ASecondRunIsRefusedWhileOneIsOn) {
   start();
   (void)daemon_->run(kPlan, "p.toml");
   EXPECT_THROW((void)daemon_->run(kPlan, "p.toml"), Error);
+}
+
+TEST_F(DaemonTest, ARunAskedForBeforeItHasLookedAroundFollows) {
+  std::atomic<bool> may_look = false;
+  on_turn_ = [&](std::string_view thread) {
+    while (thread == "control" && !may_look) {
+      std::this_thread::sleep_for(1ms);
+    }
+  };
+  launch();
+  EXPECT_EQ(daemon_->state().phase, Phase::boot);
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  EXPECT_THROW((void)daemon_->run(kPlan, "p.toml"), Error);
+  may_look = true;
+  ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
+  expect_true_session(receipt.folder);
 }
 
 TEST_F(DaemonTest, AControllerRestartIsSurvivedWithoutAPerson) {
