@@ -86,6 +86,7 @@ class DaemonTest : public testing::DaemonBench {
 
   FailingStorage storage_;
   std::function<void(std::string_view)> on_turn_;
+  std::atomic<bool> may_look_{false};  ///< outlives the daemon's threads
 };
 
 TEST_F(DaemonTest, CapturesAPlanAndEveryFrameShowsItsOwnLight) {
@@ -126,9 +127,8 @@ TEST_F(DaemonTest, ASecondRunIsRefusedWhileOneIsOn) {
 }
 
 TEST_F(DaemonTest, ARunAskedForBeforeItHasLookedAroundFollows) {
-  std::atomic<bool> may_look = false;
-  on_turn_ = [&](std::string_view thread) {
-    while (thread == "control" && !may_look) {
+  on_turn_ = [this](std::string_view thread) {
+    while (thread == "control" && !may_look_) {
       std::this_thread::sleep_for(1ms);
     }
   };
@@ -136,7 +136,7 @@ TEST_F(DaemonTest, ARunAskedForBeforeItHasLookedAroundFollows) {
   EXPECT_EQ(daemon_->state().phase, Phase::boot);
   const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
   EXPECT_THROW((void)daemon_->run(kPlan, "p.toml"), Error);
-  may_look = true;
+  may_look_ = true;
   ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
   expect_true_session(receipt.folder);
 }
