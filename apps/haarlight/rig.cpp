@@ -155,6 +155,34 @@ void keep_others(const std::filesystem::path& file, MeasuredRig& measured) {
   }
 }
 
+volatile std::sig_atomic_t g_is_asked_to_end = 0;
+
+/// SIGINT, SIGTERM and SIGHUP are asked for between frames instead of killing. This thread and
+/// those it starts block them, so that no call of a driver is interrupted; a thread that a
+/// library started when it was loaded (OpenBLAS does) does not, and runs the handler.
+class PoliteSignals {
+ public:
+  PoliteSignals() {
+    sigemptyset(&ends_);
+    struct sigaction action = {};
+    action.sa_handler = [](int) { g_is_asked_to_end = 1; };
+    action.sa_flags = SA_RESTART;
+    sigemptyset(&action.sa_mask);
+    for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+      sigaddset(&ends_, signal);
+      sigaction(signal, &action, nullptr);
+    }
+    pthread_sigmask(SIG_BLOCK, &ends_, nullptr);
+  }
+  [[nodiscard]] bool is_asked_to_end() const {
+    const timespec none{0, 0};
+    return g_is_asked_to_end != 0 || sigtimedwait(&ends_, nullptr, &none) > 0;
+  }
+
+ private:
+  sigset_t ends_{};
+};
+
 class CommissionProgress {
  public:
   explicit CommissionProgress(bool is_quiet) : is_quiet_(is_quiet) {}
@@ -206,13 +234,7 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
     throw Error(lights.error().what, arguments.rig, "haarlight rig doctor tells what is wrong",
                 ExitCode::unavailable);
   }
-  // A signal is not lost and does not kill: it is asked for between frames.
-  sigset_t ends;
-  sigemptyset(&ends);
-  sigaddset(&ends, SIGINT);
-  sigaddset(&ends, SIGTERM);
-  sigaddset(&ends, SIGHUP);
-  pthread_sigmask(SIG_BLOCK, &ends, nullptr);
+  const PoliteSignals signals;
   CommissionOptions options;
   options.camera = index;
   options.fine_steps = arguments.steps;
@@ -222,10 +244,7 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
       "{:%FT%TZ}",
       fmt::gmtime(std::chrono::system_clock::to_time_t(std::chrono::system_clock::now())));
   options.written_hash = rig.hash;
-  options.should_stop = [ends] {
-    const timespec none{0, 0};
-    return sigtimedwait(&ends, nullptr, &none) > 0;
-  };
+  options.should_stop = [&signals] { return signals.is_asked_to_end(); };
   options.progress = CommissionProgress(common.quiet);
   CommissionResult result = commission(rig, **camera, **lights, options);
   for (const CommissionRow& row : commission_rows(rig, index, result)) {

@@ -1,0 +1,19 @@
+#include <thread>
+
+#include <unistd.h>
+
+/// @file
+/// Preloaded into a program: a thread that is there before main, as some libraries start one.
+
+namespace {
+
+const bool is_started = [] {
+  std::thread([] {
+    while (true) {
+      ::pause();
+    }
+  }).detach();
+  return true;
+}();
+
+}  // namespace
