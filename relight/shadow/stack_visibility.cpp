@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <functional>
 #include <mutex>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -44,9 +45,12 @@ void sum_channels(std::span<const float> values, int channels, std::size_t n_pix
 
 }  // namespace
 
-RigPlate::RigPlate(const CameraModel& camera, const Plane& plane,
-                   std::span<const SquareLight> lights, PlateKind kind)
-    : camera_(camera), plane_(plane), lights_(lights.begin(), lights.end()), kind_(kind) {}
+RigPlate::RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight> lights,
+                   PlateKind kind)
+    : camera_(std::move(camera)),
+      plane_(std::move(plane)),
+      lights_(lights.begin(), lights.end()),
+      kind_(kind) {}
 
 StackDims RigPlate::dims() const {
   return {camera_.width, camera_.height, 1, static_cast<int>(lights_.size())};

@@ -38,7 +38,7 @@ enum class PlateKind {
 /// rounding.
 class RigPlate final : public StackSource {
  public:
-  RigPlate(const CameraModel& camera, const Plane& plane, std::span<const SquareLight> lights,
+  RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight> lights,
            PlateKind kind);
   [[nodiscard]] StackDims dims() const override;
   void read_tile(const TileRect& rect, std::span<float> out) const override;
