@@ -21,10 +21,7 @@ const Json& node_of(const void* node) { return *static_cast<const Json*>(node); 
 }  // namespace
 
 struct JsonValue::Document {
-  Document() = default;
-  ~Document() = default;
-  Document(const Document&) = delete;
-  Document& operator=(const Document&) = delete;
+  explicit Document(Json value) : root(std::move(value)) {}
   Json root;
 };
 
@@ -33,9 +30,9 @@ JsonValue::JsonValue(std::shared_ptr<const Document> document, const void* node,
     : document_(std::move(document)), node_(node), place_(std::move(place)) {}
 
 JsonValue JsonValue::parse(std::string_view text, const std::string& where) {
-  auto document = std::make_shared<Document>();
+  std::shared_ptr<const Document> document;
   try {
-    document->root = Json::parse(text.begin(), text.end());
+    document = std::make_shared<const Document>(Json::parse(text.begin(), text.end()));
   } catch (const Json::parse_error& error) {
     throw Error("not JSON: broken at byte " + std::to_string(error.byte), where,
                 "the file is damaged or cut short: take it from a backup, or make it again");

@@ -24,12 +24,18 @@ using testing::expect_true_session;
 constexpr int kSide = 8;
 constexpr int kLights = kSide * kSide;
 
-/// A ramp over rows and columns, and a shadow: lights 20 to 23 are hidden.
+/// A ramp over rows and columns.
+float ramp_at(int k) {
+  const int row = k / kSide;
+  const int col = k % kSide;
+  return 0.5F + 0.01F * static_cast<float>(row + col);
+}
+
+/// The ramp with a shadow: lights 20 to 23 are hidden.
 std::vector<float> brightness() {
   std::vector<float> values;
   for (int k = 0; k < kLights; ++k) {
-    values.push_back(k >= 20 && k < 24 ? 0.05F
-                                       : 0.5F + 0.01F * static_cast<float>(k / 8 + k % 8));
+    values.push_back(k >= 20 && k < 24 ? 0.05F : ramp_at(k));
   }
   return values;
 }
@@ -71,10 +77,10 @@ class PatternRig : public ::testing::Test {
     DevelopOptions options;
     options.plate.key = "ramp";  // the object without its shadow
     options.plate.read = [](int, int x0, int x1, std::span<float> out) {
+      std::size_t i = 0;
       for (int x = x0; x < x1; ++x) {
         for (int k = 0; k < kLights; ++k) {
-          out[static_cast<std::size_t>((x - x0) * kLights + k)] =
-              0.5F + 0.01F * static_cast<float>(k / 8 + k % 8);
+          out[i++] = ramp_at(k);
         }
       }
     };
@@ -138,10 +144,9 @@ TEST_F(PatternRig, BinsGiveTheirBlocksSharedOutByThePlate) {
     for (const int j :
          {row * 8 + col, row * 8 + col + 1, row * 8 + col + 8, row * 8 + col + 9}) {
       block += truth[static_cast<std::size_t>(j)];
-      ramp += 0.5F + 0.01F * static_cast<float>(j / 8 + j % 8);
+      ramp += ramp_at(j);
     }
-    shared[static_cast<std::size_t>(k)] =
-        block * (0.5F + 0.01F * static_cast<float>(k / 8 + k % 8)) / ramp;
+    shared[static_cast<std::size_t>(k)] = block * ramp_at(k) / ramp;
   }
   expect_equal(captured(plan("patterns = \"bins\"\nbin = 2\n")), shared);
 }

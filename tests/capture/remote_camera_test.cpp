@@ -24,6 +24,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr int kWidth = 6;
 constexpr int kHeight = 4;
+constexpr std::size_t kPixelBytes = std::size_t{kWidth} * kHeight * 2;
 
 RemoteHeader header_of(RemoteMessage message) {
   RemoteHeader header;
@@ -51,7 +52,7 @@ class ScriptedCamera {
     });
   }
 
-  RemoteHeader receive() const {
+  [[nodiscard]] RemoteHeader receive() const {
     RemoteHeader header;
     header.magic = 0;
     (void)::recv(client_.get(), &header, sizeof header, 0);
@@ -143,7 +144,7 @@ TEST_F(RemoteCameraTest, AFrameArrivesWithItsPixelsAndIsGivenBack) {
     std::atomic<std::uint64_t> released{0};
     ScriptedCamera server(path, [&](ScriptedCamera& s) {
       s.set_up();
-      s.send_frame(frame_header(77), kWidth * kHeight * 2, is_sealed);
+      s.send_frame(frame_header(77), kPixelBytes, is_sealed);
       const RemoteHeader back = s.receive();
       EXPECT_EQ(back.message, static_cast<std::uint16_t>(RemoteMessage::release));
       released = back.sequence;
@@ -171,7 +172,7 @@ TEST_F(RemoteCameraTest, AFrameArrivesWithItsPixelsAndIsGivenBack) {
 TEST_F(RemoteCameraTest, AFrameOutlivesTheCamera) {
   ScriptedCamera server(spec_.device, [&](ScriptedCamera& s) {
     s.set_up();
-    s.send_frame(frame_header(1), kWidth * kHeight * 2, true);
+    s.send_frame(frame_header(1), kPixelBytes, true);
     (void)s.receive();
   });
   std::optional<Frame> frame;
@@ -208,10 +209,10 @@ TEST_F(RemoteCameraTest, AFrameOfAnotherShapeIsAProtocolFault) {
     s.set_up();
     RemoteHeader header = frame_header(1);
     header.stride = 3;
-    s.send_frame(header, kWidth * kHeight * 2, true);
+    s.send_frame(header, kPixelBytes, true);
     header = frame_header(2);
     header.width = 4096;
-    s.send_frame(header, kWidth * kHeight * 2, true);
+    s.send_frame(header, kPixelBytes, true);
     s.send(frame_header(3));  // without memory
     s.send_bytes(7);
     s.send_bytes(64);
@@ -269,7 +270,7 @@ TEST_F(RemoteCameraTest, FramesBeforeTheAnswerToAnExposureAreKept) {
   ScriptedCamera server(spec_.device, [&](ScriptedCamera& s) {
     s.set_up();
     RemoteHeader ask = s.receive();
-    s.send_frame(frame_header(5), kWidth * kHeight * 2, true);
+    s.send_frame(frame_header(5), kPixelBytes, true);
     ask.exposure_us = 990.0F;
     s.send(ask);
     (void)s.receive();

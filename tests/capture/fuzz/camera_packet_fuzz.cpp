@@ -132,8 +132,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto pixels = frame->pixels();
     unsigned sum = 0;
     for (int y = 0; y < pixels.height(); ++y) {
-      for (const std::uint16_t word : pixels.row(y)) {
-        sum += word;
+      for (int x = 0; x < pixels.width(); ++x) {
+        sum += pixels(y, x);
       }
     }
     HAARLIGHT_EXPECTS(pixels.is_empty() || (pixels.width() == kWidth &&
