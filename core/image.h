@@ -47,7 +47,8 @@ class ImageView {
   /// One row: width * channels elements.
   [[nodiscard]] std::span<T> row(int y) const {
     HAARLIGHT_ASSERT(y >= 0 && y < height_);
-    return {data_ + y * stride_, static_cast<std::size_t>(width_) * channels_};
+    return {data_ + y * stride_,
+            static_cast<std::size_t>(width_) * static_cast<std::size_t>(channels_)};
   }
 
  private:

@@ -1,3 +1,4 @@
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 
@@ -36,7 +37,7 @@ std::unique_ptr<LightArray> array_for(const VendorDevice& device, const std::str
 }
 
 std::uint16_t level_of(double drive) {
-  return static_cast<std::uint16_t>(drive * 65535.0 + 0.5);
+  return static_cast<std::uint16_t>(std::lround(drive * 65535.0));
 }
 
 TEST(Profile, ThoseThatComeWithUsAreReadAndCiteTheirSource) {

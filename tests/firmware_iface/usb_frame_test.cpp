@@ -52,7 +52,7 @@ TEST(UsbFrame, BeginningsAndForeignBytesAreToldApart) {
   Bytes longer = whole;
   longer.resize(whole.size() + 2);
   EXPECT_FALSE(usb::decode_frame(longer));
-  for (const std::size_t i : {0, 1, 2, 3, 8}) {
+  for (const std::size_t i : {0U, 1U, 2U, 3U, 8U}) {
     Bytes wrong = whole;
     wrong[i] = 0xEE;
     EXPECT_FALSE(usb::frame_size(wrong));

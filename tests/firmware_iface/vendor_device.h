@@ -89,7 +89,7 @@ class VendorDevice {
       }
       return true;
     };
-    const auto refused = exception_reply(function, registers::Exception::illegal_address);
+    auto refused = exception_reply(function, registers::Exception::illegal_address);
     std::vector<std::uint8_t> echo(pdu.begin(), pdu.begin() + 5);
     switch (function) {
       case 1: {

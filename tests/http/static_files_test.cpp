@@ -6,13 +6,14 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include "tests/temporary_folder.h"
+
 namespace haarlight {
 namespace {
 
 class StaticFiles : public ::testing::Test {
  protected:
   StaticFiles() {
-    std::filesystem::remove_all(base_);
     std::filesystem::create_directories(folder_ / "sub");
     std::ofstream(base_ / "secret.txt") << "secret";
     std::ofstream(folder_ / "index.html") << "<p>";
@@ -22,10 +23,9 @@ class StaticFiles : public ::testing::Test {
     std::filesystem::create_directory_symlink(base_, folder_ / "up");
     (void)::mkfifo((folder_ / "pipe").c_str(), 0600);
   }
-  ~StaticFiles() override { std::filesystem::remove_all(base_); }
 
-  std::filesystem::path base_ = std::filesystem::temp_directory_path() /
-                                ("haarlight_static_" + std::to_string(::getpid()));
+  testing::TemporaryFolder temporary_;
+  std::filesystem::path base_ = temporary_.path();
   std::filesystem::path folder_ = base_ / "www";
 };
 

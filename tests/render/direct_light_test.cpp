@@ -214,9 +214,10 @@ TEST(DirectLight, GlossyLobeEqualsFineQuadrature) {
       constexpr int kCells = 200;
       double sum = 0.0;
       for (int i = 0; i < kCells * kCells; ++i) {
-        const Vector3d p =
-            lights[k].centre + Vector3d(28.0 * ((i % kCells + 0.5) / kCells - 0.5),
-                                        28.0 * ((i / kCells + 0.5) / kCells - 0.5), 0);
+        const int row = i / kCells;
+        const int col = i % kCells;
+        const Vector3d p = lights[k].centre + Vector3d(28.0 * ((col + 0.5) / kCells - 0.5),
+                                                       28.0 * ((row + 0.5) / kCells - 0.5), 0);
         const Vector3d r = p - surface.point;
         const Vector3d half = (r.normalized() + surface.to_eye).normalized();
         const double cos_theta = r.normalized().z();

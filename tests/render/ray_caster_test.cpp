@@ -54,7 +54,9 @@ Scene triangle_soup(int n) {
     const Vector3d centre = random_vector(1, static_cast<std::uint64_t>(i), 200.0);
     for (int c = 0; c < 3; ++c) {
       mesh.vertices.emplace_back(
-          (centre + random_vector(2, static_cast<std::uint64_t>(3 * i + c), 40.0))
+          (centre +
+           random_vector(2, 3 * static_cast<std::uint64_t>(i) + static_cast<std::uint64_t>(c),
+                         40.0))
               .cast<float>()
               .cast<double>());
     }

@@ -19,7 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::TemporaryFolder;
-using testing::AnyOf;
 using testing::HasSubstr;
 
 constexpr int kLights = 4;
@@ -339,7 +338,8 @@ TEST(FrameTiff, AFrameOfOneStripIsReadAsOneStrip) {
     const Image<float> pixels(height, 2000, 1);
     const std::vector<std::byte> file = encode_frame_tiff(pixels.view(), "text");
     const FrameTiffHeader header = read_frame_tiff_header(file, "f");
-    EXPECT_EQ(read_frame_tiff_rows(file, header, 0, height, "f").size(), height * 8000U);
+    EXPECT_EQ(read_frame_tiff_rows(file, header, 0, height, "f").size(),
+              static_cast<unsigned>(height) * 8000U);
   }
 }
 

@@ -237,10 +237,10 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
   // A plate that is half of the truth, everywhere: the blocks come apart exactly.
   options.plate.key = "half";
   options.plate.read = [](int y, int x0, int x1, std::span<float> out) {
+    std::size_t i = 0;
     for (int x = x0; x < x1; ++x) {
       for (int k = 0; k < 16; ++k) {
-        out[static_cast<std::size_t>((x - x0) * 16 + k)] =
-            static_cast<float>(0.5 * truth(k, y, x));
+        out[i++] = static_cast<float>(0.5 * truth(k, y, x));
       }
     }
   };

@@ -158,7 +158,8 @@ TEST(Import, RefusesOneBadNumberIn1024PicturesByName) {
     }
     const std::string name = fmt::format("light_{:04}.tif", k);
     write_image(in / name, picture.view());
-    const double angle = 0.001 * (k - kPictures / 2);
+    const int from_middle = k - kPictures / 2;
+    const double angle = 0.001 * from_middle;
     lp += fmt::format("{} {} 0 {}\n", name, std::sin(angle), std::cos(angle));
   }
   test::write_text(in / "dirs.lp", lp);
@@ -243,7 +244,11 @@ struct RealCapture {
   int channels;
 };
 
-void PrintTo(const RealCapture& capture, std::ostream* out) { *out << capture.folder; }
+/// GoogleTest's own name for it.
+void PrintTo(const RealCapture& capture,  // NOLINT(readability-identifier-naming)
+             std::ostream* out) {
+  *out << capture.folder;
+}
 
 class RealImport : public testing::TestWithParam<RealCapture> {};
 

@@ -45,9 +45,11 @@ SessionInfo small_info(int n_lights) {
   info.form.white_level = 4095.0;
   for (int k = 0; k < n_lights; ++k) {
     SessionLight light;
-    light.name = fmt::format("top/{}/{}", k / 8, k % 8);
+    const int row = k / 8;
+    const int col = k % 8;
+    light.name = fmt::format("top/{}/{}", row, col);
     light.is_position = true;
-    light.place = {k % 8 * 30.0, k / 8 * 30.0, 500.0};
+    light.place = {col * 30.0, row * 30.0, 500.0};
     info.lights.push_back(light);
     Shot shot;
     shot.index = k;

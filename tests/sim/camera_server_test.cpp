@@ -74,13 +74,13 @@ class CameraServerTest : public ::testing::Test {
   }
 
   static std::optional<FrameTag> tag_of(const ClientFrame& frame) {
-    return decode_tag_rows({frame.words.data() + 48 * 64, 8, 64, 1});
+    return decode_tag_rows({frame.words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
   }
 
   /// The first frame that is clean and shows `tag`.
   static std::optional<ClientFrame> first_clean(RemoteClient& client, std::uint32_t tag) {
     for (int i = 0; i < 400; ++i) {
-      const auto frame = client.next();
+      auto frame = client.next();
       if (!frame) {
         return std::nullopt;
       }

@@ -136,7 +136,7 @@ class Guest {
     const bool came = run_until([&] { return answers_.count(id) != 0; });
     return came ? answers_[id] : Answer{};
   }
-  bool has_answer(std::uint64_t id) const { return answers_.count(id) != 0; }
+  [[nodiscard]] bool has_answer(std::uint64_t id) const { return answers_.count(id) != 0; }
 
   bool is_connected = false;
   std::uint16_t vendor = 0;

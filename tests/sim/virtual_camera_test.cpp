@@ -28,7 +28,7 @@ class VirtualCameraTest : public ::testing::Test {
   }
 
   Image<std::uint16_t> take(const CameraSpec& spec, const LightHistory& history,
-                            const Exposure& exposure, VirtualCameraOptions options = {},
+                            const Exposure& exposure, const VirtualCameraOptions& options = {},
                             std::uint64_t key = 0) {
     VirtualCamera camera(spec, controller_, transport_, options);
     Image<std::uint16_t> words(spec.frame_height, spec.frame_width, 1);

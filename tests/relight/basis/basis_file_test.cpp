@@ -179,7 +179,7 @@ TEST(BasisFile, FileAppearsOnlyWhenFinished) {
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
-RC_GTEST_PROP(BlockCodecProperty, SparseRoundTrips, (std::vector<std::uint8_t> gaps)) {
+RC_GTEST_PROP(BlockCodecProperty, SparseRoundTrips, (const std::vector<std::uint8_t>& gaps)) {
   SparseBlock block;
   std::uint32_t cell = 0;
   for (const std::uint8_t gap : gaps) {

@@ -70,9 +70,9 @@ TEST(PlateVectors, FewVectorsCarryAPlate) {
   for (int i = 0; i < percent.rank; ++i) {
     for (int j = 0; j <= i; ++j) {
       double product = 0.0;
+      const auto row = [&](int r) { return percent.vectors.begin() + r * std::ptrdiff_t{64}; };
       for (int k = 0; k < 64; ++k) {
-        product += double{percent.vectors[static_cast<std::size_t>(i * 64 + k)]} *
-                   double{percent.vectors[static_cast<std::size_t>(j * 64 + k)]};
+        product += double{row(i)[k]} * double{row(j)[k]};
       }
       EXPECT_NEAR(product, i == j ? 1.0 : 0.0, 1e-6);
     }

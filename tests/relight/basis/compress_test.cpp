@@ -21,7 +21,6 @@ namespace haarlight {
 namespace {
 
 using test::made_source;
-using test::MadeScene;
 using test::make_stack;
 
 class Compress : public testing::Test {
@@ -36,6 +35,14 @@ class Compress : public testing::Test {
 
   test::TemporaryFolder folder_;
 };
+
+float value_at(const MemoryStack& stack, int y, int x, int k) {
+  const StackDims dims = stack.dims();
+  const std::size_t pixel = static_cast<std::size_t>(y) * static_cast<std::size_t>(dims.width) +
+                            static_cast<std::size_t>(x);
+  return stack
+      .values()[pixel * static_cast<std::size_t>(dims.n_lights) + static_cast<std::size_t>(k)];
+}
 
 /// ||decoded - truth|| / ||truth||, worst pixel and worst value, measured from outside.
 StackError measure_error(const BasisFile& basis, const MemoryStack& truth) {
@@ -143,7 +150,7 @@ TEST_F(Compress, DirectBasisTakesLightsWithoutAGrid) {
   for (int y = 0; y < 20; ++y) {
     for (int x = 0; x < 20; ++x) {
       for (int k = 0; k < 47; ++k) {
-        stack.at(0, y, x, k) = full.values()[static_cast<std::size_t>((y * 20 + x) * 64 + k)];
+        stack.at(0, y, x, k) = value_at(full, y, x, k);
       }
     }
   }
@@ -201,7 +208,7 @@ TEST_F(Compress, PlateWithZerosIsNoTrouble) {
 TEST_F(Compress, SameBytesWhateverThreadsAndMemory) {
   // One tile: 1024 pixels, 64 lights, 40 bytes a value. The smaller budget holds that and no
   // plate weights, which are then fitted in every pass.
-  constexpr std::uint64_t kOneTile = 1024 * 64 * 40;
+  constexpr std::uint64_t kOneTile = std::uint64_t{1024} * 64 * 40;
   const MemoryStack stack = make_stack({.width = 40, .height = 34, .grid = 8, .noise = 0.01});
   const MemoryStack plate =
       make_stack({.width = 40, .height = 34, .grid = 8, .has_sphere = false});
@@ -240,7 +247,7 @@ TEST_F(Compress, LightImageIsTheStacksWithinTheStatedError) {
     double error = 0.0;
     for (int y = 0; y < 36; ++y) {
       for (int x = 0; x < 40; ++x) {
-        const double t = stack.values()[static_cast<std::size_t>((y * 40 + x) * 256 + k)];
+        const double t = value_at(stack, y, x, k);
         energy += t * t;
         error += (double{image(y, x)} - t) * (double{image(y, x)} - t);
       }

@@ -165,7 +165,7 @@ TEST(Haar, PatternsCountTheSameCoefficients) {
   // core/patterns shoots wavelets by the numbers that a basis file uses.
   constexpr int kSide = 8;
   for (int index = 0; index < kSide * kSide; ++index) {
-    std::vector<double> x(kSide * kSide, 0.0);
+    std::vector<double> x(std::size_t{kSide} * kSide, 0.0);
     x[static_cast<std::size_t>(index)] = 1.0;
     std::vector<double> here = x;
     haar_inverse(here, kSide);

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <compare>
 #include <cstdint>
 #include <map>
+#include <tuple>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -26,7 +26,10 @@ struct MadeScene {
   int channels = 1;
   bool has_sphere = true;
   double noise = 0.0;  ///< share of a lit value, uniform
-  friend auto operator<=>(const MadeScene&, const MadeScene&) = default;
+  [[nodiscard]] auto key() const {
+    return std::tie(width, height, grid, channels, has_sphere, noise);
+  }
+  friend bool operator<(const MadeScene& a, const MadeScene& b) { return a.key() < b.key(); }
 };
 
 inline bool is_blocked(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
@@ -58,9 +61,10 @@ inline double made_value(const MadeScene& scene, int x, int y, int light) {
   const int col = light % scene.grid;
   double sum = 0.0;
   for (int i = 0; i < 4; ++i) {
-    const Eigen::Vector3d led((col - 0.5 * (scene.grid - 1) + (i % 2 - 0.5) / 2.2) * pitch,
-                              (row - 0.5 * (scene.grid - 1) + (i / 2 - 0.5) / 2.2) * pitch,
-                              900.0);
+    const int right = i % 2;
+    const int up = i / 2;
+    const Eigen::Vector3d led((col - 0.5 * (scene.grid - 1) + (right - 0.5) / 2.2) * pitch,
+                              (row - 0.5 * (scene.grid - 1) + (up - 0.5) / 2.2) * pitch, 900.0);
     const Eigen::Vector3d to = led - point;
     const double r2 = to.squaredNorm();
     const double cosine = normal.dot(to);

@@ -31,11 +31,11 @@ constexpr int kLights = 256;
 /// A stack and its files, each made when it is first asked for.
 class Relight : public testing::Test {
  protected:
-  static void SetUpTestSuite() { folder_ = std::make_unique<test::TemporaryFolder>(); }
-  static void TearDownTestSuite() { folder_.reset(); }
+  static void SetUpTestSuite() { shared_folder = std::make_unique<test::TemporaryFolder>(); }
+  static void TearDownTestSuite() { shared_folder.reset(); }
 
   static BasisFile open(const std::string& name) {
-    const auto file = folder_->path() / name;
+    const auto file = shared_folder->path() / name;
     if (!std::filesystem::exists(file)) {
       make(name, file);
     }
@@ -66,7 +66,7 @@ class Relight : public testing::Test {
     }
   }
 
-  static inline std::unique_ptr<test::TemporaryFolder> folder_;
+  static inline std::unique_ptr<test::TemporaryFolder> shared_folder;
 };
 
 LightWeights one_light(int k) {

@@ -239,8 +239,8 @@ TEST(RigWeights, TwoFacesInOneDirectionAreRefused) {
 TEST(VoronoiWeights, SixAxesShareAConstantSkyAlike) {
   std::vector<Eigen::Vector3d> directions;
   for (int axis = 0; axis < 3; ++axis) {
-    directions.push_back(Eigen::Vector3d::Unit(axis));
-    directions.push_back(-Eigen::Vector3d::Unit(axis));
+    directions.emplace_back(Eigen::Vector3d::Unit(axis));
+    directions.emplace_back(-Eigen::Vector3d::Unit(axis));
   }
   const auto result = voronoi_weights(constant_environment(64, 32), directions);
   for (int k = 0; k < 6; ++k) {

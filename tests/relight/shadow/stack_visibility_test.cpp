@@ -78,7 +78,8 @@ Twin photograph(double noise) {
         continue;
       }
       const Material& material = scene.materials[static_cast<std::size_t>(seen->material)];
-      const auto key = static_cast<std::uint64_t>(y * 80 + x);
+      const std::uint64_t key =
+          std::uint64_t{80} * static_cast<std::uint64_t>(y) + static_cast<std::uint64_t>(x);
       (void)direct.evaluate(*seen, material, key, shares);
       twin.shows_plane(y, x) = seen->material == 0 ? 1 : 0;
       for (int k = 0; k < kLights; ++k) {
@@ -212,7 +213,7 @@ TEST(StackVisibility, TakesAMaskAndRefusesWhatDoesNotFit) {
 TEST(RigPlate, AgreesWithTheExactIrradiance) {
   const std::vector<SquareLight> lights = rig_of_lights();
   const RigPlate plate(test_camera(), {}, lights, PlateKind::squares);
-  std::vector<float> values(4 * kLights);
+  std::vector<float> values(std::size_t{4} * kLights);
   plate.read_tile({40, 30, 2, 2}, values);
   const CameraRay ray = ray_through(test_camera(), 41.5, 31.5);
   const Eigen::Vector3d p =
