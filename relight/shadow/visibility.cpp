@@ -114,7 +114,7 @@ bool shows_plane(std::span<const float> values, std::span<const float> plate,
   std::size_t n_lit = 0;
   std::size_t n_bright = 0;
   for (std::size_t k = 0; k < values.size(); ++k) {
-    const double b = double{plate[k]};
+    const auto b = double{plate[k]};
     if (b <= 0.0) {
       continue;
     }
