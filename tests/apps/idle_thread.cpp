@@ -7,7 +7,7 @@
 
 namespace {
 
-const bool is_started = [] {
+const bool kIsStarted = [] {
   std::thread([] {
     while (true) {
       ::pause();
