@@ -115,13 +115,6 @@ Image<float> demosaic_variance(const Image<float>& variance, BayerPattern bayer)
   return colour;
 }
 
-/// One band: values, and standard errors (-1: clipped in every exposure) where they are asked
-/// for.
-struct Band {
-  std::vector<float> values;
-  std::vector<float> errors;
-};
-
 /// Variances of the patterns become the lights'; a flat field's error is common to all of them
 /// and comes out as the same share of each light.
 void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
@@ -144,10 +137,9 @@ void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
   }
 }
 
-Band develop_band(const Job& job, const Radiometry& radiometry, int i_band, MergeTally& tally) {
+Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y0, int y1,
+                             MergeTally& tally) {
   const int height = job.shape.height;
-  const int y0 = i_band * job.shape.band_rows;
-  const int y1 = std::min(height, y0 + job.shape.band_rows);
   // The first row read is even, so that the mosaic keeps its phase.
   const int top = std::max(0, y0 - job.margin) / 2 * 2;
   const int from = job.margin > 0 ? top : y0;
@@ -184,8 +176,9 @@ Band develop_band(const Job& job, const Radiometry& radiometry, int i_band, Merg
       }
     });
   }
-  Band band;
+  Developer::Rows band;
   band.values = interleave(pictures, y0 - from, y1 - y0);
+  pictures.clear();
   if (job.has_error) {
     parallel_for(variances.size(), 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t k = begin; k < end; ++k) {
@@ -217,6 +210,14 @@ Transfer transfer_of(const Session& session, const DevelopOptions& options) {
         "is to undo: --transfer srgb or --transfer linear");
   }
   return *options.unknown_as;
+}
+
+/// How colours are made of a mosaic; none where there is no mosaic, or it is to be kept.
+Demosaic demosaic_of(const Session& session, const DevelopOptions& options) {
+  const FrameForm& form = session.info().form;
+  const bool is_mosaic = form.bayer != BayerPattern::none && !options.keep_bayer &&
+                         form.width >= 2 && form.height >= 2;
+  return is_mosaic ? options.demosaic : Demosaic::none;
 }
 
 /// What the sharing out of light depends on; empty where no capture of its family needs it.
@@ -314,33 +315,34 @@ void require_plate(const Session& session, const Job& job, const DevelopOptions&
 
 }  // namespace
 
-Developed develop_all(const Session& session, const DevelopOptions& options) {
+struct Developer::Impl {
+  Job job;
+  std::string key;
+  std::unique_ptr<Radiometry> radiometry;
+  MergeTally tally;
+};
+
+Developer::Developer(const Session& session, const DevelopOptions& options)
+    : impl_(std::make_unique<Impl>()) {
   const FrameForm& form = session.info().form;
   const Transfer transfer = transfer_of(session, options);
-  Job job;
+  Job& job = impl_->job;
   job.session = &session;
   job.has_error = options.has_standard_error;
-  const bool is_mosaic = form.bayer != BayerPattern::none && !options.keep_bayer &&
-                         form.width >= 2 && form.height >= 2;
-  job.demosaic = is_mosaic ? options.demosaic : Demosaic::none;
-  const fs::path folder =
-      options.cache_folder.empty() ? session.folder() / "cache" : options.cache_folder;
-  const std::string key = cache_key(session, job.demosaic, transfer, options);
-  if (options.use_cache) {
-    if (std::optional<Developed> cached = open_all_cached(folder, key, job.has_error)) {
-      return *std::move(cached);
-    }
-  }
+  job.demosaic = demosaic_of(session, options);
+  impl_->key = cache_key(session, job.demosaic, transfer, options);
   job.plan = plan_exposures(session);
   job.shape.width = form.width;
   job.shape.height = form.height;
   job.shape.channels = job.demosaic != Demosaic::none ? 3 : form.channels;
   job.shape.n_lights = static_cast<int>(session.info().lights.size());
-  const Radiometry radiometry(session, job.plan, transfer, options.radiometry);
+  impl_->radiometry =
+      std::make_unique<Radiometry>(session, job.plan, transfer, options.radiometry);
   if (job.has_error) {
-    require_error_known(session, radiometry);
+    require_error_known(session, *impl_->radiometry);
   }
-  const bool needs_margin = job.demosaic != Demosaic::none || radiometry.has_bad_pixels();
+  const bool needs_margin =
+      job.demosaic != Demosaic::none || impl_->radiometry->has_bad_pixels();
   job.margin = needs_margin ? 2 * kDemosaicMargin : 0;
   job.shape.band_rows = choose_band_rows(job, options.memory_bytes);
   for (const SessionLight& light : session.info().lights) {
@@ -350,6 +352,40 @@ Developed develop_all(const Session& session, const DevelopOptions& options) {
     require_plate(session, job, options);
     job.plate = options.plate;
   }
+}
+
+Developer::~Developer() = default;
+Developer::Developer(Developer&&) noexcept = default;
+
+const StackShape& Developer::shape() const noexcept { return impl_->job.shape; }
+const std::string& Developer::key() const noexcept { return impl_->key; }
+
+Developer::Rows Developer::rows(int y0, int y1) {
+  HAARLIGHT_EXPECTS(0 <= y0 && y0 < y1 && y1 <= impl_->job.shape.height, "rows of the picture");
+  return develop_rows(impl_->job, *impl_->radiometry, y0, y1, impl_->tally);
+}
+
+std::string Developer::record() const {
+  impl_->radiometry->require_levels(impl_->tally);
+  return fmt::format(
+      "{{\"recipe\": \"{}\", \"demosaic\": \"{}\", \"patterns\": {}, \"lights\": {}, "
+      "\"radiometry\": {}}}\n",
+      kRecipe, to_string(impl_->job.demosaic), impl_->job.plan.groups.size(),
+      impl_->job.shape.n_lights, impl_->radiometry->record(impl_->tally));
+}
+
+Developed develop_all(const Session& session, const DevelopOptions& options) {
+  const fs::path folder =
+      options.cache_folder.empty() ? session.folder() / "cache" : options.cache_folder;
+  const std::string key =
+      cache_key(session, demosaic_of(session, options), transfer_of(session, options), options);
+  const bool has_error = options.has_standard_error;
+  if (options.use_cache) {
+    if (std::optional<Developed> cached = open_all_cached(folder, key, has_error)) {
+      return *std::move(cached);
+    }
+  }
+  Developer developer(session, options);
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) {
@@ -359,27 +395,23 @@ Developed develop_all(const Session& session, const DevelopOptions& options) {
   }
   const fs::path file = folder / fmt::format("stack-{}.hls", key);
   const fs::path error_file = folder / fmt::format("error-{}.hls", key);
-  LightStackWriter writer(file, job.shape);
+  const StackShape& shape = developer.shape();
+  LightStackWriter writer(file, shape);
   std::optional<LightStackWriter> error_writer;
-  if (job.has_error) {
-    error_writer.emplace(error_file, job.shape);
+  if (has_error) {
+    error_writer.emplace(error_file, shape);
   }
-  MergeTally tally;
-  Progress progress("develop", static_cast<std::size_t>(job.shape.n_bands()), options.progress);
-  for (int i = 0; i < job.shape.n_bands(); ++i) {
-    const Band band = develop_band(job, radiometry, i, tally);
+  Progress progress("develop", static_cast<std::size_t>(shape.n_bands()), options.progress);
+  for (int i = 0; i < shape.n_bands(); ++i) {
+    const Developer::Rows band =
+        developer.rows(i * shape.band_rows, std::min(shape.height, (i + 1) * shape.band_rows));
     writer.append_band(band.values);
     if (error_writer) {
       error_writer->append_band(band.errors);
     }
     progress.advance();
   }
-  radiometry.require_levels(tally);
-  const std::string record = fmt::format(
-      "{{\"recipe\": \"{}\", \"demosaic\": \"{}\", \"patterns\": {}, \"lights\": {}, "
-      "\"radiometry\": {}}}\n",
-      kRecipe, to_string(job.demosaic), job.plan.groups.size(), job.shape.n_lights,
-      radiometry.record(tally));
+  const std::string record = developer.record();
   writer.finish();
   if (error_writer) {
     error_writer->finish();
@@ -387,7 +419,7 @@ Developed develop_all(const Session& session, const DevelopOptions& options) {
   write_file_atomically(folder / fmt::format("stack-{}.json", key), record);
   Developed developed{LightStack::open(file), {}, record};
   note_counts(developed, file.string());
-  if (job.has_error) {
+  if (has_error) {
     developed.standard_error = LightStack::open(error_file);
   }
   return developed;

@@ -2,8 +2,10 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/image_io.h"
 #include "core/progress.h"
@@ -64,5 +66,38 @@ struct Developed {
 [[nodiscard]] Developed develop_all(const Session& session, const DevelopOptions& options = {});
 /// The stack alone.
 [[nodiscard]] LightStack develop(const Session& session, const DevelopOptions& options = {});
+
+/// The same values row by row, straight from the frames: nothing is written, no stack is held.
+class Developer {
+ public:
+  /// Borrows the session. @throws Error  as develop_all()
+  Developer(const Session& session, const DevelopOptions& options);
+  ~Developer();
+  Developer(Developer&&) noexcept;
+  Developer& operator=(Developer&&) = delete;
+  Developer(const Developer&) = delete;
+  Developer& operator=(const Developer&) = delete;
+
+  /// band_rows: the most rows that fit the memory budget at a time.
+  [[nodiscard]] const StackShape& shape() const noexcept;
+  /// Hash of everything that the values depend on: the key of develop_all()'s cache.
+  [[nodiscard]] const std::string& key() const noexcept;
+
+  struct Rows {
+    std::vector<float> values;  ///< (channels, y1 - y0, width, n_lights)
+    std::vector<float> errors;  ///< the same, standard errors; empty unless asked for
+  };
+  /// Rows [y0, y1). One caller at a time; frames are read by several threads. Frames lie in
+  /// strips of 64 rows: whole strips are read once.
+  [[nodiscard]] Rows rows(int y0, int y1);
+
+  /// When every row was asked for: what each step did (Developed::record).
+  /// @throws Error  exposures that contradict each other by more than the bound
+  [[nodiscard]] std::string record() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace haarlight
