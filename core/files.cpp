@@ -183,14 +183,21 @@ void PendingFile::commit() {
   if (::fsync(fd_.get()) != 0) {
     throw_io("fsync", temporary_, errno);
   }
-  if (::rename(temporary_.c_str(), path_.c_str()) != 0) {
-    throw_io("rename", path_, errno);
-  }
-  temporary_.clear();
+  const std::filesystem::path from = std::exchange(temporary_, {});
   fd_.reset();
-  const Fd folder(::open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  rename_durably(from, path_);
+}
+
+void rename_durably(const std::filesystem::path& from, const std::filesystem::path& to) {
+  if (::rename(from.c_str(), to.c_str()) != 0) {
+    const int error = errno;
+    std::error_code ignored;
+    std::filesystem::remove(from, ignored);
+    throw_io("rename", to, error);
+  }
+  const Fd folder(::open(folder_of(to).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!folder.is_open() || ::fsync(folder.get()) != 0) {
-    throw_io("fsync folder", folder_of(path_), errno);
+    throw_io("fsync folder", folder_of(to), errno);
   }
 }
 

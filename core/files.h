@@ -104,6 +104,10 @@ class PendingFile {
   std::uint64_t size_ = 0;
 };
 
+/// Renames a file whose bytes are on the disk already, and syncs the folder.
+/// @throws Error(io)  `from` is removed
+void rename_durably(const std::filesystem::path& from, const std::filesystem::path& to);
+
 /// Refuses to overwrite. @throws Error(usage)  naming --force as the cure
 void require_absent(const std::filesystem::path& path, bool force);
 

@@ -22,12 +22,17 @@ def inverse_haar(x):  # in place on (pixels, n, n)
             x[:, r:2 * m:2, c:2 * m:2] = value / 2
         m *= 2
 
+def plate_terms(height, width, degree):  # products of Chebyshev polynomials, (terms, pixels)
+    x, y = ([np.cos(k * np.arccos((2 * np.arange(s) + 1) / s - 1)) for k in range(degree + 1)] for s in (width, height))
+    return np.array([np.outer(b, a).ravel() for b in y for a in x])
+
 def read_hlb(name):
     file = open(name, "rb").read()
     h_at, h_size, _, i_at, i_size, _, t_at, t_size = struct.unpack_from("<8Q", file, 24)
     head = json.loads(file[h_at:h_at + h_size])
     width, height, channels = (head["picture"][k] for k in ("width", "height", "channels"))
-    tile, lights, n, rank = head["tile"], head["lights"]["count"], head["lights"]["grid"], head["plate"]["rank"]
+    tile, lights, n = head["tile"], head["lights"]["count"], head["lights"]["grid"]
+    rank, terms = head["plate"]["rank"], (head["plate"]["degree"] + 1)**2
     haar = head["basis"] == "haar" and head["coding"] == "quantised"
     level = [max(i // n % n, i % n).bit_length() + (i // n**2) * 32 for i in range(lights)] if haar else [0] * lights
     order = np.argsort(level, kind="stable")
@@ -40,7 +45,7 @@ def read_hlb(name):
                 view = out[c, y:y + tile, x:x + tile]
                 p = view.shape[0] * view.shape[1]
                 b = next(blocks)
-                raw = inflate(file[b["at"]:b["at"] + b["size"]], p * (1 + 4 * rank))
+                raw = inflate(file[b["at"]:b["at"] + b["size"]], 5 * p + 4 * rank * terms)
                 values = np.zeros((lights, p))
                 for begin, end in zip([0] + head["group_ends"], head["group_ends"]):
                     b = next(blocks)
@@ -56,8 +61,9 @@ def read_hlb(name):
                     values = np.ascontiguousarray(values.T * (head["step"] / 2.0 ** raw[:p, None]))
                     if haar:
                         inverse_haar(values.reshape(-1, n, n))
-                    weights = signed(numbers(raw[p:])).reshape(rank, p).cumsum(1, dtype="u4").view("<i4")
-                    values = (values + head["plate"]["step"] * weights.T @ tables[:rank * lights].reshape(rank, lights)).T
+                    gain = head["plate"]["gain_step"] * signed(numbers(raw[p:5 * p])).cumsum(dtype="u4").view("<i4")
+                    u = numbers(raw[5 * p:]).view("<f4").reshape(rank, terms) @ plate_terms(*view.shape[:2], head["plate"]["degree"])
+                    values = (values + (gain * u).T @ tables[:rank * lights].reshape(rank, lights)).T
                 view[:] = values.T.reshape(view.shape)
     return out
 

@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/tile_plate.h"
 
 namespace haarlight {
 
@@ -251,6 +252,21 @@ TileRect BasisFile::tile_rect(int i_tile) const {
           std::min(header_.tile, header_.dims.height - y0)};
 }
 
+std::string BasisFile::content_key() const {
+  // The index, whose checksum the first bytes hold, holds every block's.
+  return content_hash(bytes_.first(kPreambleBytes));
+}
+
+std::vector<int> BasisFile::tiles_of(const TileRect& rect) const {
+  std::vector<int> tiles;
+  for (int y = rect.y0 / header_.tile; y * header_.tile < rect.y0 + rect.height; ++y) {
+    for (int x = rect.x0 / header_.tile; x * header_.tile < rect.x0 + rect.width; ++x) {
+      tiles.push_back(y * tiles_x_ + x);
+    }
+  }
+  return tiles;
+}
+
 const BlockEntry& BasisFile::entry(int i_tile, int channel, int block) const {
   HAARLIGHT_EXPECTS(channel >= 0 && channel < header_.dims.channels, "a channel of the file");
   const std::size_t per_channel = header_.group_ends.size() + 1;
@@ -275,7 +291,7 @@ std::span<const std::byte> BasisFile::block_bytes(int i_tile, int channel, int b
 PixelBlock BasisFile::pixels(int i_tile, int channel) const {
   const TileRect rect = tile_rect(i_tile);
   return decode_pixels(block_bytes(i_tile, channel, 0), count(rect.n_pixels()),
-                       count(header_.plate_rank), block_name(i_tile, channel, 0));
+                       count(header_.n_plate()), block_name(i_tile, channel, 0));
 }
 
 bool BasisFile::is_group_empty(int i_tile, int channel, int group) const {
@@ -331,15 +347,21 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
       out[p * n_lights + count(order_[place])] = static_cast<float>(step * block.value[e]);
     }
   }
+  const std::vector<double> terms = plate_terms(tile_rect(i_tile), header_.plate_degree);
+  const std::size_t n_terms = terms.size() / n_pixels;
   std::vector<double> row(n_lights);
-  std::vector<double> plate(count(header_.plate_rank));
+  std::vector<double> direction(n_lights);
   for (std::size_t p = 0; p < n_pixels; ++p) {
     float* values = out.data() + p * n_lights;
     std::copy_n(values, n_lights, row.begin());
-    for (std::size_t j = 0; j < plate.size(); ++j) {
-      plate[j] = header_.plate_step * pixel_block.plate[j * n_pixels + p];
+    inverse_basis(header_, std::span(row));
+    if (pixel_block.gain[p] != 0) {
+      const double gain = header_.gain_step * pixel_block.gain[p];
+      plate_direction<double>(pixel_block.plate, std::span(terms).subspan(p * n_terms, n_terms),
+                              tables_.plate_vectors, direction);
+      std::transform(row.begin(), row.end(), direction.begin(), row.begin(),
+                     [gain](double v, double d) { return v + gain * d; });
     }
-    reconstruct_pixel(header_, tables_, plate, row);
     std::transform(row.begin(), row.end(), values,
                    [](double v) { return static_cast<float>(v); });
   }
@@ -368,15 +390,12 @@ void BasisSource::read_tile(const TileRect& rect, std::span<float> out) const {
   HAARLIGHT_EXPECTS(
       out.size() == count(header.dims.channels) * count(rect.n_pixels()) * n_lights,
       "room for the tile's values");
-  for (int t = 0; t < file_.n_tiles(); ++t) {
+  for (const int t : file_.tiles_of(rect)) {
     const TileRect tile = file_.tile_rect(t);
     const int x0 = std::max(rect.x0, tile.x0);
     const int y0 = std::max(rect.y0, tile.y0);
     const int x1 = std::min(rect.x0 + rect.width, tile.x0 + tile.width);
     const int y1 = std::min(rect.y0 + rect.height, tile.y0 + tile.height);
-    if (x0 >= x1 || y0 >= y1) {
-      continue;
-    }
     for (int c = 0; c < header.dims.channels; ++c) {
       const std::vector<float> values = file_.decode_tile(t, c);
       for (int y = y0; y < y1; ++y) {
@@ -439,20 +458,31 @@ std::uint64_t BasisWriter::finish(const BasisHeader& header, const BasisTables& 
   return preamble.file_bytes;
 }
 
-void reconstruct_pixel(const BasisHeader& header, const BasisTables& tables,
-                       std::span<const double> plate_values, std::span<double> coefficients) {
+namespace {
+
+template <class Real, class Transform>
+void for_each_grid(const BasisHeader& header, std::span<Real> values, Transform transform) {
   if (header.basis == BasisKind::haar) {
     const std::size_t per_grid = count(header.grid) * count(header.grid);
-    for (std::size_t g = 0; g < coefficients.size(); g += per_grid) {
-      haar_inverse(coefficients.subspan(g, per_grid), header.grid);
+    for (std::size_t g = 0; g < values.size(); g += per_grid) {
+      transform(values.subspan(g, per_grid), header.grid);
     }
   }
-  for (std::size_t j = 0; j < plate_values.size(); ++j) {
-    const float* vector = tables.plate_vectors.data() + j * coefficients.size();
-    for (std::size_t k = 0; k < coefficients.size(); ++k) {
-      coefficients[k] += plate_values[j] * double{vector[k]};
-    }
-  }
+}
+
+}  // namespace
+
+void inverse_basis(const BasisHeader& header, std::span<float> coefficients) {
+  for_each_grid(header, coefficients, [](std::span<float> x, int n) { haar_inverse(x, n); });
+}
+void inverse_basis(const BasisHeader& header, std::span<double> coefficients) {
+  for_each_grid(header, coefficients, [](std::span<double> x, int n) { haar_inverse(x, n); });
+}
+void forward_basis(const BasisHeader& header, std::span<float> values) {
+  for_each_grid(header, values, [](std::span<float> x, int n) { haar_forward(x, n); });
+}
+void forward_basis(const BasisHeader& header, std::span<double> values) {
+  for_each_grid(header, values, [](std::span<double> x, int n) { haar_forward(x, n); });
 }
 
 }  // namespace haarlight

@@ -20,7 +20,7 @@
 
 namespace haarlight {
 
-inline constexpr std::uint32_t kBasisVersion = 1;
+inline constexpr std::uint32_t kBasisVersion = 2;
 
 enum class BasisKind {
   haar,    ///< 2-D Haar over each grid of lights
@@ -44,8 +44,7 @@ struct BasisLight {
 /// How far the decoded stack is from the one that was compressed.
 struct StackError {
   double relative_l2 = 0.0;  ///< ||decoded - T|| / ||T|| over the whole stack
-  /// Largest ||decoded_p - T_p|| / max(||T_p||, dark_floor * rms) of a pixel's row over the
-  /// lights.
+  /// Largest ||decoded_p - T_p|| / max(||T_p||, dark_norm) of a pixel's row over the lights.
   double worst_pixel = 0.0;
   double worst_value = 0.0;  ///< largest |decoded - T| of one value / largest |T|
 };
@@ -59,11 +58,12 @@ struct BasisHeader {
   int grid = 0;                ///< n of each n x n grid, faces in order; 0 for direct
   double step = 0.0;           ///< quantiser step before a pixel's shift
   double dead_zone = 0.0;      ///< |c| below dead_zone * step became 0
-  double dark_floor = 0.0;     ///< see StackError::worst_pixel; a share of the rms pixel norm
+  double dark_norm = 0.0;      ///< see StackError::worst_pixel; 1 % of the rms pixel norm
   std::string plate = "none";  ///< none, computed, captured
   std::string plate_source;    ///< hash of what the plate came from
   int plate_rank = 0;
-  double plate_step = 0.0;
+  int plate_degree = 0;         ///< of the polynomials of each tile (tile_plate.h)
+  double gain_step = 0.0;       ///< a pixel's gain is a multiple of it
   std::vector<int> group_ends;  ///< last + 1 of each group in the order; the last is n_lights
 
   std::string rig_toml;  ///< empty: see lights
@@ -82,6 +82,10 @@ struct BasisHeader {
   std::string program;
 
   [[nodiscard]] int n_grids() const { return grid > 0 ? dims.n_lights / (grid * grid) : 0; }
+  /// Numbers of a tile's plate: rank (degree + 1)^2.
+  [[nodiscard]] int n_plate() const {
+    return plate_rank * (plate_degree + 1) * (plate_degree + 1);
+  }
 };
 
 /// Tables over lights and coefficients, rounded upwards to float where they bound something.
@@ -123,10 +127,14 @@ class BasisFile {
   [[nodiscard]] const BasisTables& tables() const noexcept { return tables_; }
   [[nodiscard]] const std::string& name() const noexcept { return name_; }
   [[nodiscard]] std::uint64_t n_bytes() const noexcept { return bytes_.size(); }
+  /// Hash of the whole content: of the checksums of every part, block by block.
+  [[nodiscard]] std::string content_key() const;
 
   [[nodiscard]] int n_tiles() const noexcept { return tiles_x_ * tiles_y_; }
   [[nodiscard]] int n_groups() const { return static_cast<int>(header_.group_ends.size()); }
   [[nodiscard]] TileRect tile_rect(int i_tile) const;
+  /// Tiles that share pixels with a part of the picture, in order.
+  [[nodiscard]] std::vector<int> tiles_of(const TileRect& rect) const;
   /// order()[i] as coefficient_order() tells.
   [[nodiscard]] const std::vector<int>& order() const noexcept { return order_; }
   [[nodiscard]] int group_begin(int group) const {
@@ -206,10 +214,11 @@ class BasisWriter {
   std::vector<BlockEntry> index_;
 };
 
-/// Decoded values of one pixel, double: sum of plate vectors plus the inverse of the residual.
-/// @param coefficients  (n_lights) in light-domain index order; overwritten with the result
-/// @param plate_values  (plate_rank): already multiplied by the plate step
-void reconstruct_pixel(const BasisHeader& header, const BasisTables& tables,
-                       std::span<const double> plate_values, std::span<double> coefficients);
+/// Inverse of the basis on one pixel's coefficients, (n_lights) in light-domain index order, in
+/// place.
+void inverse_basis(const BasisHeader& header, std::span<float> coefficients);
+void inverse_basis(const BasisHeader& header, std::span<double> coefficients);
+void forward_basis(const BasisHeader& header, std::span<float> values);
+void forward_basis(const BasisHeader& header, std::span<double> values);
 
 }  // namespace haarlight

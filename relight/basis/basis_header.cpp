@@ -8,6 +8,7 @@
 
 #include "core/error.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/tile_plate.h"
 
 namespace haarlight {
 
@@ -146,7 +147,7 @@ void check_basis(const BasisHeader& header, const std::string& where) {
     throw_bad("a Haar basis without a grid", where);
   }
   if (header.coding == BasisCoding::quantised &&
-      (!std::isfinite(header.step) || !std::isfinite(header.plate_step))) {
+      (!std::isfinite(header.step) || !std::isfinite(header.gain_step))) {
     throw_bad("the quantiser's step is not finite", where);
   }
   if (header.rig_toml.empty() &&
@@ -188,12 +189,13 @@ std::string basis_header_to_json(const BasisHeader& header) {
       {"group_ends", header.group_ends},
       {"step", header.step},
       {"dead_zone", header.dead_zone},
-      {"dark_floor", header.dark_floor},
+      {"dark_norm", header.dark_norm},
       {"plate",
        {{"kind", header.plate},
         {"source", header.plate_source},
         {"rank", header.plate_rank},
-        {"step", header.plate_step}}},
+        {"degree", header.plate_degree},
+        {"gain_step", header.gain_step}}},
       {"lights",
        {{"count", header.dims.n_lights},
         {"grid", header.grid},
@@ -245,12 +247,13 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.coding = coding == "quantised" ? BasisCoding::quantised : BasisCoding::lossless;
   header.step = top.number("step");
   header.dead_zone = top.number("dead_zone");
-  header.dark_floor = top.number("dark_floor");
+  header.dark_norm = top.number("dark_norm");
   const Fields plate = top.object("plate");
   header.plate = plate.text("kind");
   header.plate_source = plate.text("source");
   header.plate_rank = plate.integer("rank", 0, kMaxRank);
-  header.plate_step = plate.number("step");
+  header.plate_degree = plate.integer("degree", 0, kMaxPlateDegree);
+  header.gain_step = plate.number("gain_step");
   read_groups(header, top.at("group_ends"), where);
   const Fields asked = top.object("asked");
   header.asked_relative_l2 = asked.number("relative_l2");

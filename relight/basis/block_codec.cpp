@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
@@ -138,46 +139,60 @@ SparseBlock decode_sparse(std::span<const std::byte> bytes, std::size_t n_entrie
 
 std::vector<std::byte> encode_pixels(const PixelBlock& block) {
   const std::size_t n_pixels = block.shift.size();
+  HAARLIGHT_EXPECTS(block.gain.size() == n_pixels, "one gain a pixel");
   const auto is_zero = [](auto v) { return v == 0; };
   if (std::all_of(block.shift.begin(), block.shift.end(), is_zero) &&
-      std::all_of(block.plate.begin(), block.plate.end(), is_zero)) {
+      std::all_of(block.gain.begin(), block.gain.end(), is_zero)) {
     return {};
   }
   std::vector<std::byte> raw(n_pixels);
   std::memcpy(raw.data(), block.shift.data(), n_pixels);
-  std::vector<std::uint32_t> numbers(block.plate.size());
-  for (std::size_t i = 0; i < numbers.size(); ++i) {
-    const std::uint32_t before =
-        i % n_pixels == 0 ? 0U : static_cast<std::uint32_t>(block.plate[i - 1]);
-    numbers[i] =
-        zigzag(static_cast<std::int32_t>(static_cast<std::uint32_t>(block.plate[i]) - before));
+  std::vector<std::uint32_t> numbers(n_pixels);
+  std::uint32_t before = 0;
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    const auto gain = static_cast<std::uint32_t>(block.gain[p]);
+    numbers[p] = zigzag(static_cast<std::int32_t>(gain - before));
+    before = gain;
   }
+  append_planes(raw, numbers);
+  numbers.resize(block.plate.size());
+  std::transform(block.plate.begin(), block.plate.end(), numbers.begin(),
+                 [](float v) { return std::bit_cast<std::uint32_t>(v); });
   append_planes(raw, numbers);
   return deflate(raw);
 }
 
 PixelBlock decode_pixels(std::span<const std::byte> bytes, std::size_t n_pixels,
-                         std::size_t rank, const std::string& where) {
+                         std::size_t n_plate, const std::string& where) {
   PixelBlock block;
   if (bytes.empty()) {
     block.shift.assign(n_pixels, 0);
-    block.plate.assign(rank * n_pixels, 0);
+    block.gain.assign(n_pixels, 0);
+    block.plate.assign(n_plate, 0.0F);
     return block;
   }
-  const std::vector<std::byte> raw = inflate(bytes, n_pixels * (1 + 4 * rank), where);
+  const std::vector<std::byte> raw = inflate(bytes, 5 * n_pixels + 4 * n_plate, where);
+  const std::span<const std::byte> all(raw);
   block.shift.resize(n_pixels);
   std::memcpy(block.shift.data(), raw.data(), n_pixels);
   if (std::any_of(block.shift.begin(), block.shift.end(),
                   [](std::uint8_t s) { return s > kMaxShift; })) {
     throw_damaged("a pixel's step is out of range", where);
   }
-  const std::vector<std::uint32_t> numbers =
-      read_planes(std::span<const std::byte>(raw).subspan(n_pixels));
-  block.plate.resize(numbers.size());
+  block.gain.resize(n_pixels);
   std::uint32_t value = 0;
-  for (std::size_t i = 0; i < numbers.size(); ++i) {
-    value = (i % n_pixels == 0 ? 0U : value) + static_cast<std::uint32_t>(unzigzag(numbers[i]));
-    block.plate[i] = static_cast<std::int32_t>(value);
+  const std::vector<std::uint32_t> gains = read_planes(all.subspan(n_pixels, 4 * n_pixels));
+  std::transform(gains.begin(), gains.end(), block.gain.begin(), [&value](std::uint32_t n) {
+    value += static_cast<std::uint32_t>(unzigzag(n));
+    return static_cast<std::int32_t>(value);
+  });
+  const std::vector<std::uint32_t> plate = read_planes(all.subspan(5 * n_pixels));
+  block.plate.resize(n_plate);
+  std::transform(plate.begin(), plate.end(), block.plate.begin(),
+                 [](std::uint32_t bits) { return std::bit_cast<float>(bits); });
+  if (!std::all_of(block.plate.begin(), block.plate.end(),
+                   [](float v) { return std::isfinite(v); })) {
+    throw_damaged("the plate of a tile is not finite", where);
   }
   return block;
 }

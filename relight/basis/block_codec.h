@@ -24,7 +24,8 @@ struct SparseBlock {
 /// What a tile knows of its pixels before any coefficient.
 struct PixelBlock {
   std::vector<std::uint8_t> shift;  ///< (n_pixels): the pixel's step is step * 2^-shift
-  std::vector<std::int32_t> plate;  ///< (rank, n_pixels): multiples of the plate step
+  std::vector<std::int32_t> gain;   ///< (n_pixels): multiples of the plate's gain step
+  std::vector<float> plate;         ///< (rank, (degree + 1)^2): tile_plate.h; all 0 for no gain
   friend bool operator==(const PixelBlock&, const PixelBlock&) = default;
 };
 
@@ -39,8 +40,9 @@ struct PixelBlock {
 
 /// Empty bytes when every number is zero.
 [[nodiscard]] std::vector<std::byte> encode_pixels(const PixelBlock& block);
+/// @param n_plate  numbers of PixelBlock::plate
 [[nodiscard]] PixelBlock decode_pixels(std::span<const std::byte> bytes, std::size_t n_pixels,
-                                       std::size_t rank, const std::string& where);
+                                       std::size_t n_plate, const std::string& where);
 
 /// Floats bit for bit, (n_rows, n_pixels); each row is coded as the difference of its bits to
 /// the row before. Empty bytes when every value is +0.

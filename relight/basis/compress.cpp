@@ -1,33 +1,41 @@
 #include "relight/basis/compress.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
-#include <functional>
+#include <cstring>
+#include <iterator>
+#include <limits>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/haar.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/tile_coder.h"
+#include "relight/basis/tile_plate.h"
+#include "relight/basis/work_folder.h"
 
 namespace haarlight {
 
 namespace {
 
-// Measured on the twin's airplane and tree: 0.5 and 0.75 give 1 to 5 % larger files, 1.0 3 to 7
-// % (docs/numerics/relight.md).
-constexpr double kDeadZone = 0.6;
+namespace fs = std::filesystem;
+
+constexpr std::string_view kRecipe =
+    "compress 2";                    // part of the pieces' key: bump when bytes change
 constexpr double kDarkFloor = 0.01;  // pixels below 1 % of the rms norm are judged against that
-constexpr double kPlateShare = 0.25;  // plate vectors: rms they miss, as a share of the target
-constexpr double kPlateStep = 0.125;  // plate step, as a share of the allowed rms error a pixel
-constexpr double kStepMargin = 0.998;  // the histogram predicts the error to about 0.1 %
+constexpr double kPlateShare = 0.25;  // plate: rms that vectors and polynomials may miss, each
+                                      // as a share of the target
+constexpr double kGainStep = 0.125;   // gain step, as a share of the allowed rms error a pixel
+// The histogram predicts the error to about 0.1 % where it has seen every row; of rows 32 apart
+// it knows the rest to 1 %.
+constexpr double kStepMargin = 0.997;
+constexpr double kSampledMargin = 0.985;
+constexpr std::size_t kSmallPicture = std::size_t{1} << 18U;  // pixels: all rows are sampled
 constexpr int kMaxAttempts = 6;
-constexpr int kMaxShift = 40;
-constexpr double kLargestValue = 0x1p30;
 constexpr int kTile = 32;
 constexpr std::size_t kMaxBatch = 64;
 
@@ -45,174 +53,34 @@ std::vector<float> root_round_up(const std::vector<double>& squares) {
   return roots;
 }
 
-void add(std::vector<double>& sum, const std::vector<double>& part) {
-  std::transform(sum.begin(), sum.end(), part.begin(), sum.begin(), std::plus<>());
-}
-
-/// Magnitudes by the first bits of their float: 64 bins an octave, each with its exact energy.
-class MagnitudeHistogram {
- public:
-  MagnitudeHistogram() : count_(kBins), energy_(kBins) {}
-
-  void add(double c) {
-    const auto bits = std::bit_cast<std::uint32_t>(static_cast<float>(std::abs(c)));
-    const std::size_t bin = std::min<std::size_t>(bits >> kDroppedBits, kBins - 1);
-    count_[bin] += 1.0;
-    energy_[bin] += c * c;
-  }
-
-  void merge(const MagnitudeHistogram& other) {
-    haarlight::add(count_, other.count_);
-    haarlight::add(energy_, other.energy_);
-  }
-
-  /// Energy of the error that a quantiser with this step leaves.
-  [[nodiscard]] double error_energy(double step) const {
-    constexpr double kFine = 16.0;  // from here on the error is uniform: step^2 / 12
-    double error = 0.0;
-    for (std::size_t i = 0; i < kBins; ++i) {
-      if (count_[i] == 0.0) {
-        continue;
-      }
-      const double v = std::sqrt(energy_[i] / count_[i]) / step;
-      if (v < kDeadZone) {
-        error += energy_[i];
-      } else if (v < kFine) {
-        const double rest = (v - std::round(v)) * step;
-        error += count_[i] * rest * rest;
-      } else {
-        error += count_[i] * step * step / 12.0;
-      }
-    }
-    return error;
-  }
-
-  /// The largest step whose error energy stays at or below `allowed`.
-  [[nodiscard]] double choose_step(double allowed, double largest) const {
-    double low = largest * 0x1p-48;
-    double high = largest * 4.0;
-    if (error_energy(high) <= allowed) {
-      return high;
-    }
-    for (int i = 0; i < 60; ++i) {
-      const double middle = std::sqrt(low * high);
-      (error_energy(middle) <= allowed ? low : high) = middle;
-    }
-    return low;
-  }
-
- private:
-  static constexpr unsigned kDroppedBits = 17;
-  static constexpr std::size_t kBins = std::size_t{1} << (31 - kDroppedBits);
-  std::vector<double> count_;
-  std::vector<double> energy_;
-};
-
-struct Norms {
-  std::vector<double> light_energy;  ///< (channels, n_lights)
-  double peak = 0.0;
-};
-
-struct Coded {
-  std::vector<PackedTile> channels;
-  std::vector<double> coefficient_energy;  ///< (channels, n_lights) each
-  std::vector<double> coefficient_error;
-  std::vector<double> light_error;
-  double worst_pixel = 0.0;
-  double worst_value = 0.0;
-  double n_coefficients = 0.0;
-};
-
-/// One coefficient that was kept.
-struct Kept {
-  std::uint32_t place;
-  std::uint32_t pixel;
-  std::int32_t value;
-};
-
-class Compressor {
- public:
-  Compressor(const CompressSource& source, const CompressOptions& options);
-  CompressSummary run(const std::filesystem::path& file);
-
- private:
-  [[nodiscard]] TileRect tile_rect(std::size_t i_tile) const;
-  template <class R>
-  void for_each_tile(const std::string& label, const std::function<R(std::size_t)>& work,
-                     const std::function<void(R&)>& take);
-  [[nodiscard]] std::vector<float> read_stack(const TileRect& rect) const;
-  [[noreturn]] void throw_not_finite(const TileRect& rect, std::size_t i_value) const;
-
-  void measure();
-  [[nodiscard]] Norms measure_tile(std::size_t i_tile);
-  void fit_plate();
-  void share_memory();
-  [[nodiscard]] std::vector<float> fit_weights(const TileRect& rect, int channel,
-                                               std::span<const float> t,
-                                               std::span<const float> plate) const;
-  [[nodiscard]] MagnitudeHistogram histogram_tile(std::size_t i_tile);
-  void residual(std::span<const float> t, std::span<const double> plate_values,
-                std::span<double> out) const;
-  void transform(std::span<double> values) const;
-  [[nodiscard]] std::vector<float> read_plate(const TileRect& rect) const;
-  [[nodiscard]] std::vector<std::int32_t> quantised_plate(const TileRect& rect, int channel,
-                                                          std::span<const float> t);
-  [[nodiscard]] float* kept_weights(const TileRect& rect, int channel, std::size_t p);
-
-  [[nodiscard]] Coded code_tile(std::size_t i_tile);
-  void code_channel(const TileRect& rect, int channel, std::span<const float> t, Coded& coded);
-  [[nodiscard]] Coded copy_tile(std::size_t i_tile);
-  [[nodiscard]] CompressSummary write(const std::filesystem::path& file);
-  void set_lossless();
-
-  const CompressSource& source_;
-  const CompressOptions& options_;
-  BasisHeader header_;
-  BasisTables tables_;
-  int tiles_x_ = 0;
-  std::size_t n_tiles_ = 0;
-  std::size_t batch_ = 1;
-  std::vector<int> order_;
-  std::vector<int> place_of_;         ///< inverse of order_
-  std::vector<float> plate_weights_;  ///< (channels, pixels, rank): g U; empty where it would
-                                      ///< not fit: then each pass fits them again
-  std::vector<double> light_energy_;
-  double largest_ = 0.0;  ///< no coefficient is larger
-  std::uint64_t bytes_moved_ = 0;
-};
-
-Compressor::Compressor(const CompressSource& source, const CompressOptions& options)
-    : source_(source), options_(options) {
+BasisHeader first_header(const CompressSource& source, const CompressOptions& options) {
   HAARLIGHT_EXPECTS(source.stack != nullptr, "a stack to compress");
   HAARLIGHT_EXPECTS(options.relative_l2 >= 0.0 && options.worst_pixel >= 0.0,
                     "errors asked for are not negative");
-  header_.dims = source.stack->dims();
-  header_.tile = kTile;
-  header_.basis = options.basis;
-  header_.grid = source.grid;
-  header_.dead_zone = kDeadZone;
-  header_.dark_floor = kDarkFloor;
-  header_.rig_toml = source.rig_toml;
-  header_.rig_hash = source.rig_hash;
-  header_.lights = source.lights;
-  header_.asked_relative_l2 = options.relative_l2;
-  header_.asked_worst_pixel = options.worst_pixel;
-  header_.source = source.name;
-  header_.source_hash = source.hash;
-  header_.kind = source.kind;
-  header_.program = "haarlight " HAARLIGHT_VERSION;
+  BasisHeader header;
+  header.dims = source.stack->dims();
+  header.tile = kTile;
+  header.basis = options.basis;
+  header.grid = source.grid;
+  header.dead_zone = kDeadZone;
+  header.rig_toml = source.rig_toml;
+  header.rig_hash = source.rig_hash;
+  header.lights = source.lights;
+  header.asked_relative_l2 = options.relative_l2;
+  header.asked_worst_pixel = options.worst_pixel;
+  header.source = source.name;
+  header.source_hash = source.hash;
+  header.kind = source.kind;
+  header.program = "haarlight " HAARLIGHT_VERSION;
   if (options.basis == BasisKind::haar &&
       (source.grid <= 0 || !is_haar_size(source.grid) ||
-       header_.dims.n_lights % (source.grid * source.grid) != 0)) {
+       header.dims.n_lights % (source.grid * source.grid) != 0)) {
     throw Error(
         "the Haar basis needs lights in square grids of 2, 4, 8, ... a side; these do not "
         "form one",
         source.name, "use --basis direct, which takes any lights");
   }
-  if (options.relative_l2 == 0.0 || options.worst_pixel == 0.0) {
-    header_.coding = BasisCoding::lossless;
-  }
-  const StackDims& dims = header_.dims;
+  const StackDims& dims = header.dims;
   if (source.plate != nullptr) {
     const StackDims plate = source.plate->dims();
     if (plate.width != dims.width || plate.height != dims.height ||
@@ -226,543 +94,484 @@ Compressor::Compressor(const CompressSource& source, const CompressOptions& opti
           source.plate_source, "give the plate of this rig, or --plate none");
     }
   }
-  tiles_x_ = (dims.width + kTile - 1) / kTile;
-  n_tiles_ = count(tiles_x_) * count((dims.height + kTile - 1) / kTile);
-  share_memory();
-}
-
-/// How many tiles are in work at a time, and whether the plate's weights are kept meanwhile.
-void Compressor::share_memory() {
-  const StackDims& dims = header_.dims;
-  // A tile in work: its values, the plate's, kept coefficients at 12 bytes each and their
-  // packed copies.
-  const std::uint64_t tile_values = std::uint64_t{kTile} * kTile * count(dims.n_lights);
-  const std::uint64_t tile_bytes =
-      tile_values * (4 * count(dims.channels) +
-                     (source_.plate != nullptr ? 4 * count(dims.channels) : 0) + 32);
-  const std::uint64_t budget = options_.memory_bytes;
-  if (tile_bytes > budget) {
-    throw Error(
-        fmt::format("one tile needs {} bytes of memory, the budget is {}", tile_bytes, budget),
-        source_.name, "give a larger --memory");
+  if (options.relative_l2 == 0.0 || options.worst_pixel == 0.0) {
+    header.coding = BasisCoding::lossless;
   }
-  const std::size_t n_weights =
-      count(dims.channels) * dims.n_pixels() * count(header_.plate_rank);
-  const std::uint64_t weight_bytes = n_weights * sizeof(float);
-  const bool fits = weight_bytes <= budget / 4 && weight_bytes <= budget - tile_bytes;
-  plate_weights_.assign(fits ? n_weights : 0, 0.0F);
-  batch_ =
-      std::clamp<std::size_t>((budget - (fits ? weight_bytes : 0)) / tile_bytes, 1, kMaxBatch);
+  return header;
 }
 
-TileRect Compressor::tile_rect(std::size_t i_tile) const {
-  const int t = static_cast<int>(i_tile);
-  const int x0 = t % tiles_x_ * kTile;
-  const int y0 = t / tiles_x_ * kTile;
-  return {x0, y0, std::min(kTile, header_.dims.width - x0),
-          std::min(kTile, header_.dims.height - y0)};
+TileCoding first_coding(const CompressSource& source, const CompressOptions& options) {
+  TileCoding coding;
+  coding.header = first_header(source, options);
+  coding.plate = source.plate;
+  coding.worst_pixel = options.worst_pixel;
+  coding.source = source.name;
+  return coding;
 }
 
-/// Works on a batch of tiles in parallel, takes the results one by one in order.
-template <class R>
-void Compressor::for_each_tile(const std::string& label,
-                               const std::function<R(std::size_t)>& work,
-                               const std::function<void(R&)>& take) {
-  Progress progress(label, n_tiles_, options_.progress);
-  std::vector<std::optional<R>> results(batch_);
-  for (std::size_t begin = 0; begin < n_tiles_; begin += batch_) {
-    const std::size_t size = std::min(batch_, n_tiles_ - begin);
-    parallel_for(size, 1, [&](std::size_t from, std::size_t to) {
-      for (std::size_t i = from; i < to; ++i) {
-        results[i] = work(begin + i);
-        progress.advance();
-      }
-    });
-    for (std::size_t i = 0; i < size; ++i) {
-      take(*results[i]);
-      results[i].reset();
+/// Blocks of a tile row as one piece: for every tile and channel the pixel block, then the
+/// groups; before each its bytes and entries.
+std::vector<std::byte> pack_pieces(const std::vector<PackedTile>& channels) {
+  std::vector<std::byte> bytes;
+  const auto append = [&bytes](const void* from, std::size_t n) {
+    const std::size_t at = bytes.size();
+    bytes.resize(at + n);
+    std::memcpy(bytes.data() + at, from, n);
+  };
+  const auto append_block = [&](const PackedTile::Block& block) {
+    const auto n_bytes = static_cast<std::uint32_t>(block.bytes.size());
+    append(&n_bytes, sizeof(n_bytes));
+    append(&block.n_entries, sizeof(block.n_entries));
+    append(block.bytes.data(), block.bytes.size());
+  };
+  for (const PackedTile& channel : channels) {
+    append_block(channel.pixels);
+    for (const PackedTile::Block& group : channel.groups) {
+      append_block(group);
     }
   }
-  bytes_moved_ += header_.dims.n_pixels() * count(header_.dims.channels) *
-                  count(header_.dims.n_lights) * sizeof(float);
+  return bytes;
 }
 
-std::vector<float> Compressor::read_stack(const TileRect& rect) const {
-  std::vector<float> values(count(header_.dims.channels) * count(rect.n_pixels()) *
-                            count(header_.dims.n_lights));
+std::vector<PackedTile> unpack_pieces(std::span<const std::byte> bytes, std::size_t n_groups) {
+  const auto take_block = [&bytes] {
+    PackedTile::Block block;
+    std::uint32_t n_bytes = 0;
+    HAARLIGHT_EXPECTS(bytes.size() >= 2 * sizeof(n_bytes), "a piece of this program's");
+    std::memcpy(&n_bytes, bytes.data(), sizeof(n_bytes));
+    std::memcpy(&block.n_entries, bytes.data() + sizeof(n_bytes), sizeof(n_bytes));
+    bytes = bytes.subspan(2 * sizeof(n_bytes));
+    HAARLIGHT_EXPECTS(bytes.size() >= n_bytes, "a piece of this program's");
+    block.bytes.assign(bytes.begin(), bytes.begin() + n_bytes);
+    bytes = bytes.subspan(n_bytes);
+    return block;
+  };
+  std::vector<PackedTile> channels;
+  while (!bytes.empty()) {
+    PackedTile channel;
+    channel.pixels = take_block();
+    for (std::size_t g = 0; g < n_groups; ++g) {
+      channel.groups.push_back(take_block());
+    }
+    channels.push_back(std::move(channel));
+  }
+  return channels;
+}
+
+class Compressor {
+ public:
+  Compressor(const CompressSource& source, const fs::path& file,
+             const CompressOptions& options);
+  ~Compressor();
+  Compressor(const Compressor&) = delete;
+  Compressor& operator=(const Compressor&) = delete;
+  CompressSummary run();
+
+ private:
+  [[nodiscard]] int n_tile_rows() const { return (dims().height + kTile - 1) / kTile; }
+  [[nodiscard]] const StackDims& dims() const { return coding_.header.dims; }
+  [[nodiscard]] bool is_own(int tile_row) const;
+  [[nodiscard]] int rows_at_once() const;
+  void load(int y0, int y1);
+  [[nodiscard]] std::size_t tiles_at_once() const;
+  [[nodiscard]] std::vector<float> read(const TileRect& rect) const;
+
+  [[nodiscard]] CompressSummary compress();
+  void fit_plate();
+  [[nodiscard]] StackSample sample();
+  [[nodiscard]] StackSample sample_tile_row(int tile_row);
+  void choose_steps(const StackSample& sample);
+  [[nodiscard]] std::string step_key() const;
+  void code();
+  void code_tile_rows(int from, int to, Progress& progress);
+  [[nodiscard]] TileSums sum_tile_rows();
+  void report(const TileSums& sums);
+  void write(const TileSums& sums);
+
+  const CompressSource& source_;
+  const CompressOptions& options_;
+  fs::path file_;
+  TileCoding coding_;
+  WorkFolder work_;
+  CompressSummary summary_;
+  bool is_kept_ = false;  ///< a rerun can go on with the pieces
+};
+
+std::string job_key(const CompressSource& source, const CompressOptions& options) {
+  if (source.key.empty()) {
+    return {};
+  }
+  return content_hash(fmt::format(
+      "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, HAARLIGHT_VERSION, source.key,
+      source.plate_kind, source.plate_source, source.kind,
+      std::string(to_string(options.basis)), std::bit_cast<std::uint64_t>(options.relative_l2),
+      std::bit_cast<std::uint64_t>(options.worst_pixel)));
+}
+
+fs::path work_folder_of(const fs::path& file) {
+  fs::path folder = file;
+  folder += ".part";
+  return folder;
+}
+
+Compressor::Compressor(const CompressSource& source, const fs::path& file,
+                       const CompressOptions& options)
+    : source_(source),
+      options_(options),
+      file_(file),
+      coding_(first_coding(source, options)),
+      work_(work_folder_of(file), job_key(source, options)) {}
+
+Compressor::~Compressor() {
+  if (work_.is_own() && !is_kept_) {
+    work_.remove();
+  }
+}
+
+bool Compressor::is_own(int tile_row) const {
+  return tile_row % options_.rank.n == options_.rank.i;
+}
+
+int Compressor::rows_at_once() const {
+  const int rows = source_.rows != nullptr ? source_.rows->rows_at_once() : dims().height;
+  if (rows >= dims().height) {
+    return dims().height;
+  }
+  if (rows < kTile) {
+    throw Error(fmt::format("{} rows of the stack fit the memory, a row of tiles needs {}",
+                            rows, kTile),
+                source_.name, "give a larger --memory", ExitCode::usage);
+  }
+  return rows / kTile * kTile;
+}
+
+void Compressor::load(int y0, int y1) {
+  if (source_.rows == nullptr) {
+    return;
+  }
+  const bool is_whole = rows_at_once() == dims().height;  // then each row is made once
+  source_.rows->load_rows(is_whole ? 0 : y0, is_whole ? dims().height : y1);
+}
+
+/// A tile in work: its values, the kept coefficients at 12 bytes each and their packed copies.
+std::size_t Compressor::tiles_at_once() const {
+  const std::uint64_t values = std::uint64_t{kTile} * kTile * count(dims().n_lights);
+  const std::uint64_t tile_bytes = values * (4 * count(dims().channels) + 32);
+  if (tile_bytes > options_.memory_bytes) {
+    throw Error(fmt::format("one tile needs {} bytes of memory, the budget is {}", tile_bytes,
+                            options_.memory_bytes),
+                source_.name, "give a larger --memory");
+  }
+  return std::clamp<std::size_t>(options_.memory_bytes / tile_bytes, 1, kMaxBatch);
+}
+
+std::vector<float> Compressor::read(const TileRect& rect) const {
+  std::vector<float> values(count(dims().channels) * count(rect.n_pixels()) *
+                            count(dims().n_lights));
   source_.stack->read_tile(rect, values);
   return values;
 }
 
-void Compressor::throw_not_finite(const TileRect& rect, std::size_t i_value) const {
-  const std::size_t light = i_value % count(header_.dims.n_lights);
-  const std::size_t pixel = i_value / count(header_.dims.n_lights) % count(rect.n_pixels());
-  throw Error(fmt::format("the stack is not finite under light {} at pixel ({}, {})", light,
-                          rect.x0 + static_cast<int>(pixel % count(rect.width)),
-                          rect.y0 + static_cast<int>(pixel / count(rect.width))),
-              source_.name,
-              "shoot that light again; one such value would spread to every light's picture");
-}
-
-void Compressor::measure() {
-  const StackDims& dims = header_.dims;
-  light_energy_.assign(count(dims.channels) * count(dims.n_lights), 0.0);
-  for_each_tile<Norms>(
-      "measure", [this](std::size_t t) { return measure_tile(t); },
-      [this](Norms& norms) {
-        add(light_energy_, norms.light_energy);
-        header_.peak = std::max(header_.peak, norms.peak);
-      });
-  double energy = 0.0;
-  for (const double e : light_energy_) {
-    energy += e;
-  }
-  header_.stack_norm = std::sqrt(energy);
-  // |<basis vector, T_p>| <= ||T_p||_1 / 1 and <= peak * sqrt(n_lights).
-  largest_ = header_.peak * std::sqrt(double(dims.n_lights));
-}
-
-Norms Compressor::measure_tile(std::size_t i_tile) {
-  const TileRect rect = tile_rect(i_tile);
-  const std::size_t n_lights = count(header_.dims.n_lights);
-  const std::vector<float> t = read_stack(rect);
-  Norms norms;
-  norms.light_energy.assign(light_energy_.size(), 0.0);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  for (std::size_t i = 0; i < t.size(); ++i) {
-    if (!std::isfinite(t[i])) {
-      throw_not_finite(rect, i);
-    }
-    const double v = t[i];
-    norms.light_energy[i / (n_pixels * n_lights) * n_lights + i % n_lights] += v * v;
-    norms.peak = std::max(norms.peak, std::abs(v));
-  }
-  if (header_.plate_rank == 0) {
-    return norms;
-  }
-  if (plate_weights_.empty()) {
-    return norms;
-  }
-  const std::vector<float> plate = read_plate(rect);
-  const std::size_t rank = count(header_.plate_rank);
-  for (int c = 0; c < header_.dims.channels; ++c) {
-    const std::vector<float> weights = fit_weights(
-        rect, c, std::span(t).subspan(count(c) * n_pixels * n_lights, n_pixels * n_lights),
-        plate);
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      std::copy_n(weights.data() + p * rank, rank, kept_weights(rect, c, p));
-    }
-  }
-  return norms;
-}
-
-std::vector<float> Compressor::read_plate(const TileRect& rect) const {
-  std::vector<float> plate(count(source_.plate->dims().channels) * count(rect.n_pixels()) *
-                           count(header_.dims.n_lights));
-  source_.plate->read_tile(rect, plate);
-  return plate;
-}
-
-/// g U of a tile's pixels, (pixels, rank). @param t  one channel of the tile
-std::vector<float> Compressor::fit_weights(const TileRect& rect, int channel,
-                                           std::span<const float> t,
-                                           std::span<const float> plate) const {
-  const std::size_t n_lights = count(header_.dims.n_lights);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  const std::size_t rank = count(header_.plate_rank);
-  const std::size_t plate_channel = source_.plate->dims().channels == 1 ? 0 : count(channel);
-  std::vector<float> weights(n_pixels * rank);
-  for (std::size_t p = 0; p < n_pixels; ++p) {
-    const std::span<const float> row = t.subspan(p * n_lights, n_lights);
-    const std::span<const float> b =
-        plate.subspan((plate_channel * n_pixels + p) * n_lights, n_lights);
-    const double gain = source_.kind == "plate" ? 1.0 : plate_gain(row, b);
-    if (gain == 0.0) {
-      continue;
-    }
-    for (std::size_t j = 0; j < rank; ++j) {
-      const float* vector = tables_.plate_vectors.data() + j * n_lights;
-      double product = 0.0;
-      for (std::size_t k = 0; k < n_lights; ++k) {
-        product += double{vector[k]} * double{b[k]};
-      }
-      weights[p * rank + j] = static_cast<float>(gain * product);
-    }
-  }
-  return weights;
-}
-
-float* Compressor::kept_weights(const TileRect& rect, int channel, std::size_t p) {
-  const std::size_t x = count(rect.x0) + p % count(rect.width);
-  const std::size_t y = count(rect.y0) + p / count(rect.width);
-  return plate_weights_.data() +
-         (count(channel) * header_.dims.n_pixels() + y * count(header_.dims.width) + x) *
-             count(header_.plate_rank);
-}
-
 void Compressor::fit_plate() {
-  if (source_.plate == nullptr || header_.coding == BasisCoding::lossless) {
+  if (source_.plate == nullptr || coding_.header.coding == BasisCoding::lossless) {
     return;
   }
-  PlateVectors plate =
-      fit_plate_vectors(*source_.plate, kPlateShare * header_.asked_relative_l2);
-  if (plate.rank == 0) {
+  const double target = kPlateShare * coding_.header.asked_relative_l2;
+  coding_.vectors = fit_plate_vectors(*source_.plate, target);
+  if (coding_.vectors.rank == 0) {
     return;  // the plate is black: nothing to take off
   }
-  header_.plate = source_.plate_kind;
-  header_.plate_source = source_.plate_source;
-  header_.plate_rank = plate.rank;
-  tables_.plate_vectors = std::move(plate.vectors);
+  BasisHeader& header = coding_.header;
+  header.plate = source_.plate_kind;
+  header.plate_source = source_.plate_source;
+  header.plate_rank = coding_.vectors.rank;
+  header.plate_degree = choose_plate_degree(*source_.plate, coding_.vectors, kTile, target);
 }
 
-void Compressor::transform(std::span<double> values) const {
-  if (header_.basis == BasisKind::haar) {
-    const std::size_t per_grid = count(header_.grid) * count(header_.grid);
-    for (std::size_t g = 0; g < values.size(); g += per_grid) {
-      haar_forward(values.subspan(g, per_grid), header_.grid);
-    }
-  }
-}
-
-void Compressor::residual(std::span<const float> t, std::span<const double> plate_values,
-                          std::span<double> out) const {
-  std::copy(t.begin(), t.end(), out.begin());
-  for (std::size_t j = 0; j < plate_values.size(); ++j) {
-    const float* vector = tables_.plate_vectors.data() + j * out.size();
-    for (std::size_t k = 0; k < out.size(); ++k) {
-      out[k] -= plate_values[j] * double{vector[k]};
-    }
-  }
-  transform(out);
-}
-
-/// Multiples of the plate step, (rank, pixels). @param t  one channel of the tile
-std::vector<std::int32_t> Compressor::quantised_plate(const TileRect& rect, int channel,
-                                                      std::span<const float> t) {
-  const std::size_t rank = count(header_.plate_rank);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  std::vector<std::int32_t> quantised(rank * n_pixels);
-  if (rank == 0) {
-    return quantised;
-  }
-  std::vector<float> fitted;
-  if (plate_weights_.empty()) {
-    fitted = fit_weights(rect, channel, t, read_plate(rect));
-  }
-  for (std::size_t p = 0; p < n_pixels; ++p) {
-    const float* weights =
-        fitted.empty() ? kept_weights(rect, channel, p) : fitted.data() + p * rank;
-    for (std::size_t j = 0; j < rank; ++j) {
-      quantised[j * n_pixels + p] = static_cast<std::int32_t>(std::clamp(
-          std::round(double{weights[j]} / header_.plate_step), -kLargestValue, kLargestValue));
-    }
-  }
-  return quantised;
-}
-
-MagnitudeHistogram Compressor::histogram_tile(std::size_t i_tile) {
-  const TileRect rect = tile_rect(i_tile);
-  const std::vector<float> t = read_stack(rect);
-  const std::size_t n_lights = count(header_.dims.n_lights);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  std::vector<double> row(n_lights);
-  std::vector<double> plate(count(header_.plate_rank));
-  MagnitudeHistogram histogram;
-  for (int c = 0; c < header_.dims.channels; ++c) {
-    const std::vector<std::int32_t> quantised = quantised_plate(
-        rect, c, std::span(t).subspan(count(c) * n_pixels * n_lights, n_pixels * n_lights));
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      for (std::size_t j = 0; j < plate.size(); ++j) {
-        plate[j] = header_.plate_step * quantised[j * n_pixels + p];
+/// All rows of a small picture; of a large one one row in each row of tiles, at a height that
+/// differs from one to the next.
+StackSample Compressor::sample_tile_row(int tile_row) {
+  const int tile_y0 = tile_row * kTile;
+  const int tile_y1 = std::min(dims().height, tile_y0 + kTile);
+  const bool is_small = dims().n_pixels() <= kSmallPicture;
+  const int y0 = is_small ? tile_y0 : tile_y0 + (tile_row * 13 + 16) % (tile_y1 - tile_y0);
+  const int y1 = is_small ? tile_y1 : y0 + 1;
+  load(y0, y1);
+  const std::size_t tiles_x = (count(dims().width) + kTile - 1) / kTile;
+  std::vector<StackSample> parts(tiles_x);
+  const std::size_t batch = tiles_at_once();
+  for (std::size_t begin = 0; begin < tiles_x; begin += batch) {
+    parallel_for(std::min(batch, tiles_x - begin), 1, [&](std::size_t from, std::size_t to) {
+      for (std::size_t i = begin + from; i < begin + to; ++i) {
+        const int x0 = static_cast<int>(i) * kTile;
+        const TileRect rect{x0, y0, std::min(kTile, dims().width - x0), y1 - y0};
+        parts[i] = sample_pixels(coding_, rect, read(rect));
       }
-      residual({t.data() + (count(c) * n_pixels + p) * n_lights, n_lights}, plate, row);
-      for (const double v : row) {
-        histogram.add(v);
+    });
+  }
+  StackSample sum;
+  for (const StackSample& part : parts) {
+    sum.merge(part);
+  }
+  summary_.bytes_moved += std::uint64_t{count(dims().width)} * count(y1 - y0) *
+                          count(dims().channels) * count(dims().n_lights) * sizeof(float);
+  return sum;
+}
+
+StackSample Compressor::sample() {
+  const auto name = [](int tile_row) { return fmt::format("sample-{:05}", tile_row); };
+  Progress progress("look at the values", count(n_tile_rows()), options_.progress);
+  StackSample sum;
+  for (int r = 0; r < n_tile_rows(); ++r) {
+    if (is_own(r) && !work_.read_numbers(name(r))) {
+      const StackSample part = sample_tile_row(r);
+      std::vector<double> numbers = part.residuals.to_numbers();
+      numbers.insert(numbers.end(), {part.energy, part.peak, part.n_rows});
+      work_.write_numbers(name(r), numbers);
+    }
+    progress.advance();
+  }
+  options_.rank.wait_for_all();
+  for (int r = 0; r < n_tile_rows(); ++r) {
+    const std::optional<std::vector<double>> numbers = work_.read_numbers(name(r));
+    HAARLIGHT_EXPECTS(numbers && numbers->size() >= 3, "a piece that was just written");
+    const std::size_t n = numbers->size() - 3;
+    HAARLIGHT_EXPECTS(sum.residuals.add_numbers(std::span(*numbers).first(n)),
+                      "a histogram's numbers");
+    sum.energy += (*numbers)[n];
+    sum.peak = std::max(sum.peak, (*numbers)[n + 1]);
+    sum.n_rows += (*numbers)[n + 2];
+  }
+  return sum;
+}
+
+void Compressor::choose_steps(const StackSample& sample) {
+  BasisHeader& header = coding_.header;
+  const double rms_pixel = std::sqrt(sample.energy / sample.n_rows);
+  header.dark_norm = kDarkFloor * rms_pixel;
+  if (sample.energy == 0.0) {
+    header.step = 1.0;  // black as far as was looked: nothing will be kept
+    header.gain_step = 1.0;
+    return;
+  }
+  const double allowed = header.asked_relative_l2 * std::sqrt(sample.energy);
+  header.gain_step = header.plate_rank == 0
+                         ? 0.0
+                         : kGainStep * std::max(header.asked_relative_l2, 1e-9) * rms_pixel;
+  const double margin = dims().n_pixels() <= kSmallPicture ? kStepMargin : kSampledMargin;
+  // |<basis vector, T_p>| <= peak * sqrt(n_lights).
+  header.step = sample.residuals.choose_step(margin * margin * allowed * allowed,
+                                             sample.peak * std::sqrt(double(dims().n_lights)));
+}
+
+/// What a coded tile row depends on beside the job.
+std::string Compressor::step_key() const {
+  return fmt::format("{} {:x} {:x} {:x}", to_string(coding_.header.coding),
+                     std::bit_cast<std::uint64_t>(coding_.header.step),
+                     std::bit_cast<std::uint64_t>(coding_.header.gain_step),
+                     std::bit_cast<std::uint64_t>(coding_.header.dark_norm));
+}
+
+std::string blocks_name(int tile_row) { return fmt::format("blocks-{:05}", tile_row); }
+std::string sums_name(int tile_row) { return fmt::format("sums-{:05}", tile_row); }
+
+void Compressor::code() {
+  const bool is_lossless = coding_.header.coding == BasisCoding::lossless;
+  const std::string key = step_key();
+  Progress progress(is_lossless ? "code (exact)" : "code", count(n_tile_rows()),
+                    options_.progress);
+  const int rows = rows_at_once();
+  for (int y0 = 0; y0 < dims().height; y0 += rows) {
+    const int from = y0 / kTile;
+    const int to = (std::min(dims().height, y0 + rows) + kTile - 1) / kTile;
+    std::vector<int> wanted;
+    for (int r = from; r < to; ++r) {
+      if (!is_own(r)) {
+        progress.advance();
+      } else if (work_.read_numbers(sums_name(r), key)) {
+        ++summary_.n_rows_found;
+        progress.advance();
+      } else {
+        wanted.push_back(r);
+      }
+    }
+    // Neighbours in one load, gaps apart.
+    for (std::size_t i = 0; i < wanted.size();) {
+      std::size_t j = i + 1;
+      while (j < wanted.size() && wanted[j] == wanted[j - 1] + 1) {
+        ++j;
+      }
+      code_tile_rows(wanted[i], wanted[j - 1] + 1, progress);
+      i = j;
+    }
+  }
+  options_.rank.wait_for_all();
+}
+
+/// Tile rows [from, to): loaded together, coded tile by tile in parallel, kept one by one.
+void Compressor::code_tile_rows(int from, int to, Progress& progress) {
+  const int y1 = std::min(dims().height, to * kTile);
+  load(from * kTile, y1);
+  const std::string key = step_key();
+  const std::size_t tiles_x = (count(dims().width) + kTile - 1) / kTile;
+  const std::size_t n_tiles = tiles_x * count(to - from);
+  const std::size_t batch = tiles_at_once();
+  std::vector<CodedTile> coded(batch);
+  std::vector<PackedTile> channels;
+  TileSums sums(dims());
+  for (std::size_t begin = 0; begin < n_tiles; begin += batch) {
+    const std::size_t size = std::min(batch, n_tiles - begin);
+    parallel_for(size, 1, [&](std::size_t first, std::size_t last) {
+      for (std::size_t i = first; i < last; ++i) {
+        const std::size_t t = begin + i;
+        const int x0 = static_cast<int>(t % tiles_x) * kTile;
+        const int y0 = (from + static_cast<int>(t / tiles_x)) * kTile;
+        const TileRect rect{x0, y0, std::min(kTile, dims().width - x0),
+                            std::min(kTile, dims().height - y0)};
+        coded[i] = code_tile(coding_, rect, read(rect));
+      }
+    });
+    for (std::size_t i = 0; i < size; ++i) {
+      sums.add(coded[i].sums);
+      std::move(coded[i].channels.begin(), coded[i].channels.end(),
+                std::back_inserter(channels));
+      coded[i] = {};
+      if ((begin + i + 1) % tiles_x == 0) {
+        const int tile_row = from + static_cast<int>((begin + i) / tiles_x);
+        work_.write(blocks_name(tile_row), pack_pieces(channels), key);
+        work_.write_numbers(sums_name(tile_row), sums.to_numbers(), key);  // last: says "whole"
+        channels.clear();
+        sums = TileSums(dims());
+        progress.advance();
       }
     }
   }
-  return histogram;
+  summary_.bytes_moved += std::uint64_t{count(dims().width)} * count(y1 - from * kTile) *
+                          count(dims().channels) * count(dims().n_lights) * sizeof(float);
 }
 
-std::int32_t quantise(double c, double step) {
-  const double v = c / step;
-  return std::abs(v) < kDeadZone ? 0
-                                 : static_cast<std::int32_t>(std::clamp(
-                                       std::round(v), -kLargestValue, kLargestValue));
+TileSums Compressor::sum_tile_rows() {
+  TileSums sums(dims());
+  TileSums part(dims());
+  for (int r = 0; r < n_tile_rows(); ++r) {
+    const std::optional<std::vector<double>> numbers =
+        work_.read_numbers(sums_name(r), step_key());
+    HAARLIGHT_EXPECTS(numbers && part.set_numbers(*numbers), "a tile row that was just coded");
+    sums.add(part);
+  }
+  return sums;
 }
 
-double quantisation_error(std::span<const double> coefficients, double step) {
+void Compressor::report(const TileSums& sums) {
+  BasisHeader& header = coding_.header;
+  double energy = 0.0;
   double error = 0.0;
-  for (const double c : coefficients) {
-    const double rest = c - step * quantise(c, step);
-    error += rest * rest;
+  for (std::size_t i = 0; i < sums.light_energy.size(); ++i) {
+    energy += sums.light_energy[i];
+    error += sums.light_error[i];
   }
-  return error;
+  header.stack_norm = std::sqrt(energy);
+  header.peak = sums.peak;
+  header.reached.relative_l2 = energy > 0.0 ? std::sqrt(error / energy) : 0.0;
+  header.reached.worst_pixel = sums.worst_pixel;
+  header.reached.worst_value = sums.peak > 0.0 ? sums.worst_value / sums.peak : 0.0;
+  header.mean_coefficients =
+      sums.n_coefficients / (double(dims().channels) * double(dims().n_pixels()));
+  summary_.header = header;
+  summary_.worst_light = 0.0;
+  for (std::size_t i = 0; i < sums.light_energy.size(); ++i) {
+    if (sums.light_energy[i] > 0.0) {
+      summary_.worst_light =
+          std::max(summary_.worst_light, std::sqrt(sums.light_error[i] / sums.light_energy[i]));
+    }
+  }
 }
 
-/// Sorts by place, keeping the pixels' order, and packs each group.
-std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
-                                           const BasisHeader& header, std::size_t n_pixels) {
-  std::vector<std::size_t> start(count(header.dims.n_lights) + 1);
-  for (const Kept& k : kept) {
-    ++start[k.place + 1];
-  }
-  for (std::size_t i = 1; i < start.size(); ++i) {
-    start[i] += start[i - 1];
-  }
-  std::vector<std::size_t> next = start;
-  std::vector<std::uint32_t> pixels(kept.size());
-  std::vector<std::int32_t> values(kept.size());
-  for (const Kept& k : kept) {
-    const std::size_t to = next[k.place]++;
-    pixels[to] = k.pixel;
-    values[to] = k.value;
-  }
-  std::vector<PackedTile::Block> groups;
-  int begin = 0;
-  for (const int end : header.group_ends) {
-    SparseBlock block;
-    for (int place = begin; place < end; ++place) {
-      for (std::size_t e = start[count(place)]; e < start[count(place) + 1]; ++e) {
-        block.cell.push_back(
-            static_cast<std::uint32_t>(count(place - begin) * n_pixels + pixels[e]));
-        block.value.push_back(values[e]);
+/// The file from the tile rows; it gets its name when it is whole.
+void Compressor::write(const TileSums& sums) {
+  if (options_.rank.i == 0) {
+    BasisTables tables;
+    tables.plate_vectors = coding_.vectors.vectors;
+    tables.coefficient_norms = root_round_up(sums.coefficient_energy);
+    tables.coefficient_errors = root_round_up(sums.coefficient_error);
+    tables.light_norms = root_round_up(sums.light_energy);
+    tables.light_errors = root_round_up(sums.light_error);
+    const fs::path whole = work_.path("whole.hlb");
+    BasisWriter writer(whole);
+    for (int r = 0; r < n_tile_rows(); ++r) {
+      const std::optional<std::vector<std::byte>> blocks =
+          work_.read(blocks_name(r), step_key());
+      HAARLIGHT_EXPECTS(blocks.has_value(), "a tile row that was just coded");
+      for (const PackedTile& channel :
+           unpack_pieces(*blocks, coding_.header.group_ends.size())) {
+        writer.append(channel);
       }
     }
-    groups.push_back({encode_sparse(block), static_cast<std::uint32_t>(block.cell.size())});
-    begin = end;
+    summary_.bytes = writer.finish(coding_.header, tables);
+    rename_durably(whole, file_);
   }
-  return groups;
+  options_.rank.wait_for_all();
+  if (options_.rank.i != 0) {
+    summary_.bytes = fs::file_size(file_);
+  }
 }
 
-void Compressor::code_channel(const TileRect& rect, int channel, std::span<const float> t,
-                              Coded& coded) {
-  const std::size_t n_lights = count(header_.dims.n_lights);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  const double rms_pixel = header_.stack_norm / std::sqrt(double(header_.dims.channels) *
-                                                          double(header_.dims.n_pixels()));
-  PixelBlock pixels;
-  pixels.shift.resize(n_pixels);
-  pixels.plate = quantised_plate(rect, channel, t);
-  std::vector<double> plate(count(header_.plate_rank));
-  std::vector<double> row(n_lights);
-  std::vector<double> decoded(n_lights);
-  std::vector<Kept> kept;
-  double* energies = coded.coefficient_energy.data() + count(channel) * n_lights;
-  double* errors = coded.coefficient_error.data() + count(channel) * n_lights;
-  double* light_errors = coded.light_error.data() + count(channel) * n_lights;
-  for (std::size_t p = 0; p < n_pixels; ++p) {
-    const std::span<const float> truth = t.subspan(p * n_lights, n_lights);
-    for (std::size_t j = 0; j < plate.size(); ++j) {
-      plate[j] = header_.plate_step * pixels.plate[j * n_pixels + p];
-    }
-    residual(truth, plate, row);
-    double energy = 0.0;
-    for (const float v : truth) {
-      energy += double{v} * double{v};
-    }
-    const double norm = std::max(std::sqrt(energy), header_.dark_floor * rms_pixel);
-    const double bound = options_.worst_pixel * norm;
-    int shift = 0;
-    double error = quantisation_error(row, header_.step);
-    while (error > bound * bound && shift < kMaxShift) {
-      ++shift;
-      error = quantisation_error(row, std::ldexp(header_.step, -shift));
-    }
-    pixels.shift[p] = static_cast<std::uint8_t>(shift);
-    if (norm > 0.0) {
-      coded.worst_pixel = std::max(coded.worst_pixel, std::sqrt(error) / norm);
-    }
-    const double step = std::ldexp(header_.step, -shift);
-    for (std::size_t k = 0; k < n_lights; ++k) {
-      const std::int32_t v = quantise(row[k], step);
-      if (v != 0) {
-        kept.push_back(
-            {static_cast<std::uint32_t>(place_of_[k]), static_cast<std::uint32_t>(p), v});
-      }
-      decoded[k] = step * v;
-      energies[k] += decoded[k] * decoded[k];
-      errors[k] += (decoded[k] - row[k]) * (decoded[k] - row[k]);
-    }
-    reconstruct_pixel(header_, tables_, plate, decoded);
-    for (std::size_t k = 0; k < n_lights; ++k) {
-      const double rest = decoded[k] - double{truth[k]};
-      light_errors[k] += rest * rest;
-      coded.worst_value = std::max(coded.worst_value, std::abs(rest));
-    }
+CompressSummary Compressor::run() {
+  if (options_.rank.i == 0) {
+    work_.own();
   }
-  coded.n_coefficients += static_cast<double>(kept.size());
-  PackedTile packed;
-  packed.pixels.bytes = encode_pixels(pixels);
-  packed.groups = pack_groups(kept, header_, n_pixels);
-  coded.channels.push_back(std::move(packed));
+  options_.rank.wait_for_all();
+  try {
+    return compress();
+  } catch (const Error& error) {
+    // Bad input is as bad in a rerun; a full disk is not.
+    is_kept_ = error.code() == ExitCode::io && !source_.key.empty();
+    throw;
+  }
 }
 
-Coded Compressor::code_tile(std::size_t i_tile) {
-  const TileRect rect = tile_rect(i_tile);
-  const std::vector<float> t = read_stack(rect);
-  const std::size_t per_channel = count(rect.n_pixels()) * count(header_.dims.n_lights);
-  Coded coded;
-  coded.coefficient_energy.assign(light_energy_.size(), 0.0);
-  coded.coefficient_error.assign(light_energy_.size(), 0.0);
-  coded.light_error.assign(light_energy_.size(), 0.0);
-  for (int c = 0; c < header_.dims.channels; ++c) {
-    code_channel(rect, c, std::span(t).subspan(count(c) * per_channel, per_channel), coded);
+CompressSummary Compressor::compress() {
+  BasisHeader& header = coding_.header;
+  if (header.coding == BasisCoding::quantised) {
+    fit_plate();
+    choose_steps(sample());
   }
-  return coded;
-}
-
-/// Lossless: the floats light by light; the coefficients' norms are kept for the fast mode.
-Coded Compressor::copy_tile(std::size_t i_tile) {
-  const TileRect rect = tile_rect(i_tile);
-  const std::vector<float> t = read_stack(rect);
-  const std::size_t n_lights = count(header_.dims.n_lights);
-  const std::size_t n_pixels = count(rect.n_pixels());
-  Coded coded;
-  coded.coefficient_energy.assign(light_energy_.size(), 0.0);
-  coded.coefficient_error.assign(light_energy_.size(), 0.0);
-  coded.light_error.assign(light_energy_.size(), 0.0);
-  std::vector<double> row(n_lights);
-  std::vector<float> rows;
-  for (int c = 0; c < header_.dims.channels; ++c) {
-    const float* values = t.data() + count(c) * n_pixels * n_lights;
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      residual({values + p * n_lights, n_lights}, {}, row);
-      for (std::size_t k = 0; k < n_lights; ++k) {
-        coded.coefficient_energy[count(c) * n_lights + k] += row[k] * row[k];
-      }
+  for (int attempt = 0;; ++attempt) {
+    if (attempt == kMaxAttempts) {
+      // Floats have 24 bits: an error below their rounding is reached by keeping them all.
+      header.coding = BasisCoding::lossless;
     }
-    PackedTile packed;
-    int begin = 0;
-    for (const int end : header_.group_ends) {
-      rows.resize(count(end - begin) * n_pixels);
-      for (int k = begin; k < end; ++k) {
-        for (std::size_t p = 0; p < n_pixels; ++p) {
-          rows[count(k - begin) * n_pixels + p] = values[p * n_lights + count(k)];
-        }
-      }
-      packed.groups.push_back({encode_floats(rows, n_pixels), 0});
-      begin = end;
+    if (header.coding == BasisCoding::lossless) {
+      header.plate = "none";
+      header.plate_source.clear();
+      header.plate_rank = 0;
+      header.plate_degree = 0;
+      header.gain_step = 0.0;
+      header.step = 0.0;
+      coding_.vectors = {};
     }
-    coded.channels.push_back(std::move(packed));
-    coded.n_coefficients += static_cast<double>(n_pixels * n_lights);
-  }
-  return coded;
-}
-
-CompressSummary Compressor::write(const std::filesystem::path& file) {
-  header_.group_ends = default_group_ends(header_);
-  order_ = coefficient_order(header_);
-  place_of_.assign(order_.size(), 0);
-  for (std::size_t i = 0; i < order_.size(); ++i) {
-    place_of_[count(order_[i])] = static_cast<int>(i);
-  }
-  const bool is_lossless = header_.coding == BasisCoding::lossless;
-  BasisWriter writer(file);
-  Coded sum;
-  sum.coefficient_energy.assign(light_energy_.size(), 0.0);
-  sum.coefficient_error = sum.coefficient_energy;
-  sum.light_error = sum.coefficient_energy;
-  for_each_tile<Coded>(
-      is_lossless ? "code (exact)" : "code",
-      [&](std::size_t t) { return is_lossless ? copy_tile(t) : code_tile(t); },
-      [&](Coded& tile) {
-        for (const PackedTile& channel : tile.channels) {
-          writer.append(channel);
-        }
-        add(sum.coefficient_energy, tile.coefficient_energy);
-        add(sum.coefficient_error, tile.coefficient_error);
-        add(sum.light_error, tile.light_error);
-        sum.worst_pixel = std::max(sum.worst_pixel, tile.worst_pixel);
-        sum.worst_value = std::max(sum.worst_value, tile.worst_value);
-        sum.n_coefficients += tile.n_coefficients;
-      });
-  double error = 0.0;
-  for (const double e : sum.light_error) {
-    error += e;
-  }
-  header_.reached.relative_l2 =
-      header_.stack_norm > 0.0 ? std::sqrt(error) / header_.stack_norm : 0.0;
-  header_.reached.worst_pixel = sum.worst_pixel;
-  header_.reached.worst_value = header_.peak > 0.0 ? sum.worst_value / header_.peak : 0.0;
-  header_.mean_coefficients =
-      sum.n_coefficients / (double(header_.dims.channels) * double(header_.dims.n_pixels()));
-  CompressSummary summary;
-  summary.header = header_;
-  if (!is_lossless && !summary.is_reached()) {
-    return summary;  // the writer's file is dropped
-  }
-  tables_.coefficient_norms = root_round_up(sum.coefficient_energy);
-  tables_.coefficient_errors = root_round_up(sum.coefficient_error);
-  tables_.light_norms = root_round_up(light_energy_);
-  tables_.light_errors = root_round_up(sum.light_error);
-  for (std::size_t i = 0; i < light_energy_.size(); ++i) {
-    if (light_energy_[i] > 0.0) {
-      summary.worst_light =
-          std::max(summary.worst_light, std::sqrt(sum.light_error[i] / light_energy_[i]));
+    header.group_ends = default_group_ends(header);
+    code();
+    if (source_.rows != nullptr) {
+      source_.rows->finish();
     }
-  }
-  summary.bytes = writer.finish(header_, tables_);
-  return summary;
-}
-
-void Compressor::set_lossless() {
-  header_.coding = BasisCoding::lossless;
-  header_.plate = "none";
-  header_.plate_source.clear();
-  header_.plate_rank = 0;
-  header_.plate_step = 0.0;
-  header_.step = 0.0;
-  tables_.plate_vectors.clear();
-  plate_weights_.clear();
-}
-
-CompressSummary Compressor::run(const std::filesystem::path& file) {
-  fit_plate();
-  share_memory();
-  measure();
-  const double allowed = header_.asked_relative_l2 * header_.stack_norm;
-  if (header_.coding == BasisCoding::quantised) {
-    header_.plate_step =
-        header_.plate_rank == 0
-            ? 0.0
-            : kPlateStep * std::max(allowed, header_.stack_norm * 1e-9) /
-                  std::sqrt(double(header_.dims.channels) * double(header_.dims.n_pixels()));
-    if (header_.stack_norm == 0.0) {
-      header_.step = 1.0;  // a black stack: nothing will be kept
-      header_.plate_step = 1.0;
-    } else {
-      MagnitudeHistogram histogram;
-      for_each_tile<MagnitudeHistogram>(
-          "choose the step", [this](std::size_t t) { return histogram_tile(t); },
-          [&](MagnitudeHistogram& tile) { histogram.merge(tile); });
-      header_.step =
-          histogram.choose_step(kStepMargin * kStepMargin * allowed * allowed, largest_);
+    const TileSums sums = sum_tile_rows();
+    report(sums);
+    if (header.coding == BasisCoding::lossless || summary_.is_reached()) {
+      write(sums);
+      break;
     }
-    for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
-      CompressSummary summary = write(file);
-      if (summary.is_reached()) {
-        summary.bytes_moved = bytes_moved_;
-        return summary;
-      }
-      const double excess = header_.reached.relative_l2 / header_.asked_relative_l2;
-      header_.step *= std::min(0.99, kStepMargin / std::max(excess, 1e-3));
-    }
-    // Floats have 24 bits: an error below their rounding is reached by keeping them all.
-    set_lossless();
-  } else {
-    set_lossless();
+    const double excess = header.reached.relative_l2 / header.asked_relative_l2;
+    header.step *= std::min(0.99, kStepMargin / std::max(excess, 1e-3));
   }
-  CompressSummary summary = write(file);
-  summary.bytes_moved = bytes_moved_;
-  return summary;
+  return summary_;
 }
 
 }  // namespace
 
-CompressSummary compress_stack(const CompressSource& source, const std::filesystem::path& file,
+CompressSummary compress_stack(const CompressSource& source, const fs::path& file,
                                const CompressOptions& options) {
-  return Compressor(source, options).run(file);
+  return Compressor(source, file, options).run();
 }
 
 }  // namespace haarlight

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <optional>
 #include <string>
@@ -13,12 +14,24 @@
 
 /// @file
 /// Light stack to basis file within a stated error. Method: docs/numerics/relight.md, "The
-/// coder". Three passes over the stack, tile by tile: (1) norms, plate gains; (2) a histogram
-/// of the residual's coefficients, which predicts the error of every quantiser step; (3) coding
-/// with the step chosen, the error measured on what was coded. A pixel whose own error exceeds
-/// its bound gets half the step, again and again, so that dark pixels are not erased.
+/// coder". A sample of the picture's rows (all of them where it is small) tells the error of
+/// every quantiser step; one pass then codes the tiles with the step chosen and measures the
+/// error on what was coded. A pixel whose own error exceeds its bound gets half the step, again
+/// and again, so that dark pixels are not erased.
+///
+/// Coded tile rows are kept in FILE.part/ until the file is whole: a compression that was
+/// killed goes on where it was, and several processes share one. The bytes depend neither on
+/// that nor on threads and memory.
 
 namespace haarlight {
+
+/// One of several processes that compress one stack together into a file that all can reach.
+struct Rank {
+  int i = 0;
+  int n = 1;
+  /// Returns when every process has come here. @throws Error  one of them is lost
+  std::function<void()> wait_for_all = [] {};
+};
 
 struct CompressOptions {
   double relative_l2 = 0.01;  ///< 0: exact, the stack's floats bit for bit
@@ -29,11 +42,13 @@ struct CompressOptions {
   ProgressStyle progress = ProgressStyle::none;
   /// As DevelopOptions::unknown_as, where a session is developed on the way.
   std::optional<Transfer> unknown_as{};
+  Rank rank{};
 };
 
 /// Where the stack comes from and what lit it.
 struct CompressSource {
   const StackSource* stack = nullptr;
+  RowSource* rows = nullptr;           ///< the stack again, where its rows must be loaded first
   const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no plate
   std::string plate_kind = "none";     ///< computed, captured, itself
   std::string plate_source;
@@ -44,12 +59,16 @@ struct CompressSource {
   std::string name;
   std::string hash;
   std::string kind = "capture";
+  /// Hash of everything that the values of stack and plate depend on. Empty: not known, and
+  /// nothing is kept of a compression that does not come to its end.
+  std::string key;
 };
 
 struct CompressSummary {
   BasisHeader header;             ///< as written; `reached` is measured on the coded data
   std::uint64_t bytes = 0;        ///< of the file
-  std::uint64_t bytes_moved = 0;  ///< read from the stack, all passes
+  std::uint64_t bytes_moved = 0;  ///< values read from the stack by this process, all passes
+  int n_rows_found = 0;           ///< tile rows that an earlier run had coded already
   double worst_light = 0.0;       ///< largest relative L2 error of one light's picture
   [[nodiscard]] bool is_reached() const {
     return header.reached.relative_l2 <= header.asked_relative_l2 &&
@@ -57,9 +76,12 @@ struct CompressSummary {
   }
 };
 
-/// Writes `file`, whole or not at all. Deterministic: same input, same bytes, any threads.
+/// Writes `file`, whole or not at all. Deterministic: same input, same bytes, whatever threads,
+/// ranks, memory and interruptions. With several ranks rank 0 writes the file; all return the
+/// same summary but for what each moved itself.
 /// @throws Error  a Haar basis of lights that form no grid (names --basis direct), NaN or
-///                infinity (names light and pixel), a plate of another shape, too little memory
+///                infinity (names light and pixel), a plate of another shape, too little
+///                memory, the disk full (a rerun goes on)
 [[nodiscard]] CompressSummary compress_stack(const CompressSource& source,
                                              const std::filesystem::path& file,
                                              const CompressOptions& options);

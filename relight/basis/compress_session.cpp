@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/files.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/plate.h"
 #include "session/develop.h"
@@ -23,6 +24,7 @@ struct OpenPlate {
   std::unique_ptr<StackSource> source;
   std::string kind = "none";
   std::string hash;
+  std::string key;  ///< of its values
 };
 
 int rig_grid(const Rig& rig) {
@@ -37,18 +39,52 @@ int rig_grid(const Rig& rig) {
   return rig.faces.front().rows;
 }
 
-/// A computed plate costs 0.3 us a value and is read twice: once is enough where memory allows.
-std::unique_ptr<StackSource> hold_in_memory(std::unique_ptr<StackSource> source,
-                                            std::uint64_t max_bytes) {
-  const StackDims dims = source->dims();
-  const std::uint64_t bytes = std::uint64_t{dims.n_pixels()} *
-                              static_cast<std::uint64_t>(dims.channels) *
-                              static_cast<std::uint64_t>(dims.n_lights) * sizeof(float);
-  if (bytes > max_bytes) {
-    return source;
+/// A session's rows, developed from its frames when they are asked for.
+class DevelopedRows final : public RowSource {
+ public:
+  DevelopedRows(const Session& session, const DevelopOptions& options)
+      : developer_(session, options) {}
+
+  [[nodiscard]] const std::string& key() const noexcept { return developer_.key(); }
+  [[nodiscard]] StackDims dims() const override {
+    const StackShape& shape = developer_.shape();
+    return {shape.width, shape.height, shape.channels, shape.n_lights};
   }
-  return std::make_unique<MemoryStack>(read_all(*source, bytes));
-}
+  [[nodiscard]] int rows_at_once() const override { return developer_.shape().band_rows; }
+  void finish() override { static_cast<void>(developer_.record()); }
+
+  void load_rows(int y0, int y1) override {
+    if (y0 >= y0_ && y1 <= y1_) {
+      return;
+    }
+    values_ = {};  // first, so that both are never held
+    values_ = developer_.rows(y0, y1).values;
+    y0_ = y0;
+    y1_ = y1;
+  }
+
+  void read_tile(const TileRect& rect, std::span<float> out) const override {
+    HAARLIGHT_EXPECTS(rect.y0 >= y0_ && rect.y0 + rect.height <= y1_, "rows that are loaded");
+    const StackDims all = dims();
+    const auto n_lights = static_cast<std::size_t>(all.n_lights);
+    const auto width = static_cast<std::size_t>(all.width);
+    const std::size_t n = static_cast<std::size_t>(rect.width) * n_lights;
+    float* to = out.data();
+    for (int c = 0; c < all.channels; ++c) {
+      for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
+        const std::size_t line = static_cast<std::size_t>(c * (y1_ - y0_) + y - y0_) * width +
+                                 static_cast<std::size_t>(rect.x0);
+        to = std::copy_n(values_.data() + line * n_lights, n, to);
+      }
+    }
+  }
+
+ private:
+  Developer developer_;
+  std::vector<float> values_;  ///< (channels, y1_ - y0_, width, n_lights)
+  int y0_ = 0;
+  int y1_ = 0;
+};
 
 OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateChoice& choice,
                      const CompressOptions& options) {
@@ -63,10 +99,10 @@ OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateC
       }
       const int camera = camera_of_size(*session.rig(), dims.width, dims.height);
       if (camera >= 0) {
-        plate.source = hold_in_memory(std::make_unique<ComputedPlate>(*session.rig(), camera),
-                                      options.memory_bytes / 4);
+        plate.source = std::make_unique<ComputedPlate>(*session.rig(), camera);
         plate.kind = "computed";
         plate.hash = session.rig()->hash;
+        plate.key = plate.hash;
       }
       break;
     }
@@ -75,6 +111,7 @@ OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateC
       plate.source = std::make_unique<BasisSource>(*plate.basis);
       plate.kind = plate.basis->header().kind == "plate" ? "computed" : "captured";
       plate.hash = plate.basis->header().rig_hash;
+      plate.key = plate.basis->content_key();
       break;
     case PlateChoice::Kind::session: {
       plate.session = std::make_unique<Session>(Session::open(choice.path));
@@ -86,6 +123,7 @@ OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateC
       plate.source = std::make_unique<LightStackSource>(*plate.stack);
       plate.kind = "captured";
       plate.hash = plate.session->info().plan_hash;
+      plate.key = Developer(*plate.session, develop_options).key();
       break;
     }
   }
@@ -166,25 +204,23 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
                                  const std::filesystem::path& file,
                                  const CompressOptions& options) {
   DevelopOptions develop_options;
-  develop_options.memory_bytes = options.memory_bytes;
-  develop_options.progress = options.progress;
+  develop_options.memory_bytes = options.memory_bytes / 2;
   develop_options.unknown_as = options.unknown_as;
   develop_options.plate = sharing_plate(session, choice);
-  const LightStack stack = develop(session, develop_options);
-  const LightStackSource stack_source(stack);
-  const OpenPlate plate = open_plate(session, stack_source.dims(), choice, options);
+  DevelopedRows rows(session, develop_options);
+  const OpenPlate plate = open_plate(session, rows.dims(), choice, options);
   CompressOptions rest = options;
-  if (choice.kind == PlateChoice::Kind::automatic) {
-    rest.memory_bytes -= options.memory_bytes / 4;
-  }
+  rest.memory_bytes -= develop_options.memory_bytes;
   CompressSource source;
-  source.stack = &stack_source;
+  source.stack = &rows;
+  source.rows = &rows;
   source.plate = plate.source.get();
   source.plate_kind = plate.kind;
   source.plate_source = plate.hash;
+  source.key = content_hash(rows.key() + "\n" + plate.kind + "\n" + plate.key);
   source.grid = haar_grid(session.info());
   // The rig speaks for the lights only when the session has all of them.
-  if (session.rig() && session.rig()->n_lights() == stack_source.dims().n_lights) {
+  if (session.rig() && session.rig()->n_lights() == rows.dims().n_lights) {
     source.rig_toml = session.rig()->text;
     source.rig_hash = session.rig()->hash;
   }
@@ -203,7 +239,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
                                const CompressOptions& options) {
   const ComputedPlate computed(rig);
   const StackDims dims = computed.dims();
-  // Four passes read the plate; in memory where half the budget holds it.
+  // Two passes read the plate; in memory where half the budget holds it.
   std::optional<MemoryStack> memory;
   const std::uint64_t bytes = std::uint64_t{dims.n_pixels()} *
                               static_cast<std::uint64_t>(dims.n_lights) * sizeof(float);
@@ -223,6 +259,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   source.name = rig.name;
   source.hash = rig.hash;
   source.kind = "plate";
+  source.key = rig.hash;
   if (source.grid == 0) {
     rest.basis = BasisKind::direct;
   }

@@ -47,13 +47,19 @@ std::vector<double> sample_rows(const StackSource& plate) {
     const int y0 = t / tiles_x * kTile;
     const TileRect rect{x0, y0, std::min(kTile, dims.width - x0),
                         std::min(kTile, dims.height - y0)};
-    values.resize(count(dims.channels) * count(rect.n_pixels()) * n_lights);
-    plate.read_tile(rect, values);
+    const bool is_whole = !plate.is_closed_form();
+    values.resize(count(dims.channels) * count(is_whole ? rect.n_pixels() : 1) * n_lights);
+    if (is_whole) {
+      plate.read_tile(rect, values);
+    }
     for (int c = 0; c < dims.channels; ++c) {
       for (int y = 0; y < rect.height; y += kPixelStep) {
         for (int x = 0; x < rect.width; x += kPixelStep) {
-          const std::size_t pixel =
-              count(c) * count(rect.n_pixels()) + count(y * rect.width + x);
+          std::size_t pixel = count(c) * count(rect.n_pixels()) + count(y * rect.width + x);
+          if (!is_whole) {
+            plate.read_tile({x0 + x, y0 + y, 1, 1}, values);
+            pixel = count(c);
+          }
           const float* row = values.data() + pixel * n_lights;
           double energy = 0.0;
           for (std::size_t k = 0; k < n_lights; ++k) {
@@ -87,23 +93,18 @@ ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
   }
   camera_ = rig.cameras[count(i_camera)].model;
   plane_ = rig.planes[count(i_plane)];
-  lights_ = light_elements(rig);
+  squares_ = rig_lights(rig);
 }
 
 StackDims ComputedPlate::dims() const {
-  return {camera_.width, camera_.height, 1, static_cast<int>(lights_.size())};
+  return {camera_.width, camera_.height, 1, static_cast<int>(squares_.size())};
 }
 
 void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const {
-  HAARLIGHT_EXPECTS(out.size() == count(rect.n_pixels()) * lights_.size(),
+  HAARLIGHT_EXPECTS(out.size() == count(rect.n_pixels()) * squares_.size(),
                     "room for the tile's values");
-  std::vector<SquareLight> squares;
-  squares.reserve(lights_.size());
-  for (const LightElement& light : lights_) {
-    squares.push_back(square_light(light));
-  }
   for (int p = 0; p < rect.n_pixels(); ++p) {
-    const std::span<float> row = out.subspan(count(p) * lights_.size(), lights_.size());
+    const std::span<float> row = out.subspan(count(p) * squares_.size(), squares_.size());
     const int x = rect.x0 + p % rect.width;
     const int y = rect.y0 + p / rect.width;
     const CameraRay ray = ray_through(camera_, x + 0.5, y + 0.5);
@@ -117,38 +118,43 @@ void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const 
     }
     const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
     const Eigen::Vector3d normal = height > 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
-    for (std::size_t k = 0; k < squares.size(); ++k) {
+    for (std::size_t k = 0; k < squares_.size(); ++k) {
       row[k] =
-          static_cast<float>(light_irradiance(squares[k], point, normal) / std::numbers::pi);
+          static_cast<float>(light_irradiance(squares_[k], point, normal) / std::numbers::pi);
     }
   }
 }
 
-float plate_gain(std::span<const float> t, std::span<const float> b) {
+float plate_gain(std::span<const float> t, std::span<const float> b,
+                 std::vector<float>& scratch) {
   HAARLIGHT_EXPECTS(t.size() == b.size(), "one plate value a light");
   const float largest = *std::max_element(b.begin(), b.end());
   if (!(largest > 0.0F)) {
     return 0.0F;
   }
-  const double dark = kDarkLight * double{largest};
-  std::vector<double> ratios;
-  ratios.reserve(t.size());
+  const auto dark = static_cast<float>(kDarkLight * double{largest});
+  scratch.clear();
   for (std::size_t k = 0; k < t.size(); ++k) {
-    if (double{b[k]} > dark) {
-      ratios.push_back(double{t[k]} / double{b[k]});
+    if (b[k] > dark) {
+      scratch.push_back(t[k] / b[k]);
     }
   }
-  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  const double gain = *middle;
+  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
+  std::nth_element(scratch.begin(), middle, scratch.end());
+  const float gain = *middle;
   double energy = 0.0;
   double residual = 0.0;
   for (std::size_t k = 0; k < t.size(); ++k) {
-    const double rest = double{t[k]} - gain * double{b[k]};
+    const float rest = t[k] - gain * b[k];
     energy += double{t[k]} * double{t[k]};
-    residual += rest * rest;
+    residual += double{rest} * double{rest};
   }
-  return residual < energy ? static_cast<float>(gain) : 0.0F;
+  return residual < energy ? gain : 0.0F;
+}
+
+float plate_gain(std::span<const float> t, std::span<const float> b) {
+  std::vector<float> scratch;
+  return plate_gain(t, b, scratch);
 }
 
 PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_rank) {

@@ -6,6 +6,7 @@
 
 #include "core/rig.h"
 #include "relight/basis/stack_source.h"
+#include "render/scene.h"
 
 /// @file
 /// The clean plate B[pixel][light]: the empty shadow plane under every light. What compress
@@ -24,19 +25,23 @@ class ComputedPlate final : public StackSource {
   ComputedPlate(const Rig& rig, int i_camera = 0, int i_plane = 0);
   [[nodiscard]] StackDims dims() const override;
   void read_tile(const TileRect& rect, std::span<float> out) const override;
+  [[nodiscard]] bool is_closed_form() const override { return true; }
 
  private:
   CameraModel camera_;
   ShadowPlane plane_;
-  std::vector<LightElement> lights_;
+  std::vector<SquareLight> squares_;
 };
 
 /// The gain g of one pixel: the median of T/B over the lights with B > 1e-6 of the pixel's
 /// largest B; 0 when there is none, or when T - g B has more energy than T.
+/// @param scratch  kept between calls to save allocations
+[[nodiscard]] float plate_gain(std::span<const float> t, std::span<const float> b,
+                               std::vector<float>& scratch);
 [[nodiscard]] float plate_gain(std::span<const float> t, std::span<const float> b);
 
-/// The plate's rows as combinations of a few vectors: B ~ U V. The file stores g U a pixel and
-/// V once; what U V misses goes into the residual, so no error comes of it.
+/// The directions of the plate's rows as combinations of a few vectors: B ~ U V. What U V
+/// misses goes into the residual, so no error comes of it.
 struct PlateVectors {
   int rank = 0;
   std::vector<float> vectors;  ///< V, (rank, n_lights), orthonormal rows
@@ -44,8 +49,7 @@ struct PlateVectors {
 };
 
 /// Randomised subspace iteration [Halko11] on at most 4096 rows of the plate, each scaled to
-/// norm
-/// 1. Deterministic.
+/// norm 1. Deterministic.
 /// @param target    stop at this `missed`
 /// @param max_rank  at most 64
 [[nodiscard]] PlateVectors fit_plate_vectors(const StackSource& plate, double target,

@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/tile_plate.h"
 
 namespace haarlight {
 
@@ -24,7 +25,7 @@ struct Query {
   int channel = 0;            ///< of the file
   std::vector<double> given;  ///< w_k
   std::vector<double> light;  ///< l_i in light-domain index order; 0 where dropped
-  std::vector<double> plate;  ///< (rank): plate step * V_j . w
+  std::vector<double> plate;  ///< (rank): gain step * V_j . w
   double dropped = 0.0;
   double coded = 0.0;
   int terms = 0;
@@ -146,7 +147,7 @@ Relighting::Relighting(const BasisFile& basis, std::span<const LightWeights> wei
         for (Eigen::Index k = 0; k < column.size(); ++k) {
           product += column[k] * double{vector[k]};
         }
-        query.plate.push_back(header.plate_step * product);
+        query.plate.push_back(header.gain_step * product);
       }
       query.coded = coded_bound(basis, query, column);
       query.terms_all = static_cast<int>(rank_terms(basis, query, TermOrder::transport).size());
@@ -244,16 +245,27 @@ void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
   }
   const BasisHeader& header = basis_.header();
   const PixelBlock pixels = basis_.pixels(i_tile, channel);
+  const std::vector<double> terms = plate_terms(rect, header.plate_degree);
+  const std::size_t n_terms = terms.size() / n_pixels;
+  std::vector<double> polynomial(n_terms);
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {
       continue;
     }
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      double value = std::ldexp(header.step, -int{pixels.shift[p]}) * sums[q][p];
-      for (std::size_t j = 0; j < queries_[q].plate.size(); ++j) {
-        value += queries_[q].plate[j] * pixels.plate[j * n_pixels + p];
+    // The vectors' products with the weights go into one polynomial of the place.
+    std::fill(polynomial.begin(), polynomial.end(), 0.0);
+    for (std::size_t j = 0; j < queries_[q].plate.size(); ++j) {
+      for (std::size_t t = 0; t < n_terms; ++t) {
+        polynomial[t] += queries_[q].plate[j] * double{pixels.plate[j * n_terms + t]};
       }
-      sums[q][p] = value;
+    }
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      double plate = 0.0;
+      for (std::size_t t = 0; t < n_terms; ++t) {
+        plate += polynomial[t] * terms[p * n_terms + t];
+      }
+      sums[q][p] =
+          std::ldexp(header.step, -int{pixels.shift[p]}) * sums[q][p] + plate * pixels.gain[p];
     }
   }
 }

@@ -47,6 +47,23 @@ class StackSource {
   /// @param out  (channels, rect.height, rect.width, n_lights)
   /// @throws Error  what the medium throws
   virtual void read_tile(const TileRect& rect, std::span<float> out) const = 0;
+  /// True where every pixel costs a computation and neighbours differ smoothly: few pixels are
+  /// then asked for.
+  [[nodiscard]] virtual bool is_closed_form() const { return false; }
+};
+
+/// A stack that must be worked for row by row: frames still to be developed, or generated
+/// values. load_rows() goes first, from one thread; read_tile then serves those rows. Rows that
+/// are loaded already cost nothing.
+class RowSource : public StackSource {
+ public:
+  /// Makes rows [y0, y1) ready, and may forget others. @throws Error  what the medium throws
+  virtual void load_rows(int y0, int y1) = 0;
+  /// Rows to load at a time: what the memory given to the source holds.
+  [[nodiscard]] virtual int rows_at_once() const = 0;
+  /// Every row was served: what can only be judged over all of them.
+  /// @throws Error  the values contradict each other
+  virtual void finish() {}
 };
 
 /// A stack file. Borrows it.

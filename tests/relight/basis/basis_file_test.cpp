@@ -108,8 +108,10 @@ TEST(BasisFile, OtherFilesAndOtherVersionsAreRefused) {
   expect_refused("", "not a basis file");
   expect_refused("PNG and so on, a long text that is no basis file at all", "not a basis file");
   std::string newer = good_bytes();
-  newer[8] = 2;
-  expect_refused(newer, "version 2");
+  newer[8] = 3;
+  expect_refused(newer, "version 3");
+  newer[8] = 1;
+  expect_refused(newer, "version 1");
 }
 
 TEST(BasisFile, CutFilesAreRefused) {
@@ -197,12 +199,14 @@ RC_GTEST_PROP(BlockCodecProperty, PixelsAndFloatsRoundTrip,
   PixelBlock block;
   for (std::size_t p = 0; p < n_pixels; ++p) {
     block.shift.push_back(*rc::gen::inRange<std::uint8_t>(0, 64));
+    block.gain.push_back(*rc::gen::arbitrary<std::int32_t>());
   }
+  block.gain.front() |= 1;  // without any gain the plate is not kept
   std::vector<float> floats;
   for (std::size_t i = 0; i < n_rows * n_pixels; ++i) {
-    block.plate.push_back(*rc::gen::arbitrary<std::int32_t>());
     floats.push_back(static_cast<float>(*rc::gen::arbitrary<std::int32_t>()) * 1e-20F);
   }
+  block.plate.assign(floats.begin(), floats.begin() + static_cast<std::ptrdiff_t>(n_rows));
   RC_ASSERT(decode_pixels(encode_pixels(block), n_pixels, n_rows, "x") == block);
   RC_ASSERT(decode_floats(encode_floats(floats, n_pixels), n_rows, n_pixels, "x") == floats);
 }

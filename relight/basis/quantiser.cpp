@@ -1,0 +1,95 @@
+#include "relight/basis/quantiser.h"
+
+#include <algorithm>
+#include <bit>
+#include <functional>
+#include <numeric>
+
+namespace haarlight {
+
+namespace {
+
+constexpr unsigned kDroppedBits = 17;
+constexpr std::size_t kBins = std::size_t{1} << (31 - kDroppedBits);
+
+}  // namespace
+
+MagnitudeHistogram::MagnitudeHistogram() : count_(kBins), energy_(kBins) {}
+
+void MagnitudeHistogram::add(double c) {
+  const auto bits = std::bit_cast<std::uint32_t>(static_cast<float>(std::abs(c)));
+  const std::size_t bin = std::min<std::size_t>(bits >> kDroppedBits, kBins - 1);
+  count_[bin] += 1.0;
+  energy_[bin] += c * c;
+}
+
+void MagnitudeHistogram::merge(const MagnitudeHistogram& other) {
+  std::transform(count_.begin(), count_.end(), other.count_.begin(), count_.begin(),
+                 std::plus<>());
+  std::transform(energy_.begin(), energy_.end(), other.energy_.begin(), energy_.begin(),
+                 std::plus<>());
+}
+
+double MagnitudeHistogram::error_energy(double step) const {
+  constexpr double kFine = 16.0;  // from here on the error is uniform: step^2 / 12
+  double error = 0.0;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (count_[i] == 0.0) {
+      continue;
+    }
+    const double v = std::sqrt(energy_[i] / count_[i]) / step;
+    if (v < kDeadZone) {
+      error += energy_[i];
+    } else if (v < kFine) {
+      const double rest = (v - std::round(v)) * step;
+      error += count_[i] * rest * rest;
+    } else {
+      error += count_[i] * step * step / 12.0;
+    }
+  }
+  return error;
+}
+
+double MagnitudeHistogram::choose_step(double allowed, double largest) const {
+  double low = largest * 0x1p-48;
+  double high = largest * 4.0;
+  if (error_energy(high) <= allowed) {
+    return high;
+  }
+  for (int i = 0; i < 60; ++i) {
+    const double middle = std::sqrt(low * high);
+    (error_energy(middle) <= allowed ? low : high) = middle;
+  }
+  return low;
+}
+
+double MagnitudeHistogram::n_values() const {
+  return std::accumulate(count_.begin(), count_.end(), 0.0);
+}
+
+std::vector<double> MagnitudeHistogram::to_numbers() const {
+  std::vector<double> numbers;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (count_[i] != 0.0) {
+      numbers.insert(numbers.end(), {static_cast<double>(i), count_[i], energy_[i]});
+    }
+  }
+  return numbers;
+}
+
+bool MagnitudeHistogram::add_numbers(std::span<const double> numbers) {
+  if (numbers.size() % 3 != 0) {
+    return false;
+  }
+  for (std::size_t i = 0; i < numbers.size(); i += 3) {
+    const double bin = numbers[i];
+    if (!(bin >= 0.0 && bin < static_cast<double>(kBins)) || bin != std::floor(bin)) {
+      return false;
+    }
+    count_[static_cast<std::size_t>(bin)] += numbers[i + 1];
+    energy_[static_cast<std::size_t>(bin)] += numbers[i + 2];
+  }
+  return true;
+}
+
+}  // namespace haarlight

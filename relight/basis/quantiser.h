@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+/// @file
+/// The coder's dead-zone quantiser, and the choice of its step from a histogram. Method:
+/// docs/numerics/relight.md, "The coder".
+
+namespace haarlight {
+
+/// |c| below this share of the step becomes 0. Measured on the twin's airplane and tree: 0.5
+/// and 0.75 give 1 to 5 % larger files, 1.0 gives 3 to 7 % larger ones.
+inline constexpr double kDeadZone = 0.6;
+inline constexpr double kLargestQuantum = 0x1p30;
+
+/// Multiple of the step that stands for c; half a step is rounded away from zero.
+template <class Real>
+[[nodiscard]] inline std::int32_t quantise(Real c, Real inverse_step) noexcept {
+  const Real v = std::abs(c) * inverse_step;
+  const auto n = static_cast<std::int32_t>(
+      (v < Real(kLargestQuantum) ? v : Real(kLargestQuantum)) + Real(0.5));
+  const std::int32_t kept = v < Real(kDeadZone) ? 0 : n;
+  return c < Real(0) ? -kept : kept;
+}
+
+/// Magnitudes by the first bits of their float: 64 bins an octave, each with its exact energy.
+class MagnitudeHistogram {
+ public:
+  MagnitudeHistogram();
+
+  void add(double c);
+  void merge(const MagnitudeHistogram& other);
+
+  /// Energy of the error that a quantiser with this step leaves.
+  [[nodiscard]] double error_energy(double step) const;
+  /// The largest step whose error energy stays at or below `allowed`.
+  /// @param largest  no magnitude is above
+  [[nodiscard]] double choose_step(double allowed, double largest) const;
+  [[nodiscard]] double n_values() const;
+
+  /// Bins in use as (bin, count, energy) triples, and back.
+  [[nodiscard]] std::vector<double> to_numbers() const;
+  /// @return  false where the numbers are none of to_numbers()
+  [[nodiscard]] bool add_numbers(std::span<const double> numbers);
+
+ private:
+  std::vector<double> count_;
+  std::vector<double> energy_;
+};
+
+}  // namespace haarlight

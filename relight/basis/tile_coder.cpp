@@ -1,0 +1,422 @@
+#include "relight/basis/tile_coder.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "relight/basis/tile_plate.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr double kFloatIsEnough = 1e-4;  // errors asked for; floats round to 6e-8 of a value
+constexpr int kMaxShift = 40;
+
+std::size_t count(int n) { return static_cast<std::size_t>(n); }
+
+/// One coefficient that was kept.
+struct Kept {
+  std::uint32_t place;
+  std::uint32_t pixel;
+  std::int32_t value;
+};
+
+/// Tile of the file's grid that holds a rectangle within one tile.
+TileRect tile_around(const BasisHeader& header, const TileRect& rect) {
+  const int x0 = rect.x0 / header.tile * header.tile;
+  const int y0 = rect.y0 / header.tile * header.tile;
+  return {x0, y0, std::min(header.tile, header.dims.width - x0),
+          std::min(header.tile, header.dims.height - y0)};
+}
+
+void require_finite(const TileCoding& coding, const TileRect& rect,
+                    std::span<const float> values) {
+  const auto bad =
+      std::find_if(values.begin(), values.end(), [](float v) { return !std::isfinite(v); });
+  if (bad == values.end()) {
+    return;
+  }
+  const std::size_t n_lights = count(coding.header.dims.n_lights);
+  const auto i = static_cast<std::size_t>(bad - values.begin());
+  const std::size_t pixel = i / n_lights % count(rect.n_pixels());
+  throw Error(fmt::format("the stack is not finite under light {} at pixel ({}, {})",
+                          i % n_lights, rect.x0 + static_cast<int>(pixel % count(rect.width)),
+                          rect.y0 + static_cast<int>(pixel / count(rect.width))),
+              coding.source,
+              "shoot that light again; one such value would spread to every light's picture");
+}
+
+/// Takes the plate off a pixel's row and transforms the rest.
+template <class Real>
+class PixelRows {
+ public:
+  PixelRows(const TileCoding& coding, const TileRect& rect, int channel)
+      : coding_(coding),
+        rect_(rect),
+        tile_(tile_around(coding.header, rect)),
+        direction_(count(coding.header.dims.n_lights)) {
+    if (coding.vectors.rank == 0) {
+      return;
+    }
+    const int plate_channel = coding.plate->dims().channels == 1 ? 0 : channel;
+    plate_ = fit_tile_plate(*coding.plate, plate_channel, tile_, coding.vectors,
+                            coding.header.plate_degree);
+    terms_ = plate_terms(tile_, coding.header.plate_degree);
+    n_terms_ = terms_.size() / count(tile_.n_pixels());
+  }
+
+  [[nodiscard]] const std::vector<float>& plate() const { return plate_; }
+
+  /// The pixel's gain, before any step. @param p  of the rectangle
+  double fit_gain(std::size_t p, std::span<const float> t) {
+    if (coding_.vectors.rank == 0) {
+      return 0.0;
+    }
+    const std::size_t x = p % count(rect_.width) + count(rect_.x0 - tile_.x0);
+    const std::size_t y = p / count(rect_.width) + count(rect_.y0 - tile_.y0);
+    plate_direction<Real>(
+        plate_, std::span(terms_).subspan((y * count(tile_.width) + x) * n_terms_, n_terms_),
+        coding_.vectors.vectors, direction_);
+    as_float_.assign(direction_.begin(), direction_.end());
+    if (coding_.header.kind == "plate") {  // the plate itself: its length along the direction
+      double along = 0.0;
+      double norm = 0.0;
+      for (std::size_t k = 0; k < t.size(); ++k) {
+        along += double{t[k]} * double{as_float_[k]};
+        norm += double{as_float_[k]} * double{as_float_[k]};
+      }
+      return norm > 0.0 ? along / norm : 0.0;
+    }
+    return double{plate_gain(t, as_float_, scratch_)};
+  }
+
+  /// Coefficients of t - gain * direction; fit_gain(p, t) goes first.
+  void residual(std::span<const float> t, double gain, std::span<Real> out) const {
+    const Real g = static_cast<Real>(gain);
+    if (g == Real(0)) {
+      std::copy(t.begin(), t.end(), out.begin());
+    } else {
+      for (std::size_t k = 0; k < t.size(); ++k) {
+        out[k] = static_cast<Real>(t[k]) - g * direction_[k];
+      }
+    }
+    forward_basis(coding_.header, out);
+  }
+
+ private:
+  const TileCoding& coding_;
+  TileRect rect_;
+  TileRect tile_;
+  std::vector<float> plate_;
+  std::vector<double> terms_;
+  std::size_t n_terms_ = 1;
+  std::vector<Real> direction_;
+  std::vector<float> as_float_;
+  std::vector<float> scratch_;
+};
+
+template <class Real>
+double quantisation_error(std::span<const Real> coefficients, double step) {
+  const Real inverse = static_cast<Real>(1.0 / step);
+  double error = 0.0;
+  for (const Real c : coefficients) {
+    const double rest = double{c} - step * quantise(c, inverse);
+    error += rest * rest;
+  }
+  return error;
+}
+
+/// Sorts by place, keeping the pixels' order, and packs each group.
+std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
+                                           const BasisHeader& header, std::size_t n_pixels) {
+  std::vector<std::size_t> start(count(header.dims.n_lights) + 1);
+  for (const Kept& k : kept) {
+    ++start[k.place + 1];
+  }
+  for (std::size_t i = 1; i < start.size(); ++i) {
+    start[i] += start[i - 1];
+  }
+  std::vector<std::size_t> next = start;
+  std::vector<std::uint32_t> pixels(kept.size());
+  std::vector<std::int32_t> values(kept.size());
+  for (const Kept& k : kept) {
+    const std::size_t to = next[k.place]++;
+    pixels[to] = k.pixel;
+    values[to] = k.value;
+  }
+  std::vector<PackedTile::Block> groups;
+  int begin = 0;
+  for (const int end : header.group_ends) {
+    SparseBlock block;
+    for (int place = begin; place < end; ++place) {
+      for (std::size_t e = start[count(place)]; e < start[count(place) + 1]; ++e) {
+        block.cell.push_back(
+            static_cast<std::uint32_t>(count(place - begin) * n_pixels + pixels[e]));
+        block.value.push_back(values[e]);
+      }
+    }
+    groups.push_back({encode_sparse(block), static_cast<std::uint32_t>(block.cell.size())});
+    begin = end;
+  }
+  return groups;
+}
+
+std::vector<int> places_of(const BasisHeader& header) {
+  const std::vector<int> order = coefficient_order(header);
+  std::vector<int> places(order.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    places[count(order[i])] = static_cast<int>(i);
+  }
+  return places;
+}
+
+void add_squares(std::span<const float> t, double* energies, double& peak) {
+  float largest = static_cast<float>(peak);
+  for (std::size_t k = 0; k < t.size(); ++k) {
+    energies[k] += double{t[k]} * double{t[k]};
+    largest = std::max(largest, std::abs(t[k]));
+  }
+  peak = double{largest};
+}
+
+template <class Real>
+PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int channel,
+                        std::span<const float> values, TileSums& sums) {
+  const BasisHeader& header = coding.header;
+  const std::size_t n_lights = count(header.dims.n_lights);
+  const std::size_t n_pixels = count(rect.n_pixels());
+  const std::vector<int> places = places_of(header);
+  PixelRows<Real> rows(coding, rect, channel);
+  PixelBlock pixels;
+  pixels.shift.resize(n_pixels);
+  pixels.gain.resize(n_pixels);
+  pixels.plate = rows.plate();
+  std::vector<Real> row(n_lights);
+  std::vector<std::int32_t> quanta(n_lights);
+  std::vector<Kept> kept;
+  double* light_energy = sums.light_energy.data() + count(channel) * n_lights;
+  double* light_error = sums.light_error.data() + count(channel) * n_lights;
+  double* energies = sums.coefficient_energy.data() + count(channel) * n_lights;
+  double* errors = sums.coefficient_error.data() + count(channel) * n_lights;
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    const std::span<const float> t = values.subspan(p * n_lights, n_lights);
+    add_squares(t, light_energy, sums.peak);
+    const double gain = rows.fit_gain(p, t);
+    const double quantum = gain == 0.0 ? 0.0
+                                       : std::clamp(std::round(gain / header.gain_step),
+                                                    -kLargestQuantum, kLargestQuantum);
+    pixels.gain[p] = static_cast<std::int32_t>(quantum);
+    rows.residual(t, header.gain_step * quantum, row);
+    double energy = 0.0;
+    for (const float v : t) {
+      energy += double{v} * double{v};
+    }
+    const double norm = std::max(std::sqrt(energy), header.dark_norm);
+    double step = header.step;
+    if (std::isfinite(coding.worst_pixel)) {
+      const double bound = coding.worst_pixel * norm;
+      int shift = 0;
+      while (quantisation_error<Real>(row, step) > bound * bound && shift < kMaxShift) {
+        ++shift;
+        step = std::ldexp(header.step, -shift);
+      }
+      pixels.shift[p] = static_cast<std::uint8_t>(shift);
+    }
+    const Real inverse = static_cast<Real>(1.0 / step);
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      quanta[k] = quantise(row[k], inverse);
+    }
+    double error = 0.0;
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      const Real decoded = static_cast<Real>(step) * static_cast<Real>(quanta[k]);
+      const Real rest = decoded - row[k];
+      energies[k] += double{decoded} * double{decoded};
+      errors[k] += double{rest} * double{rest};
+      error += double{rest} * double{rest};
+      row[k] = rest;
+    }
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      if (quanta[k] != 0) {
+        kept.push_back(
+            {static_cast<std::uint32_t>(places[k]), static_cast<std::uint32_t>(p), quanta[k]});
+      }
+    }
+    if (norm > 0.0) {
+      sums.worst_pixel = std::max(sums.worst_pixel, std::sqrt(error) / norm);
+    }
+    // The transform is linear: the coefficients' errors become the lights'.
+    inverse_basis(header, std::span(row));
+    Real worst = Real(0);
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      light_error[k] += double{row[k]} * double{row[k]};
+      worst = std::max(worst, std::abs(row[k]));
+    }
+    sums.worst_value = std::max(sums.worst_value, double{worst});
+  }
+  sums.n_coefficients += static_cast<double>(kept.size());
+  PackedTile packed;
+  packed.pixels.bytes = encode_pixels(pixels);
+  packed.groups = pack_groups(kept, header, n_pixels);
+  return packed;
+}
+
+/// Lossless: the floats light by light; the coefficients' norms are kept for the fast mode.
+PackedTile copy_channel(const TileCoding& coding, const TileRect& rect, int channel,
+                        std::span<const float> values, TileSums& sums) {
+  const BasisHeader& header = coding.header;
+  const std::size_t n_lights = count(header.dims.n_lights);
+  const std::size_t n_pixels = count(rect.n_pixels());
+  double* light_energy = sums.light_energy.data() + count(channel) * n_lights;
+  double* energies = sums.coefficient_energy.data() + count(channel) * n_lights;
+  std::vector<double> row(n_lights);
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    const std::span<const float> t = values.subspan(p * n_lights, n_lights);
+    add_squares(t, light_energy, sums.peak);
+    std::copy(t.begin(), t.end(), row.begin());
+    forward_basis(header, std::span(row));
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      energies[k] += row[k] * row[k];
+    }
+  }
+  PackedTile packed;
+  std::vector<float> rows;
+  int begin = 0;
+  for (const int end : header.group_ends) {
+    rows.resize(count(end - begin) * n_pixels);
+    for (int k = begin; k < end; ++k) {
+      for (std::size_t p = 0; p < n_pixels; ++p) {
+        rows[count(k - begin) * n_pixels + p] = values[p * n_lights + count(k)];
+      }
+    }
+    packed.groups.push_back({encode_floats(rows, n_pixels), 0});
+    begin = end;
+  }
+  sums.n_coefficients += static_cast<double>(n_pixels * n_lights);
+  return packed;
+}
+
+bool is_float_enough(const BasisHeader& header) {
+  return header.asked_relative_l2 >= kFloatIsEnough &&
+         header.asked_worst_pixel >= kFloatIsEnough;
+}
+
+template <class Real>
+StackSample sample_rows(const TileCoding& coding, const TileRect& rect,
+                        std::span<const float> values) {
+  const BasisHeader& header = coding.header;
+  const std::size_t n_lights = count(header.dims.n_lights);
+  const std::size_t n_pixels = count(rect.n_pixels());
+  StackSample sample;
+  std::vector<Real> row(n_lights);
+  std::vector<double> energies(n_lights);
+  for (int c = 0; c < header.dims.channels; ++c) {
+    PixelRows<Real> rows(coding, rect, c);
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      const std::span<const float> t =
+          values.subspan((count(c) * n_pixels + p) * n_lights, n_lights);
+      add_squares(t, energies.data(), sample.peak);
+      const double gain = rows.fit_gain(p, t);
+      rows.residual(t, gain, row);
+      for (const Real v : row) {
+        sample.residuals.add(double{v});
+      }
+    }
+  }
+  for (const double e : energies) {
+    sample.energy += e;
+  }
+  sample.n_rows = double(header.dims.channels) * static_cast<double>(n_pixels);
+  return sample;
+}
+
+void add(std::vector<double>& sum, const std::vector<double>& part) {
+  std::transform(sum.begin(), sum.end(), part.begin(), sum.begin(), std::plus<>());
+}
+
+}  // namespace
+
+TileSums::TileSums(const StackDims& dims) {
+  const std::size_t n = count(dims.channels) * count(dims.n_lights);
+  for (auto* part : {&light_energy, &light_error, &coefficient_energy, &coefficient_error}) {
+    part->assign(n, 0.0);
+  }
+}
+
+void TileSums::add(const TileSums& other) {
+  haarlight::add(light_energy, other.light_energy);
+  haarlight::add(light_error, other.light_error);
+  haarlight::add(coefficient_energy, other.coefficient_energy);
+  haarlight::add(coefficient_error, other.coefficient_error);
+  peak = std::max(peak, other.peak);
+  worst_pixel = std::max(worst_pixel, other.worst_pixel);
+  worst_value = std::max(worst_value, other.worst_value);
+  n_coefficients += other.n_coefficients;
+}
+
+std::vector<double> TileSums::to_numbers() const {
+  std::vector<double> numbers = {peak, worst_pixel, worst_value, n_coefficients};
+  for (const auto* part :
+       {&light_energy, &light_error, &coefficient_energy, &coefficient_error}) {
+    numbers.insert(numbers.end(), part->begin(), part->end());
+  }
+  return numbers;
+}
+
+bool TileSums::set_numbers(std::span<const double> numbers) {
+  const std::size_t n = light_energy.size();
+  if (numbers.size() != 4 + 4 * n) {
+    return false;
+  }
+  peak = numbers[0];
+  worst_pixel = numbers[1];
+  worst_value = numbers[2];
+  n_coefficients = numbers[3];
+  std::size_t from = 4;
+  for (auto* part : {&light_energy, &light_error, &coefficient_energy, &coefficient_error}) {
+    std::copy_n(numbers.begin() + static_cast<std::ptrdiff_t>(from), n, part->begin());
+    from += n;
+  }
+  return true;
+}
+
+CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
+                    std::span<const float> values) {
+  const BasisHeader& header = coding.header;
+  const std::size_t per_channel = count(rect.n_pixels()) * count(header.dims.n_lights);
+  HAARLIGHT_EXPECTS(values.size() == count(header.dims.channels) * per_channel,
+                    "a tile's values");
+  require_finite(coding, rect, values);
+  CodedTile coded;
+  coded.sums = TileSums(header.dims);
+  for (int c = 0; c < header.dims.channels; ++c) {
+    const std::span<const float> t = values.subspan(count(c) * per_channel, per_channel);
+    if (header.coding == BasisCoding::lossless) {
+      coded.channels.push_back(copy_channel(coding, rect, c, t, coded.sums));
+    } else if (is_float_enough(header)) {
+      coded.channels.push_back(code_channel<float>(coding, rect, c, t, coded.sums));
+    } else {
+      coded.channels.push_back(code_channel<double>(coding, rect, c, t, coded.sums));
+    }
+  }
+  return coded;
+}
+
+void StackSample::merge(const StackSample& other) {
+  energy += other.energy;
+  peak = std::max(peak, other.peak);
+  n_rows += other.n_rows;
+  residuals.merge(other.residuals);
+}
+
+StackSample sample_pixels(const TileCoding& coding, const TileRect& rect,
+                          std::span<const float> values) {
+  require_finite(coding, rect, values);
+  return is_float_enough(coding.header) ? sample_rows<float>(coding, rect, values)
+                                        : sample_rows<double>(coding, rect, values);
+}
+
+}  // namespace haarlight

@@ -1,0 +1,268 @@
+#include "relight/basis/tile_plate.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Core>
+#include <Eigen/QR>
+
+#include "core/error.h"
+#include "core/random.h"
+
+namespace haarlight {
+
+namespace {
+
+using Eigen::MatrixXd;
+
+std::size_t count(int n) { return static_cast<std::size_t>(n); }
+
+/// T_0 .. T_degree at x.
+std::array<double, kMaxPlateDegree + 1> chebyshev(double x, int degree) {
+  std::array<double, kMaxPlateDegree + 1> t{};
+  t[0] = 1.0;
+  if (degree > 0) {
+    t[1] = x;
+  }
+  for (std::size_t i = 2; i <= count(degree); ++i) {
+    t[i] = 2.0 * x * t[i - 1] - t[i - 2];
+  }
+  return t;
+}
+
+void terms_at(const TileRect& rect, int x, int y, int degree, double* out) {
+  const auto along_x = chebyshev((2.0 * x + 1.0) / rect.width - 1.0, degree);
+  const auto along_y = chebyshev((2.0 * y + 1.0) / rect.height - 1.0, degree);
+  for (std::size_t b = 0; b <= count(degree); ++b) {
+    for (std::size_t a = 0; a <= count(degree); ++a) {
+      *out++ = along_x[a] * along_y[b];
+    }
+  }
+}
+
+struct Place {
+  int x;
+  int y;
+};
+
+/// Pixels of a tile that a source in closed form is asked for: a grid denser at the edges.
+std::vector<Place> node_places(const TileRect& rect, int degree) {
+  const int n = degree + 2;
+  const auto along = [n](int size) {
+    std::vector<int> at;
+    for (int i = 0; i < n; ++i) {
+      const double node = -std::cos((2.0 * i + 1.0) / (2.0 * n) * 3.14159265358979323846);
+      at.push_back(std::clamp(static_cast<int>((node + 1.0) / 2.0 * size), 0, size - 1));
+    }
+    at.front() = 0;
+    at.back() = size - 1;
+    at.erase(std::unique(at.begin(), at.end()), at.end());
+    return at;
+  };
+  std::vector<Place> places;
+  for (const int y : along(rect.height)) {
+    for (const int x : along(rect.width)) {
+      places.push_back({x, y});
+    }
+  }
+  return places;
+}
+
+/// V b / ||V b|| of some pixels, (places, rank); rows of 0 where the plate is not seen.
+MatrixXd directions(const StackSource& plate, int channel, const TileRect& rect,
+                    const std::vector<Place>& places, const PlateVectors& vectors) {
+  const StackDims dims = plate.dims();
+  const std::size_t n_lights = count(dims.n_lights);
+  const Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>
+      v(vectors.vectors.data(), vectors.rank, dims.n_lights);
+  const bool is_whole = !plate.is_closed_form();
+  std::vector<float> values;
+  if (is_whole) {
+    values.resize(count(dims.channels) * count(rect.n_pixels()) * n_lights);
+    plate.read_tile(rect, values);
+  }
+  MatrixXd found = MatrixXd::Zero(static_cast<Eigen::Index>(places.size()), vectors.rank);
+  std::vector<float> one(count(dims.channels) * n_lights);
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const float* row = nullptr;
+    if (is_whole) {
+      row = values.data() + (count(channel) * count(rect.n_pixels()) +
+                             count(places[i].y * rect.width + places[i].x)) *
+                                n_lights;
+    } else {
+      plate.read_tile({rect.x0 + places[i].x, rect.y0 + places[i].y, 1, 1}, one);
+      row = one.data() + count(channel) * n_lights;
+    }
+    const Eigen::Map<const Eigen::VectorXf> b(row, dims.n_lights);
+    const Eigen::VectorXd u = (v * b).cast<double>();
+    const double norm = u.norm();
+    if (norm > 0.0) {
+      found.row(static_cast<Eigen::Index>(i)) = u.transpose() / norm;
+    }
+  }
+  return found;
+}
+
+std::vector<Place> all_places(const TileRect& rect) {
+  std::vector<Place> places;
+  places.reserve(count(rect.n_pixels()));
+  for (int y = 0; y < rect.height; ++y) {
+    for (int x = 0; x < rect.width; ++x) {
+      places.push_back({x, y});
+    }
+  }
+  return places;
+}
+
+/// Least squares on the rows that see the plate, (rank, (degree + 1)^2).
+std::vector<float> fit(const MatrixXd& seen, const std::vector<Place>& places,
+                       const TileRect& rect, int degree) {
+  const int rank = static_cast<int>(seen.cols());
+  const int n_terms = (degree + 1) * (degree + 1);
+  std::vector<Eigen::Index> rows;
+  for (Eigen::Index i = 0; i < seen.rows(); ++i) {
+    if (seen.row(i).squaredNorm() > 0.0) {
+      rows.push_back(i);
+    }
+  }
+  std::vector<float> fitted(count(rank) * count(n_terms));
+  if (rows.empty()) {
+    return fitted;
+  }
+  // As many terms as the pixels seen can carry, with some to spare.
+  int used = degree;
+  const auto fits = [&](int d) {
+    return 4 * rows.size() >= 5 * count((d + 1) * (d + 1)) && d < rect.width && d < rect.height;
+  };
+  while (used > 0 && !fits(used)) {
+    --used;
+  }
+  const int n_used = (used + 1) * (used + 1);
+  MatrixXd a(static_cast<Eigen::Index>(rows.size()), n_used);
+  MatrixXd u(static_cast<Eigen::Index>(rows.size()), rank);
+  std::vector<double> terms(count(n_used));
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const Place& place = places[static_cast<std::size_t>(rows[i])];
+    terms_at(rect, place.x, place.y, used, terms.data());
+    const auto row = static_cast<Eigen::Index>(i);
+    a.row(row) = Eigen::Map<const Eigen::RowVectorXd>(terms.data(), n_used);
+    u.row(row) = seen.row(rows[i]);
+  }
+  const MatrixXd solved = a.colPivHouseholderQr().solve(u);  // (n_used, rank)
+  for (int j = 0; j < rank; ++j) {
+    for (int b = 0; b <= used; ++b) {
+      for (int i = 0; i <= used; ++i) {
+        fitted[count(j * n_terms + b * (degree + 1) + i)] =
+            static_cast<float>(solved(b * (used + 1) + i, j));
+      }
+    }
+  }
+  return fitted;
+}
+
+}  // namespace
+
+std::vector<double> plate_terms(const TileRect& rect, int degree) {
+  HAARLIGHT_EXPECTS(degree >= 0 && degree <= kMaxPlateDegree, "a degree that is stored");
+  const std::size_t n_terms = count((degree + 1) * (degree + 1));
+  std::vector<double> terms(count(rect.n_pixels()) * n_terms);
+  for (int p = 0; p < rect.n_pixels(); ++p) {
+    terms_at(rect, p % rect.width, p / rect.width, degree, terms.data() + count(p) * n_terms);
+  }
+  return terms;
+}
+
+std::vector<float> fit_tile_plate(const StackSource& plate, int channel, const TileRect& rect,
+                                  const PlateVectors& vectors, int degree) {
+  const std::vector<Place> places =
+      plate.is_closed_form() ? node_places(rect, degree) : all_places(rect);
+  return fit(directions(plate, channel, rect, places, vectors), places, rect, degree);
+}
+
+template <class Real>
+void plate_direction(std::span<const float> tile_plate, std::span<const double> terms,
+                     std::span<const float> vectors, std::span<Real> out) {
+  std::fill(out.begin(), out.end(), Real(0));
+  const std::size_t rank = terms.empty() ? 0 : tile_plate.size() / terms.size();
+  for (std::size_t j = 0; j < rank; ++j) {
+    double u = 0.0;
+    for (std::size_t t = 0; t < terms.size(); ++t) {
+      u += double{tile_plate[j * terms.size() + t]} * terms[t];
+    }
+    const Real weight = static_cast<Real>(u);
+    const float* vector = vectors.data() + j * out.size();
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      out[k] += weight * static_cast<Real>(vector[k]);
+    }
+  }
+}
+template void plate_direction<float>(std::span<const float>, std::span<const double>,
+                                     std::span<const float>, std::span<float>);
+template void plate_direction<double>(std::span<const float>, std::span<const double>,
+                                      std::span<const float>, std::span<double>);
+
+int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors, int tile,
+                        double target) {
+  constexpr std::array<int, 7> kDegrees = {0, 1, 2, 3, 4, 6, 8};
+  constexpr int kMaxTiles = 16;
+  constexpr int kChecks = 8;  // pixels a tile
+  const StackDims dims = plate.dims();
+  const int tiles_x = (dims.width + tile - 1) / tile;
+  const int n_tiles = tiles_x * ((dims.height + tile - 1) / tile);
+  const int tile_step = (n_tiles + kMaxTiles - 1) / kMaxTiles;
+  std::array<double, kDegrees.size()> missed{};
+  double n_checked = 0.0;
+  for (int t = 0; t < n_tiles; t += tile_step) {
+    const int x0 = t % tiles_x * tile;
+    const int y0 = t / tiles_x * tile;
+    const TileRect rect{x0, y0, std::min(tile, dims.width - x0),
+                        std::min(tile, dims.height - y0)};
+    std::vector<Place> checks;
+    for (int i = 0; i < kChecks; ++i) {
+      const auto draw = [&](std::uint64_t axis) {
+        return uniform_unit(hash_key(0x646567726565, static_cast<std::uint64_t>(t),
+                                     static_cast<std::uint64_t>(i), axis));
+      };
+      checks.push_back({std::min(rect.width - 1, static_cast<int>(draw(0) * rect.width)),
+                        std::min(rect.height - 1, static_cast<int>(draw(1) * rect.height))});
+    }
+    const MatrixXd truth = directions(plate, 0, rect, checks, vectors);
+    for (std::size_t d = 0; d < kDegrees.size(); ++d) {
+      const std::vector<float> fitted = fit_tile_plate(plate, 0, rect, vectors, kDegrees[d]);
+      const std::size_t n_terms = count((kDegrees[d] + 1) * (kDegrees[d] + 1));
+      std::vector<double> terms(n_terms);
+      for (std::size_t i = 0; i < checks.size(); ++i) {
+        const auto row = static_cast<Eigen::Index>(i);
+        if (truth.row(row).squaredNorm() == 0.0) {
+          continue;
+        }
+        terms_at(rect, checks[i].x, checks[i].y, kDegrees[d], terms.data());
+        Eigen::VectorXd u = Eigen::VectorXd::Zero(vectors.rank);
+        for (int j = 0; j < vectors.rank; ++j) {
+          for (std::size_t k = 0; k < n_terms; ++k) {
+            u[j] += double{fitted[count(j) * n_terms + k]} * terms[k];
+          }
+        }
+        // The gain takes up the length: what is missed is across the direction.
+        const double along = truth.row(row).dot(u.transpose());
+        missed[d] += std::max(0.0, u.squaredNorm() - along * along);
+        n_checked += d == 0 ? 1.0 : 0.0;
+      }
+    }
+  }
+  double best = std::numeric_limits<double>::infinity();
+  for (double& m : missed) {
+    m = n_checked > 0.0 ? std::sqrt(m / n_checked) : 0.0;
+    best = std::min(best, m);
+  }
+  for (std::size_t d = 0; d < kDegrees.size(); ++d) {
+    if (missed[d] <= std::max(target, 1.05 * best)) {
+      return kDegrees[d];
+    }
+  }
+  return kDegrees.back();
+}
+
+}  // namespace haarlight

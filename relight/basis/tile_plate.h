@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "relight/basis/plate.h"
+#include "relight/basis/stack_source.h"
+
+/// @file
+/// The clean plate within one tile. Seen over the lights, the plate's rows at neighbouring
+/// pixels differ in length (the plane's texture, vignetting) and hardly in direction: a tile
+/// keeps the direction as a polynomial of the place in the tile, and a pixel one number, its
+/// gain. Exact as far as it is stored: what the polynomial misses becomes residual.
+///
+///     B(p) ~ gain(p) sum_j u_j(p) V_j,    u_j(p) = sum_t a[j][t] C_t(p)
+///
+/// with V the plate's vectors (plate.h) and C_t the products T_a(xi) T_b(eta) of Chebyshev
+/// polynomials, a, b <= degree, t = b (degree + 1) + a, at xi = (2 x + 1)/width - 1 and
+/// eta = (2 y + 1)/height - 1 of the tile's own x, y. Source: docs/basis-format.md.
+
+namespace haarlight {
+
+inline constexpr int kMaxPlateDegree = 8;
+
+/// C_t of every pixel of a tile, (pixels, (degree + 1)^2).
+[[nodiscard]] std::vector<double> plate_terms(const TileRect& rect, int degree);
+
+/// a[j][t] of one tile and channel, (rank, (degree + 1)^2), fitted by least squares to the unit
+/// directions of the plate's rows; all 0 where no pixel of the tile sees the plate. A source
+/// in closed form is asked for (degree + 2)^2 pixels, another for all of them. Where few pixels
+/// see the plate the higher terms stay 0.
+/// @param channel  of the plate
+[[nodiscard]] std::vector<float> fit_tile_plate(const StackSource& plate, int channel,
+                                                const TileRect& rect,
+                                                const PlateVectors& vectors, int degree);
+
+/// Unit direction of the plate over the lights at one pixel: sum_j u_j V_j.
+/// @param terms  of this pixel
+template <class Real>
+void plate_direction(std::span<const float> tile_plate, std::span<const double> terms,
+                     std::span<const float> vectors, std::span<Real> out);
+
+/// The smallest degree whose directions miss the plate's by no more than `target` (rms over
+/// pixels between the ones fitted, tiles spread over the picture), or by no more than 1.05
+/// times what the best degree misses.
+[[nodiscard]] int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors,
+                                      int tile, double target);
+
+}  // namespace haarlight
