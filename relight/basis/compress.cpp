@@ -388,7 +388,7 @@ void Compressor::code() {
     for (int r = from; r < to; ++r) {
       if (!is_own(r)) {
         progress.advance();
-      } else if (work_.read_numbers(sums_name(r), key)) {
+      } else if (work_.read_numbers(sums_name(r), key) && work_.read(blocks_name(r), key)) {
         ++summary_.n_rows_found;
         progress.advance();
       } else {

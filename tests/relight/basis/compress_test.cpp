@@ -1,12 +1,15 @@
 #include "relight/basis/compress.h"
 
 #include <algorithm>
+#include <atomic>
+#include <barrier>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <memory>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,6 +17,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
+#include "relight/basis/work_folder.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
@@ -253,6 +257,128 @@ TEST_F(Compress, LightImageIsTheStacksWithinTheStatedError) {
       }
     }
     EXPECT_LE(std::sqrt(error / energy), summary.worst_light + 1e-6);
+  }
+}
+
+/// A stack whose medium fails once after some tiles.
+class FailingStack final : public StackSource {
+ public:
+  FailingStack(const MemoryStack& stack, int n_good) : stack_(stack), n_left_(n_good) {}
+  [[nodiscard]] StackDims dims() const override { return stack_.dims(); }
+  void read_tile(const TileRect& rect, std::span<float> out) const override {
+    if (n_left_-- <= 0) {
+      throw Error("the disk is full", "made", "make room", ExitCode::io);
+    }
+    stack_.read_tile(rect, out);
+  }
+
+ private:
+  const MemoryStack& stack_;
+  mutable std::atomic<int> n_left_;
+};
+
+/// Five rows of two tiles.
+const MemoryStack& tall_stack() { return make_stack({.width = 40, .height = 150, .grid = 8}); }
+constexpr int kTilesSampled = 10;
+/// 36 bytes a value: one tile after the other.
+CompressOptions one_by_one(double error = 0.01) {
+  CompressOptions options;
+  options.relative_l2 = error;
+  options.memory_bytes = 1024 * 64 * 36;
+  return options;
+}
+
+CompressSource keyed(const StackSource& stack) {
+  CompressSource source = made_source(tall_stack(), 8);
+  source.stack = &stack;
+  source.key = "tall";
+  return source;
+}
+
+TEST_F(Compress, GoesOnWithWhatAnEarlierRunHasCoded) {
+  (void)compress_stack(keyed(tall_stack()), file("whole.hlb"), {});
+  const std::string whole = read_file(file("whole.hlb"));
+  for (const int n_good : {0, 3, kTilesSampled, kTilesSampled + 5, kTilesSampled + 9}) {
+    const FailingStack broken(tall_stack(), n_good);
+    EXPECT_THROW((void)compress_stack(keyed(broken), file("a.hlb"), one_by_one()), Error);
+    EXPECT_FALSE(std::filesystem::exists(file("a.hlb")));
+    const CompressSummary rest = compress_stack(keyed(tall_stack()), file("a.hlb"), {});
+    EXPECT_EQ(rest.n_rows_found, std::max(0, n_good - kTilesSampled) / 2) << n_good;
+    EXPECT_EQ(read_file(file("a.hlb")), whole) << n_good;
+    EXPECT_FALSE(std::filesystem::exists(file("a.hlb.part")));
+    std::filesystem::remove(file("a.hlb"));
+  }
+}
+
+TEST_F(Compress, PiecesOfOtherSettingsOrDamagedOnesAreMadeAgain) {
+  (void)compress_stack(keyed(tall_stack()), file("whole.hlb"), {});
+  const std::string whole = read_file(file("whole.hlb"));
+  const auto stop_half_way = [this](double error) {
+    const FailingStack broken(tall_stack(), kTilesSampled + 9);
+    EXPECT_THROW((void)compress_stack(keyed(broken), file("a.hlb"), one_by_one(error)), Error);
+  };
+  stop_half_way(0.02);
+  EXPECT_EQ(compress_stack(keyed(tall_stack()), file("a.hlb"), {}).n_rows_found, 0);
+  EXPECT_EQ(read_file(file("a.hlb")), whole);
+  stop_half_way(0.01);
+  int n_damaged = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(file("a.hlb.part"))) {
+    if (entry.path().filename() == "blocks-00001" || entry.path().filename() == "sums-00002") {
+      std::fstream piece(entry.path(), std::ios::in | std::ios::out | std::ios::binary);
+      piece.seekp(60);
+      piece.put('x');
+      ++n_damaged;
+    }
+  }
+  EXPECT_EQ(n_damaged, 2);
+  EXPECT_EQ(compress_stack(keyed(tall_stack()), file("a.hlb"), {}).n_rows_found, 2);
+  EXPECT_EQ(read_file(file("a.hlb")), whole);
+}
+
+TEST_F(Compress, WithoutAKeyNothingIsKept) {
+  const FailingStack broken(tall_stack(), kTilesSampled + 9);
+  CompressSource source = keyed(broken);
+  source.key.clear();
+  EXPECT_THROW((void)compress_stack(source, file("a.hlb"), {}), Error);
+  EXPECT_TRUE(is_folder_empty());
+}
+
+TEST_F(Compress, TwoProcessesDoNotWriteTheSameFile) {
+  WorkFolder work(file("a.hlb.part"), "other");
+  work.own();
+  try {
+    (void)compress_stack(keyed(tall_stack()), file("a.hlb"), {});
+    FAIL() << "the folder is another's";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ExitCode::interrupted);
+  }
+  EXPECT_TRUE(std::filesystem::exists(file("a.hlb.part"))) << "another's work was deleted";
+}
+
+TEST_F(Compress, SeveralRanksWriteTheBytesOfOne) {
+  (void)compress_stack(keyed(tall_stack()), file("whole.hlb"), {});
+  const std::string whole = read_file(file("whole.hlb"));
+  for (const int n : {2, 3, 7}) {
+    std::barrier gate(n);
+    std::vector<std::thread> ranks;
+    std::vector<CompressSummary> summaries(static_cast<std::size_t>(n));
+    for (int i = 0; i < n; ++i) {
+      ranks.emplace_back([&, i] {
+        CompressOptions options;
+        options.rank = {i, n, [&gate] { gate.arrive_and_wait(); }};
+        summaries[static_cast<std::size_t>(i)] =
+            compress_stack(keyed(tall_stack()), file("a.hlb"), options);
+      });
+    }
+    for (std::thread& rank : ranks) {
+      rank.join();
+    }
+    EXPECT_EQ(read_file(file("a.hlb")), whole) << n << " ranks";
+    for (const CompressSummary& summary : summaries) {
+      EXPECT_EQ(summary.bytes, whole.size());
+      EXPECT_EQ(summary.header.reached.relative_l2,
+                summaries.front().header.reached.relative_l2);
+    }
   }
 }
 
