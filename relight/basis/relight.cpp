@@ -245,27 +245,15 @@ void Relighting::sum_quantised(int i_tile, const TileRect& rect, int channel,
   }
   const BasisHeader& header = basis_.header();
   const PixelBlock pixels = basis_.pixels(i_tile, channel);
-  const std::vector<double> terms = plate_terms(rect, header.plate_degree);
-  const std::size_t n_terms = terms.size() / n_pixels;
-  std::vector<double> polynomial(n_terms);
+  std::vector<double> plate(n_pixels);
   for (std::size_t q = 0; q < queries_.size(); ++q) {
     if (queries_[q].channel != channel) {
       continue;
     }
-    // The vectors' products with the weights go into one polynomial of the place.
-    std::fill(polynomial.begin(), polynomial.end(), 0.0);
-    for (std::size_t j = 0; j < queries_[q].plate.size(); ++j) {
-      for (std::size_t t = 0; t < n_terms; ++t) {
-        polynomial[t] += queries_[q].plate[j] * double{pixels.plate[j * n_terms + t]};
-      }
-    }
+    plate_sums(rect, header.plate_degree, pixels.plate, queries_[q].plate, plate);
     for (std::size_t p = 0; p < n_pixels; ++p) {
-      double plate = 0.0;
-      for (std::size_t t = 0; t < n_terms; ++t) {
-        plate += polynomial[t] * terms[p * n_terms + t];
-      }
-      sums[q][p] =
-          std::ldexp(header.step, -int{pixels.shift[p]}) * sums[q][p] + plate * pixels.gain[p];
+      sums[q][p] = std::ldexp(header.step, -int{pixels.shift[p]}) * sums[q][p] +
+                   plate[p] * pixels.gain[p];
     }
   }
 }

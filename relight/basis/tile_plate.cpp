@@ -203,6 +203,44 @@ template void plate_direction<float>(std::span<const float>, std::span<const dou
 template void plate_direction<double>(std::span<const float>, std::span<const double>,
                                       std::span<const float>, std::span<double>);
 
+void plate_sums(const TileRect& rect, int degree, std::span<const float> tile_plate,
+                std::span<const double> factors, std::span<double> out) {
+  const std::size_t side = count(degree) + 1;
+  const std::size_t n_terms = side * side;
+  const std::size_t width = count(rect.width);
+  HAARLIGHT_EXPECTS(degree >= 0 && degree <= kMaxPlateDegree &&
+                        tile_plate.size() == factors.size() * n_terms &&
+                        out.size() == count(rect.n_pixels()),
+                    "polynomials of every vector, a sum a pixel");
+  std::vector<double> polynomial(n_terms);
+  for (std::size_t j = 0; j < factors.size(); ++j) {
+    for (std::size_t t = 0; t < n_terms; ++t) {
+      polynomial[t] += factors[j] * double{tile_plate[j * n_terms + t]};
+    }
+  }
+  std::vector<double> along_x(side * width);  // (term, x)
+  for (int x = 0; x < rect.width; ++x) {
+    const auto t = chebyshev((2.0 * x + 1.0) / rect.width - 1.0, degree);
+    for (std::size_t a = 0; a < side; ++a) {
+      along_x[a * width + count(x)] = t[a];
+    }
+  }
+  for (int y = 0; y < rect.height; ++y) {
+    const auto along_y = chebyshev((2.0 * y + 1.0) / rect.height - 1.0, degree);
+    double* row = out.data() + count(y) * width;
+    std::fill(row, row + width, 0.0);
+    for (std::size_t a = 0; a < side; ++a) {
+      double factor = 0.0;
+      for (std::size_t b = 0; b < side; ++b) {
+        factor += polynomial[b * side + a] * along_y[b];
+      }
+      for (std::size_t x = 0; x < width; ++x) {
+        row[x] += factor * along_x[a * width + x];
+      }
+    }
+  }
+}
+
 int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors, int tile,
                         double target) {
   constexpr std::array<int, 7> kDegrees = {0, 1, 2, 3, 4, 6, 8};

@@ -41,6 +41,13 @@ template <class Real>
 void plate_direction(std::span<const float> tile_plate, std::span<const double> terms,
                      std::span<const float> vectors, std::span<Real> out);
 
+/// sum_j factors_j u_j of every pixel of a tile: the plate for gain 1 under a light whose
+/// products with the vectors are `factors`.
+/// @param factors  (rank)
+/// @param out      (pixels)
+void plate_sums(const TileRect& rect, int degree, std::span<const float> tile_plate,
+                std::span<const double> factors, std::span<double> out);
+
 /// The smallest degree whose directions miss the plate's by no more than `target` (rms over
 /// pixels between the ones fitted, tiles spread over the picture), or by no more than 1.05
 /// times what the best degree misses.
