@@ -30,7 +30,8 @@
 #include "render/rig_lights.h"
 #include "render/scene.h"
 #include "session/develop.h"
-#include "sim/transport.h"
+
+#include "bench/relight/twin.h"
 
 namespace haarlight {
 namespace {
@@ -59,32 +60,6 @@ struct Row {
   std::uint64_t bytes = 0;
   std::optional<Achieved> direct;  ///< against the scene rendered under these lights
 };
-
-/// The rig of the twin's figures: 128 x 128 pixels, 36 degrees.
-Rig twin_rig(const std::string& file) {
-  constexpr int kSize = 128;
-  const double focal = 0.5 * kSize / std::tan(0.5 * 36.0 * 3.14159265358979323846 / 180.0);
-  Rig rig = read_rig(file);
-  CameraModel& camera = rig.cameras.front().model;
-  camera.width = camera.height = kSize;
-  camera.fx = camera.fy = focal;
-  camera.cx = camera.cy = 0.5 * kSize;
-  camera.world_from_cam = look_at({0, -560, 520}, {0, 5, 45}, {0, 0, 1});
-  return rig;
-}
-
-MemoryStack stack_of(const Transport& transport, double scale) {
-  MemoryStack stack({transport.width(), transport.height(), 1, transport.n_lights()});
-  for (int k = 0; k < transport.n_lights(); ++k) {
-    const ImageView<const float> plane = transport.plane(k);
-    for (int y = 0; y < transport.height(); ++y) {
-      for (int x = 0; x < transport.width(); ++x) {
-        stack.at(0, y, x, k) = static_cast<float>(double{plane(y, x)} / scale);
-      }
-    }
-  }
-  return stack;
-}
 
 /// Shot and read noise as the twin's README has it: `electrons` for a lit pixel, 3 to read.
 void add_noise(MemoryStack& stack, double electrons) {
@@ -143,16 +118,9 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-/// A scene and the unit of its stack: what it takes to render a lighting directly.
-struct Twin {
-  Rig rig;
-  Scene scene;
-  double scale = 1.0;
-};
-
 /// The scene under all lights of a lighting at once: 64 x 64 strata a light and random numbers
 /// of its own, so that only the definition is shared with the stack. Mono: mean of the colours.
-Image<float> render_directly(const Twin& twin, const LightWeights& weights) {
+Image<float> render_directly(const bench::Twin& twin, const LightWeights& weights) {
   std::vector<Eigen::Vector3d> drives;
   for (Eigen::Index k = 0; k < weights.rows(); ++k) {
     drives.emplace_back(Eigen::Vector3d::Constant(weights(k, 0)));
@@ -175,7 +143,7 @@ Image<float> render_directly(const Twin& twin, const LightWeights& weights) {
 
 /// A capture, what to take off it, and what speaks for its lights.
 struct Capture {
-  std::optional<Twin> twin;
+  std::optional<bench::Twin> twin;
   std::optional<LightStack> file;
   std::optional<MemoryStack> memory;
   std::unique_ptr<StackSource> file_source;
@@ -202,11 +170,10 @@ Capture open_capture(const Arguments& arguments) {
     }
     capture.source.name = arguments.session;
   } else {
-    const Rig rig = twin_rig(arguments.rig);
-    const Scene scene = read_scene(arguments.scene).scene;
-    const Transport transport = make_transport(rig, 0, scene, TransportOptions{});
-    capture.memory = stack_of(transport, transport.scale());
-    capture.twin = Twin{rig, scene, transport.scale()};
+    bench::TwinStack made = bench::render_twin(arguments.rig, arguments.scene);
+    capture.memory = std::move(made.stack);
+    capture.twin = std::move(made.twin);
+    const Rig& rig = capture.twin->rig;
     if (arguments.electrons > 0.0) {
       add_noise(*capture.memory, arguments.electrons);
     }

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -39,9 +40,11 @@ struct RelightBound {
   double dropped = 0.0;
   /// ||exact picture of the file - picture of the uncompressed stack|| <= this.
   double coded = 0.0;
+  /// Of sums in float: 0 here, where sums are double; see prepared_basis.h.
+  double rounding = 0.0;
   double picture_norm = 0.0;  ///< of the picture given out
-  /// (dropped + coded) / (picture_norm - dropped - coded); infinity when that is not positive
-  /// and 0 for a picture without any light.
+  /// e / (picture_norm - e) with e = dropped + coded + rounding; infinity when that is not
+  /// positive and 0 for a picture without any light.
   double relative_l2 = 0.0;
 };
 
@@ -51,6 +54,7 @@ struct RelitPicture {
   int terms = 0;                 ///< terms summed, the largest over the colours
   int terms_all = 0;             ///< terms the exact mode would sum: nonzero l_i with a norm
   std::uint64_t bytes_read = 0;  ///< of blocks
+  std::string method = "file";   ///< what summed: the file, or a RelightMethod's name
 };
 
 /// Exact mode unless an option says otherwise. One pass over the file for all environments.

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <string>
+
+#include "core/rig.h"
+#include "relight/basis/stack_source.h"
+#include "render/scene.h"
+
+/// @file
+/// The twin of the published figures: cube32's camera at 128 x 128 pixels over a scene, its
+/// stack in linear values.
+
+namespace haarlight::bench {
+
+/// A scene, the rig that sees it, and the unit of its stack.
+struct Twin {
+  Rig rig;
+  Scene scene;
+  double scale = 1.0;
+};
+
+/// The rig of the twin's figures: 128 x 128 pixels, 36 degrees.
+[[nodiscard]] Rig twin_rig(const std::string& rig_file);
+
+struct TwinStack {
+  Twin twin;
+  MemoryStack stack;
+};
+/// Rendered once; later calls read the transport cache.
+[[nodiscard]] TwinStack render_twin(const std::string& rig_file, const std::string& scene_file);
+
+}  // namespace haarlight::bench

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+
+/// @file
+/// Much memory for reading again and again: from the system's pages, of 2 MB where it grants
+/// them.
+
+namespace haarlight {
+
+/// Zeroed bytes. Pages that are never written take no memory.
+class LargeBuffer {
+ public:
+  LargeBuffer() = default;
+  /// @throws std::bad_alloc
+  explicit LargeBuffer(std::size_t n_bytes);
+  [[nodiscard]] std::span<std::byte> bytes() const noexcept {
+    return {bytes_.get(), bytes_.get_deleter().n_bytes};
+  }
+
+ private:
+  struct Unmap {
+    std::size_t n_bytes;
+    void operator()(std::byte* bytes) const noexcept;
+  };
+  std::unique_ptr<std::byte, Unmap> bytes_{nullptr, Unmap{0}};
+};
+
+}  // namespace haarlight

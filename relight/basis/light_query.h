@@ -1,0 +1,96 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "relight/basis/relight.h"
+
+/// @file
+/// What relighting asks of a basis, whatever holds it (the file, or memory): lighting
+/// coefficients, terms in order of their worth, the bounds on what is left out. Method:
+/// docs/numerics/relight.md, "Relighting".
+
+namespace haarlight {
+
+/// What one colour of one environment asks of one channel of the basis.
+struct LightQuery {
+  int environment = 0;
+  int out_channel = 0;
+  int channel = 0;            ///< of the basis
+  std::vector<double> given;  ///< w_k
+  std::vector<double> light;  ///< l_i in light-domain index order; 0 where dropped
+  std::vector<double> plate;  ///< (rank): gain step * V_j . w
+  double dropped = 0.0;
+  double coded = 0.0;
+  int terms = 0;
+  int terms_all = 0;
+};
+
+/// Bounds on the norm of a tail: entry K bounds ||sum of l_i C_i over ranked[K], ranked[K+1],
+/// ...||; one entry more than `ranked` has, the last is 0. Default: the triangle inequality.
+using TailBound =
+    std::function<std::vector<double>(const LightQuery& query, std::span<const int> ranked)>;
+
+/// The questions of some environments. Borrows header, tables and name.
+/// One thread.
+class LightQueries {
+ public:
+  /// @throws Error  weights of another number of lights or of colours
+  LightQueries(const BasisHeader& header, const BasisTables& tables, const std::string& name,
+               std::span<const LightWeights> weights, TailBound tail_bound = {});
+
+  /// Keeps the first terms[environment] terms of every colour.
+  void keep(const std::vector<int>& terms, TermOrder order);
+  /// The smallest K whose dropped terms are bounded by `allowed`; none when allowed is
+  /// negative.
+  [[nodiscard]] std::optional<int> terms_within(int environment, double allowed,
+                                                TermOrder order);
+
+  [[nodiscard]] const std::vector<LightQuery>& queries() const noexcept { return queries_; }
+  [[nodiscard]] std::size_t n_environments() const noexcept { return out_channels_.size(); }
+  /// RelightBound::coded of one environment.
+  [[nodiscard]] double coded(std::size_t environment) const;
+  /// Black pictures of the environments' shapes, in the memory of `reuse` where that fits: new
+  /// pages cost as much as summing a sparse picture.
+  [[nodiscard]] std::vector<RelitPicture> black_pictures(
+      std::vector<RelitPicture> reuse = {}) const;
+  /// Terms and bounds of pictures that were summed for the terms kept now; their
+  /// `bound.rounding` is set already.
+  void finish(std::vector<RelitPicture>& pictures) const;
+
+ private:
+  /// Terms from the worthiest on, and bounds on what is dropped behind each.
+  struct Ranking {
+    TermOrder order = TermOrder::transport;
+    std::vector<int> terms;
+    std::vector<double> tails;
+  };
+
+  [[nodiscard]] double reach(const LightQuery& query, int i) const;
+  [[nodiscard]] std::vector<int> rank_terms(const LightQuery& query, TermOrder order) const;
+  /// Of all_[q]; kept until another order is asked for.
+  [[nodiscard]] const Ranking& ranking(std::size_t q, TermOrder order);
+  [[nodiscard]] double coded_bound(const LightQuery& query, const Eigen::VectorXd& w) const;
+
+  const BasisHeader& header_;
+  const BasisTables& tables_;
+  TailBound tail_bound_;
+  std::vector<int> out_channels_;
+  std::vector<LightQuery> all_;                   ///< every term
+  std::vector<LightQuery> queries_;               ///< with the terms kept
+  std::vector<std::optional<Ranking>> rankings_;  ///< of all_
+};
+
+/// RelightBound::relative_l2 from the others.
+void set_relative_bound(RelightBound& bound);
+
+/// Runs `sum` (which sums the terms kept now and calls finish()) as the options ask: once, or,
+/// for a largest error, until the bound is kept or no term is left.
+[[nodiscard]] std::vector<RelitPicture> relight_as_asked(
+    LightQueries& queries, const RelightOptions& options,
+    const std::function<std::vector<RelitPicture>()>& sum);
+
+}  // namespace haarlight

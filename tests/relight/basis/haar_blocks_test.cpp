@@ -1,0 +1,80 @@
+#include "relight/basis/haar_blocks.h"
+
+#include <cstring>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "core/random.h"
+#include "relight/basis/haar.h"
+
+namespace haarlight {
+namespace {
+
+template <class T>
+std::vector<T> random_values(std::size_t n) {
+  std::vector<T> values(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    values[i] = static_cast<T>(2.0 * uniform_unit(hash_key(11, i)) - 1.0);
+  }
+  return values;
+}
+
+template <class T>
+bool has_same_bits(const std::vector<T>& a, const std::vector<T>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
+}
+
+/// Array by array with haar.h.
+template <class T>
+std::vector<T> one_by_one(std::vector<T> values, int n, bool is_forward) {
+  const std::size_t size = static_cast<std::size_t>(n) * static_cast<std::size_t>(n);
+  for (std::size_t at = 0; at < values.size(); at += size) {
+    const std::span<T> array = std::span(values).subspan(at, size);
+    is_forward ? haar_forward(array, n) : haar_inverse(array, n);
+  }
+  return values;
+}
+
+template <class T>
+void expect_same_bits(int n, std::size_t n_arrays) {
+  const auto in = random_values<T>(n_arrays * static_cast<std::size_t>(n * n));
+  std::vector<T> out(in.size());
+  haar_forward_blocks(std::span<const T>(in), std::span(out), n);
+  EXPECT_TRUE(has_same_bits(out, one_by_one(in, n, true))) << n << ' ' << n_arrays;
+  haar_inverse_blocks(std::span<const T>(in), std::span(out), n);
+  EXPECT_TRUE(has_same_bits(out, one_by_one(in, n, false))) << n << ' ' << n_arrays;
+  std::vector<T> in_place = in;
+  haar_forward_blocks(std::span<const T>(in_place), std::span(in_place), n);
+  EXPECT_TRUE(has_same_bits(in_place, one_by_one(in, n, true))) << n << ' ' << n_arrays;
+}
+
+TEST(HaarBlocks, GiveTheBitsOfTheTransformOfOneArray) {
+  for (const int n : {1, 2, 4, 8, 16, 32, 64, 128}) {
+    expect_same_bits<float>(n, 5);
+    expect_same_bits<double>(n, 5);
+  }
+}
+
+TEST(HaarBlocks, GiveThemPastTheCachesTooOnAnyNumberOfThreads) {
+  for (const int threads : {1, 2, 7}) {
+    const ThreadLimit limit(threads);
+    expect_same_bits<float>(32, 2100);  // 8.6 MB: streamed
+  }
+}
+
+TEST(HaarBlocks, RefuseOtherSizes) {
+  const std::vector<float> in(64);
+  std::vector<float> out(64);
+  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out), 3),
+               ContractViolation);
+  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out), 16),
+               ContractViolation);
+  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out).first(16), 4),
+               ContractViolation);
+}
+
+}  // namespace
+}  // namespace haarlight
