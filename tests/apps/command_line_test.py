@@ -153,6 +153,8 @@ class CommandLine(unittest.TestCase):
                      "relight object.hlb --light 0 -o new.png --rotate inf",
                      "relight object.hlb --light 0 -o new.png --exposure nan",
                      "relight object.hlb --light 0 -o new.png --terms -1",
+                     "relight object.hlb --light 0 -o new.png --frames 0",
+                     "relight object.hlb --light 0 -o new.png --frames 2",
                      "check {rig} --threads 0", "check {rig} --memory 3Q"):
             with self.subTest(line=line):
                 self.assertEqual(self.run_line(line).returncode, USAGE)
