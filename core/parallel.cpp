@@ -66,6 +66,10 @@ void parallel_for(std::size_t count, std::size_t grain,
                   const std::function<void(std::size_t, std::size_t)>& body) {
   HAARLIGHT_EXPECTS(grain > 0, "a positive grain");
   const std::size_t n_pieces = (count + grain - 1) / grain;
+  if (n_pieces == 1) {
+    body(0, count);
+    return;
+  }
   TaskOrder order;
   const CallMark call(order);
   tbb::parallel_for(

@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/haar_blocks.h"
 #include "relight/basis/tile_plate.h"
 
 namespace haarlight {
@@ -460,29 +461,33 @@ std::uint64_t BasisWriter::finish(const BasisHeader& header, const BasisTables& 
 
 namespace {
 
-template <class Real, class Transform>
-void for_each_grid(const BasisHeader& header, std::span<Real> values, Transform transform) {
+template <class Real>
+void forward_grids(const BasisHeader& header, std::span<Real> values) {
   if (header.basis == BasisKind::haar) {
-    const std::size_t per_grid = count(header.grid) * count(header.grid);
-    for (std::size_t g = 0; g < values.size(); g += per_grid) {
-      transform(values.subspan(g, per_grid), header.grid);
-    }
+    haar_forward_blocks(std::span<const Real>(values), values, header.grid);
+  }
+}
+
+template <class Real>
+void inverse_grids(const BasisHeader& header, std::span<Real> coefficients) {
+  if (header.basis == BasisKind::haar) {
+    haar_inverse_blocks(std::span<const Real>(coefficients), coefficients, header.grid);
   }
 }
 
 }  // namespace
 
 void inverse_basis(const BasisHeader& header, std::span<float> coefficients) {
-  for_each_grid(header, coefficients, [](std::span<float> x, int n) { haar_inverse(x, n); });
+  inverse_grids(header, coefficients);
 }
 void inverse_basis(const BasisHeader& header, std::span<double> coefficients) {
-  for_each_grid(header, coefficients, [](std::span<double> x, int n) { haar_inverse(x, n); });
+  inverse_grids(header, coefficients);
 }
 void forward_basis(const BasisHeader& header, std::span<float> values) {
-  for_each_grid(header, values, [](std::span<float> x, int n) { haar_forward(x, n); });
+  forward_grids(header, values);
 }
 void forward_basis(const BasisHeader& header, std::span<double> values) {
-  for_each_grid(header, values, [](std::span<double> x, int n) { haar_forward(x, n); });
+  forward_grids(header, values);
 }
 
 }  // namespace haarlight
