@@ -1,6 +1,7 @@
 /// @file
 /// `haarlight compress SESSION -o BASIS`: develops a session and compresses it over the lights.
 
+#include <algorithm>
 #include <optional>
 
 #include <fmt/format.h>
@@ -17,18 +18,35 @@ namespace {
 struct CompressArguments {
   std::string session;
   std::string output;
-  double max_error = 0.01;
+  std::optional<double> max_error;
   std::optional<double> worst_pixel;
   std::string plate;
   std::string basis = "haar";
   std::string transfer;
 };
 
+/// What --max-error stands for when it is not given.
+double default_error(const Session& session, const PlateChoice& plate,
+                     const CompressOptions& options, Report& report) {
+  constexpr double kWithoutNoise = 0.01;
+  constexpr double kLeast = 1e-4;
+  const std::optional<double> noise = measure_noise(session, plate, options);
+  if (!noise) {
+    fmt::print("asked for a relative error of {:g}: the camera's noise is not known\n",
+               kWithoutNoise);
+    return kWithoutNoise;
+  }
+  const double error = std::clamp(kNoiseTarget * *noise, kLeast, 1.0);
+  report.add_detail("noise", *noise);
+  fmt::print("asked for a relative error of {:.3g}: the capture's noise is {:.3g}\n", error,
+             *noise);
+  return error;
+}
+
 ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& common,
                       Report& report) {
   report.add_input(arguments.session);
   CompressOptions options;
-  options.relative_l2 = arguments.max_error;
   if (arguments.worst_pixel) {
     options.worst_pixel = *arguments.worst_pixel;
   }
@@ -38,13 +56,15 @@ ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& c
   options.basis = arguments.basis == "haar" ? BasisKind::haar : BasisKind::direct;
   options.memory_bytes = common.memory_bytes;
   options.progress = common.progress();
-  report.add_asked("relative_l2", options.relative_l2);
   report.add_asked("worst_pixel", options.worst_pixel);
   report.add_asked("basis", arguments.basis);
   report.add_asked("plate", arguments.plate.empty() ? "automatic" : arguments.plate);
   require_absent(arguments.output, common.force);
   const PlateChoice plate = PlateChoice::parse(arguments.plate);
   const Session session = Session::open(arguments.session);
+  options.relative_l2 = arguments.max_error ? *arguments.max_error
+                                            : default_error(session, plate, options, report);
+  report.add_asked("relative_l2", options.relative_l2);
   const CompressSummary summary = compress_session(session, plate, arguments.output, options);
   const BasisHeader& header = summary.header;
   report.add_reached("relative_l2", header.reached.relative_l2);
@@ -81,8 +101,9 @@ void add_compress(Command root, Invocation& invocation) {
   verb.option("-o,--output", &arguments->output, "Basis file to write",
               {.type = "BASIS.hlb", .is_required = true});
   verb.option("--max-error", &arguments->max_error,
-              "Relative L2 error of the whole stack; 0 is exact, bit for bit",
-              {.bounds = Bounds{0.0, 1.0}, .shows_default = true});
+              "Relative L2 error of the whole stack; 0 is exact, bit for bit (default: the "
+              "capture's own noise, or 0.01 where nobody measured it)",
+              {.bounds = Bounds{0.0, 1.0}});
   verb.option("--worst-pixel", &arguments->worst_pixel,
               "Bound on every pixel's own relative error (default: none)",
               {.bounds = Bounds{}});

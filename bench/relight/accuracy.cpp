@@ -146,6 +146,7 @@ struct Capture {
   std::optional<bench::Twin> twin;
   std::optional<LightStack> file;
   std::optional<MemoryStack> memory;
+  std::optional<MemoryStack> clean;  ///< before noise was added
   std::unique_ptr<StackSource> file_source;
   std::unique_ptr<StackSource> plate;
   CompressSource source;
@@ -175,6 +176,7 @@ Capture open_capture(const Arguments& arguments) {
     capture.twin = std::move(made.twin);
     const Rig& rig = capture.twin->rig;
     if (arguments.electrons > 0.0) {
+      capture.clean = capture.memory;
       add_noise(*capture.memory, arguments.electrons);
     }
     capture.source.stack = &*capture.memory;
@@ -188,6 +190,12 @@ Capture open_capture(const Arguments& arguments) {
   capture.source.plate_kind = capture.plate ? "computed" : "none";
   capture.source.lights.resize(static_cast<std::size_t>(capture.source.stack->dims().n_lights));
   return capture;
+}
+
+/// ||stack - clean|| / ||clean||.
+double distance(const StackSource& stack, const MemoryStack& clean) {
+  const MemoryStack all = read_all(stack);
+  return compare(all.values(), clean.values()).relative_l2;
 }
 
 std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
@@ -204,7 +212,13 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
       "|---|---|---|---|---|---|---|---|---|\n");
   const StackDims dims = capture.source.stack->dims();
   const double raw = 2.0 * double(dims.n_pixels()) * dims.channels * dims.n_lights;
-  for (const double error : arguments.errors) {
+  std::vector<double> errors = arguments.errors;
+  if (capture.clean) {
+    const double noise = distance(*capture.source.stack, *capture.clean);
+    fmt::print("noise: {:.4g} of the stack's norm\n", noise);
+    errors.insert(errors.begin(), noise);
+  }
+  for (const double error : errors) {
     const std::string mode = error == 0.0 ? "exact" : fmt::format("{:g} %", 100.0 * error);
     const auto path = folder / (mode.substr(0, mode.find(' ')) + ".hlb");
     CompressOptions options;
@@ -219,6 +233,10 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
                header.plate_rank, header.reached.relative_l2, header.reached.worst_pixel,
                summary->worst_light, seconds);
     files.push_back({mode, BasisFile::open(path), {}});
+    if (capture.clean) {
+      const double left = distance(BasisSource(files.back().basis), *capture.clean);
+      fmt::print("  from the noise-free stack: {:.4g}\n", left);
+    }
     if (error == 0.0) {
       for (const double fast : {0.01, 0.001}) {
         RelightOptions fast_options;

@@ -114,9 +114,8 @@ TileCoding first_coding(const CompressSource& source, const CompressOptions& opt
 std::vector<std::byte> pack_pieces(const std::vector<PackedTile>& channels) {
   std::vector<std::byte> bytes;
   const auto append = [&bytes](const void* from, std::size_t n) {
-    const std::size_t at = bytes.size();
-    bytes.resize(at + n);
-    std::memcpy(bytes.data() + at, from, n);
+    const auto* first = static_cast<const std::byte*>(from);
+    bytes.insert(bytes.end(), first, first + n);
   };
   const auto append_block = [&](const PackedTile::Block& block) {
     const auto n_bytes = static_cast<std::uint32_t>(block.bytes.size());

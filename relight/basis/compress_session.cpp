@@ -1,6 +1,7 @@
 #include "relight/basis/compress_session.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <optional>
 
@@ -11,6 +12,7 @@
 #include "relight/basis/haar.h"
 #include "relight/basis/plate.h"
 #include "session/develop.h"
+#include "session/sensor_response.h"
 
 namespace haarlight {
 
@@ -198,6 +200,36 @@ PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {
     }
   };
   return pixels;
+}
+
+std::optional<double> measure_noise(const Session& session, const PlateChoice& choice,
+                                    const CompressOptions& options) {
+  constexpr int kRows = 16;
+  if (!sensor_response(session).is_measured) {
+    return std::nullopt;
+  }
+  DevelopOptions develop_options;
+  develop_options.memory_bytes = options.memory_bytes;
+  develop_options.unknown_as = options.unknown_as;
+  develop_options.plate = sharing_plate(session, choice);
+  develop_options.has_standard_error = true;
+  Developer developer(session, develop_options);
+  const int height = developer.shape().height;
+  const int n_rows = std::min(height, kRows);
+  Progress progress("look at the noise", static_cast<std::size_t>(n_rows), options.progress);
+  double energy = 0.0;
+  double noise = 0.0;
+  for (int i = 0; i < n_rows; ++i) {
+    const int y = static_cast<int>((std::int64_t{2} * i + 1) * height / (2 * n_rows));
+    const Developer::Rows rows = developer.rows(y, y + 1);
+    for (std::size_t k = 0; k < rows.values.size(); ++k) {
+      const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped, of no known error
+      noise += error * error;
+      energy += double{rows.values[k]} * double{rows.values[k]};
+    }
+    progress.advance();
+  }
+  return energy > 0.0 ? std::optional(std::sqrt(noise / energy)) : std::nullopt;
 }
 
 CompressSummary compress_session(const Session& session, const PlateChoice& choice,

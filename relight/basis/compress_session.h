@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "relight/basis/compress.h"
@@ -40,6 +41,19 @@ struct PlateChoice {
 /// and where the choice finds none.
 /// @throws Error  a plate of another size or other lights
 [[nodiscard]] PlatePixels sharing_plate(const Session& session, const PlateChoice& choice);
+
+/// ||noise|| / ||T|| of a session's stack: of its values' standard errors (session/develop.h),
+/// in up to 16 rows spread over the picture. Nothing where nobody measured the camera's noise
+/// (the rig file has none), or where the rows are black.
+/// @throws Error  as develop() does
+[[nodiscard]] std::optional<double> measure_noise(const Session& session,
+                                                  const PlateChoice& choice,
+                                                  const CompressOptions& options);
+
+/// The error that is worth asking of a noisy stack, as a multiple of its noise: where the
+/// compressed stack comes nearest to the light without noise (docs/numerics/relight.md,
+/// "Noise").
+inline constexpr double kNoiseTarget = 1.1;
 
 /// @throws Error  as develop() and compress_stack() do
 [[nodiscard]] CompressSummary compress_session(const Session& session, const PlateChoice& plate,

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@
 #include "capture/writer_thread.h"
 #include "core/error.h"
 #include "core/files.h"
+#include "relight/basis/compress_session.h"
 #include "session/clean_rule.h"
 #include "session/develop.h"
 #include "session/frame_check.h"
@@ -303,6 +305,26 @@ TEST_F(ExposureTwin, RepeatsOfAnSMatrixScatterAsStated) {
   fmt::print("variance of {} repeats over the stated one: {:.4f}\n", kRepeats, ratio);
   // Each pixel's 64 lights share 63 shots' noise: at least 3072 x 11 degrees of freedom.
   EXPECT_NEAR(ratio, 1.0, 4.0 * std::sqrt(2.0 / (3072.0 * 11.0)));
+}
+
+TEST_F(ExposureTwin, NoiseOfTheStackIsItsDistanceFromTheLight) {
+  const Session session = capture("noise", kOne, with({}));
+  const std::optional<double> stated = measure_noise(session, PlateChoice::parse("none"), {});
+  ASSERT_TRUE(stated.has_value());
+  const LightStack stack = develop(session);
+  double error = 0.0;
+  double energy = 0.0;
+  for (int k = 0; k < 64; ++k) {
+    const Image<float> value = stack.light_image(k);
+    for (std::size_t i = 0; i < value.pixels().size(); ++i) {
+      error += std::pow(value.pixels()[i] - truth(k, i), 2);
+      energy += double{value.pixels()[i]} * value.pixels()[i];
+    }
+  }
+  const double found = std::sqrt(error / energy);
+  fmt::print("noise stated {:.4f}, found {:.4f}\n", *stated, found);
+  // 16 of 48 rows are looked at; each stands for its neighbours.
+  EXPECT_NEAR(*stated / found, 1.0, 0.05);
 }
 
 TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {

@@ -118,6 +118,13 @@ TEST(CompressSession, SessionBecomesABasisFileThatKnowsItsLights) {
   EXPECT_TRUE(!basis.header().rig_toml.empty() || basis.header().lights.size() == 16U);
 }
 
+TEST(CompressSession, NoiseThatNobodyMeasuredIsNotGuessed) {
+  const TemporaryFolder folder;
+  test::make_small_session(folder.path() / "s", 4);
+  EXPECT_FALSE(measure_noise(Session::open(folder.path() / "s"), PlateChoice::parse("none"), {})
+                   .has_value());
+}
+
 TEST(CompressSession, PlateMustBeAFileAFolderOrNone) {
   EXPECT_EQ(PlateChoice::parse("").kind, PlateChoice::Kind::automatic);
   EXPECT_EQ(PlateChoice::parse("none").kind, PlateChoice::Kind::none);
