@@ -78,7 +78,9 @@ std::string Report::to_json() const {
 }
 
 void Report::write(const std::filesystem::path& path) const {
-  write_file_atomically(path, to_json());
+  if (!is_written_by_others_) {
+    write_file_atomically(path, to_json());
+  }
 }
 
 std::uint64_t peak_memory_bytes() {

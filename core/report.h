@@ -35,6 +35,8 @@ class Report {
   [[nodiscard]] double seconds() const;
   /// The report as JSON text; infinities and NaN become null.
   [[nodiscard]] std::string to_json() const;
+  /// For one of several processes that do the same work: another one writes.
+  void leave_to_others() { is_written_by_others_ = true; }
   /// @throws Error(io)
   void write(const std::filesystem::path& path) const;
 
@@ -46,6 +48,7 @@ class Report {
   Entries reached_;
   Entries details_;
   std::uint64_t bytes_ = 0;
+  bool is_written_by_others_ = false;
   std::chrono::steady_clock::time_point start_;
 };
 

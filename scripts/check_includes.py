@@ -48,6 +48,7 @@ CPP_ONLY = {
     r"opencv2/": None,
     r"tiffio\.h": None,
     r"tbb/": ["core/parallel.cpp"],
+    r"mpi\.h": ["core/ranks.cpp"],
     r"curl/": None,
     r"CLI/": ["apps/command_line.cpp"],
     r"systemd/": None,

@@ -2,12 +2,14 @@
 /// `haarlight compress SESSION -o BASIS`: develops a session and compresses it over the lights.
 
 #include <algorithm>
+#include <exception>
 #include <optional>
 
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
+#include "core/ranks.h"
 #include "relight/basis/compress_session.h"
 #include "session/session.h"
 
@@ -25,26 +27,32 @@ struct CompressArguments {
   std::string transfer;
 };
 
-/// What --max-error stands for when it is not given.
-double default_error(const Session& session, const PlateChoice& plate,
-                     const CompressOptions& options, Report& report) {
+struct ErrorAsked {
+  double relative_l2 = 0.0;
+  std::string reason;
+};
+
+/// --max-error, or what stands for it.
+ErrorAsked choose_error(const CompressArguments& arguments, const Session& session,
+                        const PlateChoice& plate, const CompressOptions& options,
+                        Report& report) {
   constexpr double kWithoutNoise = 0.01;
   constexpr double kLeast = 1e-4;
+  if (arguments.max_error) {
+    return {*arguments.max_error, "as asked"};
+  }
   const std::optional<double> noise = measure_noise(session, plate, options);
   if (!noise) {
-    fmt::print("asked for a relative error of {:g}: the camera's noise is not known\n",
-               kWithoutNoise);
-    return kWithoutNoise;
+    return {kWithoutNoise, "the default: nobody measured the camera's noise"};
   }
-  const double error = std::clamp(kNoiseTarget * *noise, kLeast, 1.0);
   report.add_detail("noise", *noise);
-  fmt::print("asked for a relative error of {:.3g}: the capture's noise is {:.3g}\n", error,
-             *noise);
-  return error;
+  return {std::clamp(kNoiseTarget * *noise, kLeast, 1.0),
+          fmt::format("{:g} times the capture's noise", kNoiseTarget)};
 }
 
-ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& common,
-                      Report& report) {
+/// One of `ranks` processes' part; the first speaks for all.
+ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& common,
+                       const Ranks& ranks, Report& report) {
   report.add_input(arguments.session);
   CompressOptions options;
   if (arguments.worst_pixel) {
@@ -55,16 +63,18 @@ ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& c
   }
   options.basis = arguments.basis == "haar" ? BasisKind::haar : BasisKind::direct;
   options.memory_bytes = common.memory_bytes;
-  options.progress = common.progress();
+  options.rank = {ranks.i(), ranks.n(), [&ranks] { ranks.wait_for_all(); }};
+  options.progress = ranks.i() == 0 ? common.progress() : ProgressStyle::none;
   report.add_asked("worst_pixel", options.worst_pixel);
   report.add_asked("basis", arguments.basis);
   report.add_asked("plate", arguments.plate.empty() ? "automatic" : arguments.plate);
   require_absent(arguments.output, common.force);
   const PlateChoice plate = PlateChoice::parse(arguments.plate);
   const Session session = Session::open(arguments.session);
-  options.relative_l2 = arguments.max_error ? *arguments.max_error
-                                            : default_error(session, plate, options, report);
+  const ErrorAsked asked = choose_error(arguments, session, plate, options, report);
+  options.relative_l2 = asked.relative_l2;
   report.add_asked("relative_l2", options.relative_l2);
+  report.add_detail("relative_l2_from", asked.reason);
   const CompressSummary summary = compress_session(session, plate, arguments.output, options);
   const BasisHeader& header = summary.header;
   report.add_reached("relative_l2", header.reached.relative_l2);
@@ -76,19 +86,44 @@ ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& c
   report.add_detail("plate_rank", std::int64_t{header.plate_rank});
   report.add_detail("coefficients_per_pixel", header.mean_coefficients);
   report.add_detail("bytes_moved", static_cast<std::int64_t>(summary.bytes_moved));
+  report.add_detail("processes", std::int64_t{ranks.n()});
+  report.add_detail("tile_rows_found", std::int64_t{summary.n_rows_found});
   report.set_bytes(summary.bytes);
+  const ExitCode code = summary.is_reached() ? ExitCode::done : ExitCode::target_missed;
+  if (ranks.i() != 0) {
+    return code;
+  }
   const double raw =
       2.0 * double(header.dims.n_pixels()) * header.dims.channels * header.dims.n_lights;
   fmt::print(
       "{}: {} x {} pixels, {} channels, {} lights; {} basis, plate: {}\n"
-      "  relative error {:.3g} (worst pixel {:.3g}, worst light {:.3g}), {:.1f} coefficients a "
-      "pixel\n"
+      "  relative error {:.3g} within {:.3g}, {} (worst pixel {:.3g}, worst light {:.3g}), "
+      "{:.1f} coefficients a pixel\n"
       "  {} bytes, {:.1f} times smaller than 16-bit pictures\n",
       arguments.output, header.dims.width, header.dims.height, header.dims.channels,
       header.dims.n_lights, to_string(header.basis), header.plate, header.reached.relative_l2,
-      header.reached.worst_pixel, summary.worst_light, header.mean_coefficients, summary.bytes,
-      raw / double(summary.bytes));
-  return summary.is_reached() ? ExitCode::done : ExitCode::target_missed;
+      asked.relative_l2, asked.reason, header.reached.worst_pixel, summary.worst_light,
+      header.mean_coefficients, summary.bytes, raw / double(summary.bytes));
+  return code;
+}
+
+ExitCode run_compress(const CompressArguments& arguments, const CommonOptions& common,
+                      Report& report) {
+  const Ranks ranks;
+  if (ranks.i() != 0) {
+    report.leave_to_others();
+  }
+  try {
+    return compress_part(arguments, common, ranks, report);
+  } catch (const std::exception& error) {
+    if (ranks.n() > 1) {  // the others would wait for this one
+      fmt::print(stderr, "haarlight compress, process {} of {}: {}\n", ranks.i() + 1, ranks.n(),
+                 error.what());
+      const auto* ours = dynamic_cast<const Error*>(&error);
+      ranks.abort(static_cast<int>(ours != nullptr ? ours->code() : ExitCode::internal));
+    }
+    throw;
+  }
 }
 
 }  // namespace
@@ -119,9 +154,11 @@ void add_compress(Command root, Invocation& invocation) {
       "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
       {.choices = {"srgb", "linear"}});
   verb.footer(
+      "Killed, it goes on where it was when the same command is given again.\n\n"
       "Examples:\n"
       "  haarlight compress sessions/airplane -o airplane.hlb --max-error 0.01\n"
-      "  haarlight compress sessions/coin -o coin.hlb --basis direct --plate none");
+      "  haarlight compress sessions/coin -o coin.hlb --basis direct --plate none\n"
+      "  mpirun -n 4 haarlight compress sessions/airplane -o airplane.hlb");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_compress(*arguments, common, report);
   });

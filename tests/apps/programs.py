@@ -39,17 +39,22 @@ def footer_examples(help_text):
     return [" ".join(line.split()) for line in text.splitlines() if line.startswith("  haarlight")]
 
 
-def write_png(path, width, height, value):
-    """An 8-bit grey picture; value(x, y) gives 0..255."""
-    rows = b"".join(b"\0" + bytes(value(x, y) for x in range(width)) for y in range(height))
-
+def png_bytes(width, height, rows):
+    """An 8-bit grey picture; `rows` are the bytes of each row."""
     def chunk(kind, body):
         return (struct.pack(">I", len(body)) + kind + body +
                 struct.pack(">I", zlib.crc32(kind + body)))
 
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" +
-                     chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) +
-                     chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+    return (b"\x89PNG\r\n\x1a\n" +
+            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(b"".join(b"\0" + row for row in rows))) +
+            chunk(b"IEND", b""))
+
+
+def write_png(path, width, height, value):
+    """An 8-bit grey picture; value(x, y) gives 0..255."""
+    path.write_bytes(png_bytes(width, height, [bytes(value(x, y) for x in range(width))
+                                               for y in range(height)]))
 
 
 def write_capture(folder, n_lights=4, size=8, scale=1.0):

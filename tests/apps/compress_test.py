@@ -1,0 +1,159 @@
+#!/usr/bin/env python3
+"""haarlight compress, killed at random moments and shared by the processes of mpirun: the bytes are
+always those of one undisturbed process. compress_test.py BIN, the build's folder apps/.
+HAARLIGHT_SEED repeats a run."""
+
+import hashlib
+import json
+import os
+import pathlib
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+import numpy as np
+
+from programs import Programs, png_bytes, wait_for
+
+LIGHTS = 36
+SIZE = 512
+
+
+def write_captures(folder):
+    """A bump under lights on a spiral, with grain: one picture a light and dirs.lp."""
+    folder.mkdir()
+    y, x = np.mgrid[0:SIZE, 0:SIZE] / SIZE - 0.5
+    bump = np.dstack((-8 * x, -8 * y, np.ones_like(x) * 0.7))
+    bump /= np.linalg.norm(bump, axis=2, keepdims=True)
+    grain = np.random.default_rng(7)
+    lines = [str(LIGHTS)]
+    for k in range(LIGHTS):
+        angle, z = 2.4 * k, 0.3 + 0.6 * k / LIGHTS
+        to = np.array((np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z))
+        value = 200 * np.clip(bump @ to, 0, None) + 20 + grain.normal(0, 2, (SIZE, SIZE))
+        rows = [bytes(row) for row in np.clip(value, 0, 255).astype(np.uint8)]
+        (folder / f"light{k}.png").write_bytes(png_bytes(SIZE, SIZE, rows))
+        lines.append(f"light{k}.png " + " ".join(f"{c:.9f}" for c in to))
+    (folder / "dirs.lp").write_text("\n".join(lines) + "\n")
+
+
+class Compress(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.programs = Programs(BIN)
+        cls.place = tempfile.TemporaryDirectory(prefix="haarlight-compress.")
+        cls.folder = pathlib.Path(cls.place.name)
+        write_captures(cls.folder / "capture")
+        done = cls.programs.run("import", cls.folder / "capture", "--lights",
+                                cls.folder / "capture/dirs.lp", "-o", cls.folder / "session")
+        assert done.returncode == 0, done.stderr
+        begin = time.monotonic()
+        done = cls.programs.run(*cls.words("alone.hlb"))
+        assert done.returncode == 0, done.stderr
+        cls.seconds = time.monotonic() - begin
+        cls.expected = cls.hash("alone.hlb")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.place.cleanup()
+
+    @classmethod
+    def words(cls, name):
+        return ["compress", cls.folder / "session", "-o", cls.folder / name, "--basis", "direct",
+                "--max-error", "0.02", "--quiet"]
+
+    @classmethod
+    def hash(cls, name):
+        return hashlib.sha256((cls.folder / name).read_bytes()).hexdigest()
+
+    def start(self, name, processes=1, extra=()):
+        words = [self.programs.haarlight, *self.words(name), *extra]
+        if processes > 1:
+            words = ["mpirun", "--oversubscribe", "-n", processes, *words]
+        # A container has no other user; sockets between the processes stay on the machine.
+        environment = dict(os.environ, OMPI_ALLOW_RUN_AS_ROOT="1",
+                           OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1", OMPI_MCA_btl="self,vader")
+        return subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE,
+                                stderr=subprocess.PIPE, text=True, env=environment)
+
+    def finish(self, process):
+        out, err = process.communicate(timeout=120)
+        self.assertEqual(process.returncode, 0, out + err)
+
+    def test_killed_at_twenty_random_moments(self):
+        seed = int(os.environ.get("HAARLIGHT_SEED", time.time_ns() % 2**32))
+        print(f"seed {seed}, {self.seconds:.2f} s undisturbed", flush=True)
+        draw = random.Random(seed)
+        reruns_that_found = 0
+        for i in range(20):
+            name = f"killed{i}.hlb"
+            process = self.start(name)
+            time.sleep(draw.uniform(0, self.seconds))
+            process.send_signal(signal.SIGKILL)
+            process.communicate(timeout=60)
+            pieces = list((self.folder / f"{name}.part").glob("sums-*"))
+            if (self.folder / name).exists():  # it was faster
+                self.assertEqual(self.hash(name), self.expected, "half a file under its name")
+                continue
+            report = self.folder / f"killed{i}.json"
+            self.finish(self.start(name, extra=["--report", report]))
+            self.assertEqual(self.hash(name), self.expected, f"kill {i}, seed {seed}")
+            self.assertFalse((self.folder / f"{name}.part").exists())
+            found = self.detail(report, "tile_rows_found")
+            self.assertEqual(found, len(pieces), f"kill {i}, seed {seed}")
+            reruns_that_found += found > 0
+        print(f"{reruns_that_found} of 20 reruns went on with what they found", flush=True)
+
+    def detail(self, report, key):
+        return json.loads(report.read_text())["details"][key]
+
+    def test_two_and_three_processes_give_the_bytes_of_one(self):
+        for n in (2, 3):
+            name = f"ranks{n}.hlb"
+            report = self.folder / f"ranks{n}.json"
+            self.finish(self.start(name, n, ["--report", report]))
+            self.assertEqual(self.hash(name), self.expected)
+            self.assertEqual(self.detail(report, "processes"), n)
+
+    def test_a_lost_process_ends_the_job_and_a_rerun_goes_on(self):
+        name = "lost.hlb"
+        part = self.folder / f"{name}.part"
+        job = self.start(name, 2)
+        try:
+            wait_for(lambda: list(part.glob("sums-*")) or job.poll() is not None, 60,
+                     "the first tile row")
+            victims = self.ranks_of(job.pid)
+            if victims:
+                os.kill(victims[-1], signal.SIGKILL)
+            out, err = job.communicate(timeout=60)
+        finally:
+            job.kill()
+        if job.returncode != 0:
+            self.assertFalse((self.folder / name).exists(), "half a file under its name")
+            report = self.folder / "lost.json"
+            self.finish(self.start(name, 2, ["--report", report]))
+            self.assertFalse(part.exists())
+        self.assertEqual(self.hash(name), self.expected, out + err)
+        print("a process was lost" if job.returncode != 0 else "the job was faster", flush=True)
+
+    @staticmethod
+    def ranks_of(mpirun):
+        found = subprocess.run(["pgrep", "-P", str(mpirun), "haarlight"], capture_output=True,
+                               text=True)
+        return sorted(map(int, found.stdout.split()))
+
+    def test_an_error_in_every_process_ends_the_job(self):
+        job = self.start("small.hlb", 2, ["--memory", "100000"])
+        out, err = job.communicate(timeout=60)
+        self.assertNotEqual(job.returncode, 0)
+        self.assertIn("cure: give more --memory", err + out)
+        self.assertFalse((self.folder / "small.hlb").exists())
+
+
+if __name__ == "__main__":
+    BIN = pathlib.Path(sys.argv.pop(1))
+    unittest.main(verbosity=2)
