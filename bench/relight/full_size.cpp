@@ -23,6 +23,7 @@
 #include "core/random.h"
 #include "core/report.h"
 #include "relight/basis/compress.h"
+#include "relight/basis/compress_session.h"
 #include "relight/basis/plate.h"
 
 namespace haarlight {
@@ -39,7 +40,7 @@ struct Arguments {
   std::string folder = ".";
   int width = 4000;
   int height = 3000;
-  double max_error = 0.01;
+  double max_error = 0.0;
   double electrons = 12000.0;
   std::uint64_t memory = std::uint64_t{4} << 30U;
 };
@@ -49,7 +50,11 @@ struct Arguments {
 class BallsOverThePlane final : public RowSource {
  public:
   BallsOverThePlane(const Rig& rig, const StackDims& dims, double electrons, int rows_at_once)
-      : dims_(dims), rows_at_once_(rows_at_once), electrons_(electrons) {
+      : dims_(dims),
+        rows_at_once_(rows_at_once),
+        electrons_(electrons),
+        camera_(rig.cameras.front().model),
+        plane_(rig.planes.front()) {
     for (int k = 0; k < dims.n_lights; ++k) {
       const Eigen::Vector3d at = light_element(rig, k).centre;
       lights_.push_back(at.cast<float>());
@@ -106,10 +111,13 @@ class BallsOverThePlane final : public RowSource {
   };
 
   void make_pixel(int px, int py, float* out) const {
-    const float x =
-        400.0F * ((static_cast<float>(px) + 0.5F) / static_cast<float>(dims_.width) - 0.5F);
-    const float y =
-        300.0F * (0.5F - (static_cast<float>(py) + 0.5F) / static_cast<float>(dims_.height));
+    // Where the pixel's centre sees the plane z = 0 of the cube.
+    const CameraRay ray = ray_through(camera_, px + 0.5, py + 0.5);
+    const double t =
+        -(plane_.n.dot(ray.origin_world) + plane_.d) / plane_.n.dot(ray.direction_world);
+    const Eigen::Vector3f at = (ray.origin_world + t * ray.direction_world).cast<float>();
+    const float x = at.x();
+    const float y = at.y();
     const float albedo = 0.7F + 0.2F * std::sin(0.9F * x) * std::cos(1.1F * y);
     for (std::size_t k = 0; k < lights_.size(); ++k) {
       const float dx = lights_[k].x() - x;
@@ -150,6 +158,8 @@ class BallsOverThePlane final : public RowSource {
   StackDims dims_;
   int rows_at_once_;
   double electrons_;
+  CameraModel camera_;
+  ShadowPlane plane_;
   std::vector<Eigen::Vector3f> lights_;
   std::vector<Ball> balls_;
   std::vector<float> values_;
@@ -157,6 +167,23 @@ class BallsOverThePlane final : public RowSource {
   int y1_ = 0;
   double seconds_ = 0.0;
 };
+
+/// ||noise|| / ||T|| of a row in the middle.
+double noise_of(BallsOverThePlane& rows, double electrons) {
+  const StackDims dims = rows.dims();
+  const TileRect rect{0, dims.height / 2, dims.width, 1};
+  rows.load_rows(rect.y0, rect.y0 + 1);
+  std::vector<float> values(static_cast<std::size_t>(dims.width) *
+                            static_cast<std::size_t>(dims.n_lights));
+  rows.read_tile(rect, values);
+  double noise = 0.0;
+  double energy = 0.0;
+  for (const float v : values) {
+    noise += (std::max(0.0, double{v}) * electrons + 9.0) / (electrons * electrons);
+    energy += double{v} * double{v};
+  }
+  return std::sqrt(noise / energy);
+}
 
 /// Bytes a second that a file of 1 GiB is read with, past the page cache.
 double disk_rate(const std::filesystem::path& folder) {
@@ -193,7 +220,8 @@ int run(int argc, char** argv) {
                  {.shows_default = true});
   program.option("--width", &arguments.width, "Pixels", {.shows_default = true});
   program.option("--height", &arguments.height, "Pixels", {.shows_default = true});
-  program.option("--max-error", &arguments.max_error, "Asked for", {.shows_default = true});
+  program.option("--max-error", &arguments.max_error, "Asked for; 0: 1.1 times the noise",
+                 {.shows_default = true});
   program.option("--electrons", &arguments.electrons, "Of a lit pixel",
                  {.shows_default = true});
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
@@ -224,7 +252,9 @@ int run(int argc, char** argv) {
   source.name = "balls over the plane";
   source.key = "balls";
   CompressOptions options;
-  options.relative_l2 = arguments.max_error;
+  options.relative_l2 = arguments.max_error > 0.0
+                            ? arguments.max_error
+                            : kNoiseTarget * noise_of(rows, arguments.electrons);
   options.memory_bytes = arguments.memory / 2;
   options.progress = ProgressStyle::lines;
   const std::filesystem::path file = std::filesystem::path(arguments.folder) / "full_size.hlb";
@@ -247,7 +277,7 @@ int run(int argc, char** argv) {
       rows.seconds(), raw / bytes_a_second, bytes_a_second * 1e-6,
       100.0 * raw / bytes_a_second / seconds, double(usage.ru_maxrss) * 1024e-9,
       double(summary.bytes_moved) / (2.0 * raw), summary.header.reached.relative_l2,
-      arguments.max_error, summary.header.mean_coefficients, summary.bytes,
+      options.relative_l2, summary.header.mean_coefficients, summary.bytes,
       raw / double(summary.bytes), 72e6 / double(dims.n_pixels()),
       (seconds - rows.seconds()) * 72e6 / double(dims.n_pixels()) / 60.0);
   std::filesystem::remove(file);
