@@ -560,9 +560,13 @@ MHD_Result HttpServer::Impl::send(MHD_Connection* connection, const HttpResponse
   if (!handle) {
     return MHD_NO;
   }
-  add_common_headers(handle.get(), response.content_type, "no-store");
+  const auto caching = response.headers.find(MHD_HTTP_HEADER_CACHE_CONTROL);
+  add_common_headers(handle.get(), response.content_type,
+                     caching == response.headers.end() ? "no-store" : caching->second.c_str());
   for (const auto& [name, value] : response.headers) {
-    add_header(handle.get(), name, value);
+    if (name != MHD_HTTP_HEADER_CACHE_CONTROL) {
+      add_header(handle.get(), name, value);
+    }
   }
   return MHD_queue_response(connection, static_cast<unsigned>(response.status), handle.get());
 }

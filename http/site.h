@@ -34,7 +34,8 @@ struct HttpResponse {
   int status = 200;
   std::string content_type = "application/json";
   std::string body = {};
-  std::map<std::string, std::string> headers = {};  ///< any others
+  /// Any others. "Cache-Control" stands in for the server's own "no-store".
+  std::map<std::string, std::string> headers = {};
 };
 
 /// The project's one form of an error: {"error": {"what", "where", "cure"}}.
