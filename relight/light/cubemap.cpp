@@ -257,6 +257,70 @@ void Environment::rotate(double angle_rad) {
   angle_ += angle_rad;
 }
 
+namespace {
+
+/// Means of `step` x `step` texels; a row's weight is `weight(row)`.
+Image<float> shrink(const Image<float>& from, int step,
+                    const std::function<double(int row, int col)>& weight) {
+  Image<float> to((from.height() + step - 1) / step, (from.width() + step - 1) / step,
+                  from.channels());
+  for (int y = 0; y < to.height(); ++y) {
+    for (int x = 0; x < to.width(); ++x) {
+      double weights = 0.0;
+      std::array<double, 3> sums{};
+      for (int row = y * step; row < std::min((y + 1) * step, from.height()); ++row) {
+        for (int col = x * step; col < std::min((x + 1) * step, from.width()); ++col) {
+          const double w = weight(row, col);
+          weights += w;
+          for (int c = 0; c < from.channels(); ++c) {
+            sums[static_cast<std::size_t>(c)] += w * double{from(row, col, c)};
+          }
+        }
+      }
+      for (int c = 0; c < from.channels(); ++c) {
+        to(y, x, c) = static_cast<float>(sums[static_cast<std::size_t>(c)] / weights);
+      }
+    }
+  }
+  return to;
+}
+
+/// The smallest divisor of both sizes that brings `across` down to `most`; 1 when none does.
+int shrink_step(int across, int most, int width, int height) {
+  for (int step = 1; step <= std::min(width, height); ++step) {
+    if (across <= most * step && width % step == 0 && height % step == 0) {
+      return step;
+    }
+  }
+  return 1;
+}
+
+}  // namespace
+
+Environment Environment::reduced(int most_across) const {
+  HAARLIGHT_EXPECTS(most_across > 0, "a number of texels");
+  Environment small = *this;
+  if (layout_ == EnvironmentLayout::lat_long) {
+    const int height = picture_.height();
+    const int step =
+        shrink_step(picture_.width(), most_across, picture_.width(), picture_.height());
+    small.picture_ = shrink(picture_, step, [height](int row, int /*col*/) {
+      return std::cos(kPi * row / height) - std::cos(kPi * (row + 1) / height);
+    });
+    return small;
+  }
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    const int n = faces_[f].width();
+    const int step = shrink_step(4 * n, most_across, n, n);
+    small.faces_[f] = shrink(faces_[f], step, [n](int row, int col) {
+      const double s = (2.0 * col + 1.0) / n - 1.0;
+      const double t = (2.0 * row + 1.0) / n - 1.0;
+      return std::pow(1.0 + s * s + t * t, -1.5);
+    });
+  }
+  return small;
+}
+
 int Environment::n_rows() const {
   return layout_ == EnvironmentLayout::lat_long ? picture_.height() : 6 * faces_[0].height();
 }

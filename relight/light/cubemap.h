@@ -60,6 +60,12 @@ class Environment {
   /// Turns the environment about z, counter-clockwise seen from above (x towards y).
   void rotate(double angle_rad);
 
+  /// The same light on fewer texels: runs of texels become their mean, weighted by their solid
+  /// angle (of a cube's texel by its centre's).
+  /// @param most_across  texels all the way round, at most, where a whole number of texels
+  ///                     allows it; else nothing is reduced
+  [[nodiscard]] Environment reduced(int most_across) const;
+
   /// Rows of texels over all faces: the unit of parallel work.
   [[nodiscard]] int n_rows() const;
   [[nodiscard]] int row_texels() const;
