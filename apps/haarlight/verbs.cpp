@@ -31,6 +31,7 @@ void add_plate(Command root, Invocation& invocation);
 void add_compress(Command root, Invocation& invocation);
 void add_relight(Command root, Invocation& invocation);
 void add_shadow(Command root, Invocation& invocation);
+void add_view(Command root, Invocation& invocation);
 
 namespace {
 
@@ -62,6 +63,7 @@ constexpr AddVerb kVerbs[] = {
     add_plate,
     add_compress,
     add_relight,
+    add_view,
     add_shadow,
     // clang-format on
 };

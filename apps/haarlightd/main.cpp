@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
+#include "apps/page_folder.h"
 #include "capture/daemon.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -56,21 +57,6 @@ haarlight::Fd open_signals() {
   return haarlight::Fd(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
 }
 
-/// The page's files: as installed beside the program, or in the sources that it was built from.
-/// Empty when there are none.
-std::filesystem::path find_page() {
-  namespace fs = std::filesystem;
-  std::error_code error;
-  const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
-  for (const char* place : {"../share/haarlight/web", "../../../../web"}) {
-    fs::path page = (folder / place).lexically_normal();
-    if (!error && fs::exists(page / "index.html", error)) {
-      return page;
-    }
-  }
-  return {};
-}
-
 DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& storage) {
   namespace fs = std::filesystem;
   DaemonConfig config;
@@ -90,7 +76,8 @@ DaemonConfig configure(const Options& options, Rig rig, haarlight::Storage& stor
   };
   config.make_camera = [spec = rig.cameras.front()] { return haarlight::make_camera(spec); };
   config.storage = &storage;
-  config.web_folder = options.web.empty() ? find_page() : fs::path(options.web);
+  config.web_folder =
+      options.web.empty() ? haarlight::find_page_folder() : fs::path(options.web);
   config.resumes = !options.stays_idle;
   config.rig = std::move(rig);
   return config;

@@ -2,14 +2,17 @@
 """What every verb of `haarlight` promises on the command line: help, exit codes, named causes, no
 overwriting, reports, quiet. command_line_test.py BIN, the build's folder apps/. No rig is needed."""
 
+import json
 import os
 import pathlib
 import pty
 import re
+import signal
 import subprocess
 import sys
 import tempfile
 import unittest
+import urllib.request
 
 from programs import (SOURCE, Programs, footer_examples, free_port, report_problems,
                       schema_problems, write_capture)
@@ -22,6 +25,7 @@ ROOM = SOURCE / "configs/environments/room.hdr"
 DEVICES = {"rig"}  # verbs that need a rig: examples_test.py and rig_commission_test.py run them
 CLIENTS = {"status", "pause", "resume", "abort", "all-off", "reshoot", "sessions"}
 WRITING_CLIENTS = {"capture", "shot", "preview"}
+SERVERS = {"view"}  # end when they are asked to
 
 # For each verb: command lines whose only fault is that the input named "absent..." is not there.
 ABSENT = {
@@ -51,6 +55,7 @@ ABSENT = {
     "relight": ["absent.hlb --light 0 -o new.png", "object.hlb --cubemap absent.hdr -o new.png",
                 "object.hlb --weights absent.json -o new.png",
                 "object.hlb --light 0 --against absent -o new.png"],
+    "view": ["absent.hlb"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
                "plate.hlb --scene absent.toml --light 0 -o new.png",
                "plate.hlb --scene {scene} --cubemap absent.hdr -o new.png",
@@ -64,7 +69,7 @@ ABSENT = {
 WRITES = {
     "check": None, "status": None, "pause": None, "resume": None, "abort": None, "all-off": None,
     "reshoot": None, "sessions": None, "verify": None, "rebuild": None, "rig": None,
-    "cameras": None,
+    "cameras": None, "view": None,
     "plan": ["{rig} {plan} -o taken.json"],
     "advise": ["{rig} --signal 800 --cubemap {room} -o taken.json"],
     "capture": ["{plan} -o taken/"],
@@ -208,7 +213,7 @@ class CommandLine(unittest.TestCase):
     def test_reports_follow_the_schema_and_quiet_verbs_say_nothing_but_results(self):
         lines = [(verb, line) for verb, line in self.lines(WRITES) if verb not in WRITING_CLIENTS]
         lines += [(verb, f"{verb} {ending}") for verb, ending in READS.items()]
-        self.assertEqual({verb for verb, _ in lines} | CLIENTS | DEVICES | WRITING_CLIENTS,
+        self.assertEqual({verb for verb, _ in lines} | CLIENTS | DEVICES | WRITING_CLIENTS | SERVERS,
                          set(self.verbs))
         for number, (verb, line) in enumerate(lines):
             line = line.replace("taken", f"out{number}").replace("new", f"beside{number}_")
@@ -222,6 +227,29 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(again.returncode, USAGE, "the report itself is not overwritten")
                 forced = self.run_line(line, "--force", "--report", report)
                 self.assertEqual(forced.returncode, DONE, forced.stderr)
+
+    def test_the_viewer_serves_its_page_until_it_is_asked_to_end(self):
+        report = self.folder / "view.json"
+        for end in (signal.SIGINT, signal.SIGTERM):
+            report.unlink(missing_ok=True)
+            served = subprocess.Popen([self.programs.haarlight, "view", "object.hlb", "--report", report],
+                                      cwd=self.folder, stdout=subprocess.PIPE, text=True)
+            try:
+                url = re.search(r"http://127\.0\.0\.1:\d+", served.stdout.readline())[0]
+                page = urllib.request.urlopen(url, timeout=30)
+                self.assertIn("viewer/index.html", page.url)
+                about = json.load(urllib.request.urlopen(f"{url}/v1/basis", timeout=30))
+                self.assertEqual((about["file"], about["lights"]["count"]), ("object.hlb", 4))
+                again = self.run_line(f"view object.hlb --port {url.rsplit(':', 1)[1]}")
+                self.assertEqual(again.returncode, UNAVAILABLE, again.stderr)
+            finally:
+                served.send_signal(end)
+                code = served.wait(timeout=30)
+                served.stdout.close()
+            self.assertEqual(code, DONE)
+            self.assertEqual(report_problems(report, "view"), [])
+        self.assertEqual(self.run_line("view object.hlb --port 70000").returncode, USAGE)
+        self.assertEqual(self.run_line("view object.hlb --web absent").returncode, BAD_INPUT)
 
     def test_progress_is_a_bar_on_a_terminal_unless_quiet(self):
         for line in ("develop session --force", "verify session"):

@@ -161,6 +161,9 @@ class Examples(unittest.TestCase):
         shutil.copytree(self.folder / "door.session", self.folder / "sessions/coin")
         run_examples("verify", "rebuild", "develop", "export", "plate", "compress", "relight",
                      "shadow")
+        left.remove("view")
+        for example in self.examples_of("view"):
+            self.run_viewer(example, self.folder)
         self.assertEqual(left, [], "verbs whose examples were not run")
 
     def test_readme_in_use(self):
@@ -180,7 +183,10 @@ class Examples(unittest.TestCase):
             for command in commands:
                 if command == "haarlightd rig.toml &":
                     continue  # VirtualRig has started it so
-                self.run_shown(command, place)
+                if command.startswith("haarlight view "):
+                    self.run_viewer(command, place)
+                else:
+                    self.run_shown(command, place)
         finally:
             self.assertEqual(rig.end(), [0, 0])
         for picture in ("sky.png", "shadow.exr"):
@@ -192,11 +198,14 @@ class Examples(unittest.TestCase):
         shutil.copytree(self.folder / "configs", place / "configs")
         shutil.copy(self.folder / "configs/rigs/small8.toml", place / "rig.toml")
         shutil.copy(self.folder / "configs/plans/one_at_a_time.toml", place / "plan.toml")
+        self.run_shown("haarlight plate rig.toml -o object.hlb", place)
         for document in sorted((SOURCE / "docs").glob("*.md")):
             for command in shown_commands(document):
                 with self.subTest(document=document.name, command=command):
                     if command.startswith("haarlight-sim "):
                         self.run_simulator(command, place)
+                    elif command.startswith("haarlight view "):
+                        self.run_viewer(command, place)
                     else:
                         self.run_shown(command, place)
 
@@ -212,6 +221,10 @@ class Examples(unittest.TestCase):
                         self.run_simulator(example, self.folder)
                     else:
                         self.run_program(program, example, self.folder, "haarlightd 0")
+
+    def run_viewer(self, command, folder):
+        self.run_program(self.programs.haarlight, re.sub(r"--port \d+", f"--port {free_port()}", command),
+                         folder, "on http://")
 
     def run_simulator(self, command, folder):
         self.run_program(self.programs.sim, command.replace("/tmp/", f"{folder}/"), folder, "ready\n")

@@ -1,0 +1,120 @@
+/// @file
+/// `haarlight view BASIS`: serves the page that relights in the browser.
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <csignal>
+#include <cstdint>
+#include <cstdio>
+#include <memory>
+
+#include <fmt/format.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "apps/haarlight/verb.h"
+#include "apps/page_folder.h"
+#include "apps/viewer/viewer_site.h"
+#include "core/files.h"
+#include "http/server.h"
+
+namespace haarlight {
+
+namespace {
+
+struct ViewArguments {
+  std::string basis;
+  std::string web;
+  int port = 0;
+};
+
+/// Where the handler of the ending signals writes; a handler can reach nothing but globals.
+std::atomic<int> wake_descriptor{-1};
+
+extern "C" void haarlight_wake(int /*signal*/) {
+  const std::uint64_t one = 1;
+  const ssize_t ignored = ::write(wake_descriptor.load(), &one, sizeof(one));
+  (void)ignored;
+}
+
+/// Takes SIGINT and SIGTERM while it lives. A handler, not a mask and a descriptor: libraries
+/// have threads from before main() which would take the signal and end the process.
+class EndSignals {
+ public:
+  EndSignals() : wake_(::eventfd(0, EFD_CLOEXEC)) {
+    if (!wake_.is_open()) {
+      throw Error("no descriptor for signals", "eventfd", "close other programs", ExitCode::io);
+    }
+    wake_descriptor = wake_.get();
+    for (const int signal : {SIGINT, SIGTERM}) {
+      (void)std::signal(signal, haarlight_wake);
+    }
+    (void)std::signal(SIGPIPE, SIG_IGN);
+  }
+  ~EndSignals() {
+    for (const int signal : {SIGINT, SIGTERM}) {
+      (void)std::signal(signal, SIG_DFL);
+    }
+    wake_descriptor = -1;
+  }
+  EndSignals(const EndSignals&) = delete;
+  EndSignals& operator=(const EndSignals&) = delete;
+
+  void wait() const {
+    std::uint64_t n = 0;
+    while (::read(wake_.get(), &n, sizeof(n)) < 0 && errno == EINTR) {
+    }
+  }
+
+ private:
+  Fd wake_;
+};
+
+ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, Report& report) {
+  report.add_input(arguments.basis);
+  const EndSignals signals;
+  const auto basis = std::make_shared<const BasisFile>(BasisFile::open(arguments.basis));
+  ViewerConfig config;
+  config.web_folder =
+      arguments.web.empty() ? find_page_folder() : std::filesystem::path(arguments.web);
+  if (config.web_folder.empty()) {
+    throw Error("the folder of the page's files is missing", "haarlight view",
+                "install the program whole, or name the folder with --web", ExitCode::io);
+  }
+  config.texture_bytes = std::min(config.texture_bytes, common.memory_bytes / 4);
+  HttpServerConfig http;
+  http.port = arguments.port;
+  http.max_body_bytes = kMostEnvironmentBytes;
+  const HttpServer server(
+      http, viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), config));
+  fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.basis, server.port());
+  std::fflush(stdout);
+  signals.wait();
+  report.add_detail("requests", static_cast<std::int64_t>(server.counters().requests));
+  return ExitCode::done;
+}
+
+}  // namespace
+
+void add_view(Command root, Invocation& invocation) {
+  auto arguments = std::make_shared<ViewArguments>();
+  Command verb = root.add_verb("view", "Relight in the browser: serve a page for a basis file");
+  verb.option("BASIS", &arguments->basis, "Basis file",
+              {.type = "BASIS.hlb", .is_required = true});
+  verb.option("--port", &arguments->port, "Port on 127.0.0.1 (default: any free one)",
+              {.bounds = Bounds{0, 65535}});
+  verb.option("--web", &arguments->web,
+              "Folder of the pages (default: the one installed with the program)",
+              {.type = "DIR"});
+  verb.footer(
+      "Prints the page's address and serves it until Ctrl-C. --memory: the page loads at most "
+      "a\n"
+      "quarter of it, and at most 1 GB.\n"
+      "Example:\n  haarlight view airplane.hlb --port 8481");
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_view(*arguments, common, report);
+  });
+}
+
+}  // namespace haarlight

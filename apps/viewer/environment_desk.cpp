@@ -1,0 +1,224 @@
+#include "apps/viewer/environment_desk.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <exception>
+#include <filesystem>
+#include <numbers>
+#include <utility>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "core/error.h"
+#include "core/files.h"
+
+namespace haarlight {
+
+namespace {
+
+/// A file of these bytes that is gone when the object is.
+class TransientFile {
+ public:
+  explicit TransientFile(const std::string& bytes) {
+    std::error_code error;
+    std::string name =
+        (std::filesystem::temp_directory_path(error) / "haarlight-view-XXXXXX").string();
+    const Fd file(::mkstemp(name.data()));
+    if (!file.is_open()) {
+      throw Error("no temporary file can be made", name, "check the folder of TMPDIR",
+                  ExitCode::io);
+    }
+    path_ = name;
+    for (std::size_t at = 0; at < bytes.size();) {
+      const ssize_t n = ::write(file.get(), bytes.data() + at, bytes.size() - at);
+      if (n <= 0) {
+        remove();
+        throw Error("the temporary file cannot be written", name, "is the disk full?",
+                    ExitCode::io);
+      }
+      at += static_cast<std::size_t>(n);
+    }
+  }
+  ~TransientFile() { remove(); }
+  TransientFile(const TransientFile&) = delete;
+  TransientFile& operator=(const TransientFile&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+ private:
+  void remove() noexcept {
+    std::error_code ignored;
+    std::filesystem::remove(path_, ignored);
+  }
+  std::filesystem::path path_;
+};
+
+Error renamed(const Error& error, const std::string& from, const std::string& to) {
+  std::string where = error.where();
+  if (const std::size_t at = where.find(from); at != std::string::npos) {
+    where.replace(at, from.size(), to);
+  }
+  return {error.problem(), where, error.cure(), error.code()};
+}
+
+}  // namespace
+
+EnvironmentDesk::EnvironmentDesk(const BasisFile& basis) {
+  if (!basis.header().rig_toml.empty()) {
+    rig_ = parse_rig(basis.header().rig_toml, basis.name() + " (rig)");
+  }
+  for (const BasisLight& light : basis.header().lights) {
+    directions_.push_back(light.place.normalized());
+  }
+  worker_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+}
+
+EnvironmentDesk::~EnvironmentDesk() = default;
+
+std::string EnvironmentDesk::add(std::string bytes, std::string name) {
+  auto entry = std::make_shared<Entry>();
+  entry->name = std::move(name);
+  entry->bytes = std::move(bytes);
+  const std::lock_guard lock(mutex_);
+  entry->id = std::to_string(++n_added_);
+  entries_.push_front(entry);
+  if (entries_.size() > kMostKept) {
+    entries_.pop_back();
+  }
+  work_.notify_all();
+  return entry->id;
+}
+
+std::shared_ptr<EnvironmentDesk::Entry> EnvironmentDesk::find_locked(
+    const std::string& id) const {
+  const auto found = std::find_if(entries_.begin(), entries_.end(),
+                                  [&id](const auto& entry) { return entry->id == id; });
+  if (found == entries_.end()) {
+    throw Error(fmt::format("no environment {}", id), "viewer",
+                fmt::format("load it again: the last {} are kept", kMostKept));
+  }
+  if ((*found)->problem) {
+    throw Error(*(*found)->problem);
+  }
+  return *found;
+}
+
+std::optional<std::string> EnvironmentDesk::layout(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  const std::shared_ptr<Entry> entry = find_locked(id);
+  if (!entry->full) {
+    return std::nullopt;
+  }
+  return std::string(to_string(entry->full->layout()));
+}
+
+std::optional<EnvironmentWeights> EnvironmentDesk::weights(const std::string& id,
+                                                           double rotate_deg, Quality quality) {
+  std::shared_ptr<const Environment> quick;
+  {
+    const std::lock_guard lock(mutex_);
+    const std::shared_ptr<Entry> entry = find_locked(id);
+    if (quality == Quality::exact) {
+      if (entry->found && entry->found_deg == rotate_deg) {
+        return entry->found;
+      }
+      entry->wanted_deg = rotate_deg;
+      work_.notify_all();
+      return std::nullopt;
+    }
+    quick = entry->quick;
+  }
+  return quick ? std::optional(weights_of(*quick, rotate_deg)) : std::nullopt;
+}
+
+EnvironmentWeights EnvironmentDesk::weights_of(const Environment& environment,
+                                               double rotate_deg) const {
+  Environment turned = environment;
+  turned.rotate(rotate_deg * std::numbers::pi / 180.0);
+  return rig_ ? rig_weights(turned, *rig_) : voronoi_weights(turned, directions_);
+}
+
+void EnvironmentDesk::read(const std::shared_ptr<Entry>& entry) {
+  std::string bytes;
+  {
+    const std::lock_guard lock(mutex_);
+    bytes = std::move(entry->bytes);
+    entry->bytes.clear();
+  }
+  std::shared_ptr<const Environment> full;
+  std::optional<Error> problem;
+  std::string path;
+  try {
+    const TransientFile file(bytes);
+    path = file.path().string();
+    full = std::make_shared<const Environment>(Environment::read(file.path()));
+  } catch (const Error& error) {
+    problem = renamed(error, path, entry->name);
+  } catch (const std::exception& error) {
+    problem = Error(error.what(), entry->name, "give another picture", ExitCode::internal);
+  }
+  auto quick = full ? std::make_shared<const Environment>(full->reduced(kQuickAcross))
+                    : std::shared_ptr<const Environment>();
+  const std::lock_guard lock(mutex_);
+  entry->full = std::move(full);
+  entry->quick = std::move(quick);
+  entry->problem = std::move(problem);
+}
+
+void EnvironmentDesk::integrate(const std::shared_ptr<Entry>& entry) {
+  std::shared_ptr<const Environment> full;
+  double angle = 0.0;
+  {
+    const std::lock_guard lock(mutex_);
+    full = entry->full;
+    angle = *entry->wanted_deg;
+  }
+  std::optional<EnvironmentWeights> found;
+  std::optional<Error> problem;
+  try {
+    found = weights_of(*full, angle);
+  } catch (const Error& error) {
+    problem = error;
+  } catch (const std::exception& error) {
+    problem = Error(error.what(), entry->name, "give another picture", ExitCode::internal);
+  }
+  const std::lock_guard lock(mutex_);
+  entry->problem = std::move(problem);
+  entry->found = std::move(found);
+  entry->found_deg = angle;
+  if (entry->wanted_deg == angle) {
+    entry->wanted_deg.reset();
+  }
+}
+
+void EnvironmentDesk::run(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  while (!stop.stop_requested()) {
+    const auto is_unread = [](const auto& e) { return !e->full && !e->problem; };
+    const auto is_wanted = [](const auto& e) {
+      return e->full && !e->problem && e->wanted_deg;
+    };
+    auto next = std::find_if(entries_.begin(), entries_.end(), is_unread);
+    const bool reads = next != entries_.end();
+    if (!reads) {
+      next = std::find_if(entries_.begin(), entries_.end(), is_wanted);
+    }
+    if (next == entries_.end()) {
+      work_.wait(lock, stop, [&] {
+        return std::any_of(entries_.begin(), entries_.end(),
+                           [&](const auto& e) { return is_unread(e) || is_wanted(e); });
+      });
+      continue;
+    }
+    const std::shared_ptr<Entry> entry = *next;
+    lock.unlock();
+    if (reads) {
+      read(entry);
+    } else {
+      integrate(entry);
+    }
+    lock.lock();
+  }
+}
+
+}  // namespace haarlight

@@ -1,0 +1,229 @@
+#include "apps/viewer/viewer_site.h"
+
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "core/report.h"
+#include "core/rig.h"
+#include "relight/view/gpu_pages.h"
+
+namespace haarlight {
+
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr const char* kBytes = "application/octet-stream";
+
+/// What carries the file's hash in its address never changes.
+HttpResponse immutable(std::string body) {
+  return {200,
+          kBytes,
+          std::move(body),
+          {{"Cache-Control", "private, max-age=31536000, immutable"}}};
+}
+
+int number(const HttpRequest& request, std::string_view text) {
+  int value = 0;
+  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (text.empty() || parsed.ec != std::errc() || parsed.ptr != text.data() + text.size()) {
+    throw Error(fmt::format("\"{}\" is no whole number", text), request.path,
+                "docs/http-api.md tells the paths of the viewer");
+  }
+  return value;
+}
+
+/// "3-17"
+TileRun tile_run(const HttpRequest& request) {
+  const std::string& text = request.captures.at("tiles");
+  const std::size_t dash = text.find('-');
+  if (dash == std::string::npos) {
+    throw Error(fmt::format("\"{}\" is no run of tiles", text), request.path,
+                "write FIRST-LAST");
+  }
+  return {number(request, std::string_view(text).substr(0, dash)),
+          number(request, std::string_view(text).substr(dash + 1))};
+}
+
+/// Faces of a rig, or where on the hemisphere's map each light of an import stands: azimuthal,
+/// equidistant, +y up, the zenith at (0, 0), the horizon at distance 1.
+void add_lights(Json& json, const BasisFile& basis) {
+  const BasisHeader& header = basis.header();
+  if (!header.rig_toml.empty()) {
+    Json faces = Json::array();
+    int first = 0;
+    for (const Face& face : parse_rig(header.rig_toml, basis.name() + " (rig)").faces) {
+      faces.push_back(
+          {{"id", face.id}, {"first", first}, {"rows", face.rows}, {"cols", face.cols}});
+      first += face.n_lights();
+    }
+    json["faces"] = faces;
+    return;
+  }
+  Json places = Json::array();
+  Json names = Json::array();
+  for (const BasisLight& light : header.lights) {
+    const Eigen::Vector3d d = light.place.normalized();
+    const double planar = std::hypot(d.x(), d.y());
+    const double angle = std::atan2(planar, d.z()) / std::asin(1.0);
+    places.push_back(planar > 0.0 ? Json{angle * d.x() / planar, angle * d.y() / planar}
+                                  : Json{0.0, 0.0});
+    names.push_back(light.name);
+  }
+  json["places"] = places;
+  json["names"] = names;
+}
+
+/// JSON has no infinity.
+Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
+
+std::string describe(const BasisFile& basis, const ViewerConfig& config) {
+  const BasisHeader& header = basis.header();
+  Json groups = Json::array();
+  for (int g = 0; g < basis.n_groups(); ++g) {
+    groups.push_back({basis.group_begin(g), basis.group_end(g)});
+  }
+  Json json = {
+      {"format", "haarlight view"},
+      {"version", 1},
+      {"program", std::string(kVersion)},
+      {"hash", basis.content_key()},
+      {"file", std::filesystem::path(basis.name()).filename().string()},
+      {"bytes", basis.n_bytes()},
+      {"picture",
+       {{"width", header.dims.width},
+        {"height", header.dims.height},
+        {"channels", header.dims.channels}}},
+      {"tile", header.tile},
+      {"side", page_side(header)},
+      {"n_tiles", basis.n_tiles()},
+      {"lights", {{"count", header.dims.n_lights}, {"grid", header.grid}}},
+      {"basis", std::string(to_string(header.basis))},
+      {"coding", std::string(to_string(header.coding))},
+      {"order", basis.order()},
+      {"groups", groups},
+      {"step", header.step},
+      {"half_scale", half_scale(header)},
+      {"plate",
+       {{"kind", header.plate},
+        {"rank", header.plate_rank},
+        {"degree", header.plate_degree},
+        {"gain_step", header.gain_step}}},
+      {"stack", {{"norm", header.stack_norm}, {"peak", header.peak}}},
+      {"asked", {{"relative_l2", or_null(header.asked_relative_l2)}}},
+      {"reached", {{"relative_l2", or_null(header.reached.relative_l2)}}},
+      {"source", header.source},
+      {"texture_bytes", config.texture_bytes},
+      {"answer_bytes", kMostPageBytes},
+  };
+  add_lights(json, basis);
+  return json.dump();
+}
+
+std::string table_bytes(const BasisFile& basis) {
+  static_assert(std::endian::native == std::endian::little);
+  const BasisTables& tables = basis.tables();
+  std::string bytes;
+  for (const auto* part :
+       {&tables.plate_vectors, &tables.coefficient_norms, &tables.coefficient_errors,
+        &tables.light_norms, &tables.light_errors}) {
+    bytes.append(reinterpret_cast<const char*>(part->data()), part->size() * sizeof(float));
+  }
+  return bytes;
+}
+
+HttpResponse weights_response(EnvironmentDesk& desk, const HttpRequest& request) {
+  const std::string text = request.query_or("rotate", "0");
+  double angle = 0.0;
+  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), angle);
+  if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size() ||
+      !std::isfinite(angle)) {
+    throw Error(fmt::format("\"{}\" is no angle", text), request.path,
+                "rotate is a number of degrees");
+  }
+  const std::string quality = request.query_or("quality", "exact");
+  if (quality != "exact" && quality != "quick") {
+    throw Error(fmt::format("no quality \"{}\"", quality), request.path,
+                "write exact or quick");
+  }
+  const std::string& id = request.captures.at("id");
+  const auto found = desk.weights(
+      id, angle,
+      quality == "exact" ? EnvironmentDesk::Quality::exact : EnvironmentDesk::Quality::quick);
+  if (!found) {
+    return {202, "application/json", R"({"is_ready": false})", {}};
+  }
+  const Eigen::MatrixXd& w = found->weights;
+  Json columns = Json::array();
+  for (Eigen::Index c = 0; c < w.cols(); ++c) {
+    columns.push_back(std::vector<double>(w.col(c).data(), w.col(c).data() + w.rows()));
+  }
+  const Json json = {
+      {"is_ready", true},   {"layout", desk.layout(id).value_or("")}, {"rotate", angle},
+      {"quality", quality}, {"missing_share", found->missing_share},  {"weights", columns}};
+  return {200, "application/json", json.dump(), {}};
+}
+
+}  // namespace
+
+HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
+                     const std::shared_ptr<EnvironmentDesk>& desk, const ViewerConfig& config) {
+  HttpSite site;
+  const std::string hash = basis->content_key();
+  const auto get_data = [&site, hash](const std::string& path, auto answer) {
+    site.get("/v1/basis/{hash}/" + path, [hash, answer](const HttpRequest& request) {
+      if (request.captures.at("hash") != hash) {
+        throw Error("this server shows another basis file now", request.path,
+                    "load the page again");
+      }
+      return immutable(answer(request));
+    });
+  };
+  site.get("/v1/basis", [description = describe(*basis, config)](const HttpRequest&) {
+    return HttpResponse{.body = description};
+  });
+  get_data("tables", [basis](const HttpRequest&) { return table_bytes(*basis); });
+  get_data("pages/{channel}/{group}/{tiles}", [basis](const HttpRequest& request) {
+    return coefficient_pages(*basis, number(request, request.captures.at("channel")),
+                             number(request, request.captures.at("group")), tile_run(request));
+  });
+  get_data("gains/{channel}/{tiles}", [basis](const HttpRequest& request) {
+    return gain_pages(*basis, number(request, request.captures.at("channel")),
+                      tile_run(request));
+  });
+  get_data("polynomials/{channel}/{tiles}", [basis](const HttpRequest& request) {
+    return plate_polynomials(*basis, number(request, request.captures.at("channel")),
+                             tile_run(request));
+  });
+  get_data("shifts/{channel}/{tiles}", [basis](const HttpRequest& request) {
+    return shift_pages(*basis, number(request, request.captures.at("channel")),
+                       tile_run(request));
+  });
+  site.post("/v1/environments", [desk](const HttpRequest& request) {
+    const std::string id =
+        desk->add(request.body, request.query_or("name", "the picture that was sent"));
+    return HttpResponse{.status = 202, .body = Json{{"id", id}}.dump()};
+  });
+  site.get("/v1/environments/{id}/weights",
+           [desk](const HttpRequest& request) { return weights_response(*desk, request); });
+  if (!config.web_folder.empty()) {
+    site.get("/", [](const HttpRequest&) {
+      return HttpResponse{.status = 303,
+                          .content_type = "text/plain",
+                          .headers = {{"Location", "/viewer/index.html"}}};
+    });
+    site.set_static_files("/", config.web_folder);
+  }
+  return site;
+}
+
+}  // namespace haarlight

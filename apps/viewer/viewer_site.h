@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+
+#include "apps/viewer/environment_desk.h"
+#include "http/site.h"
+#include "relight/basis/basis_file.h"
+
+/// @file
+/// What `haarlight view` answers: the basis file's numbers for the page's graphics processor,
+/// weights of environments, and the page's files. Paths and layouts: docs/http-api.md, "The
+/// viewer's server".
+
+namespace haarlight {
+
+struct ViewerConfig {
+  std::filesystem::path web_folder;                       ///< empty: no page, the data alone
+  std::uint64_t texture_bytes = std::uint64_t{1} << 30U;  ///< what the page may load, at most
+};
+
+/// A picture file of an environment is at most this large.
+inline constexpr std::size_t kMostEnvironmentBytes = std::size_t{256} << 20U;
+
+/// The site keeps the file and the desk alive.
+[[nodiscard]] HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
+                                   const std::shared_ptr<EnvironmentDesk>& desk,
+                                   const ViewerConfig& config);
+
+}  // namespace haarlight

@@ -1,0 +1,102 @@
+/// @file
+/// Writes a small basis file for the viewer's tests and benchmarks: a sphere over a plane under
+/// an n x n array, from closed forms. made_basis --help
+
+#include <cstdio>
+#include <exception>
+#include <optional>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "apps/command_line.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/rig.h"
+#include "relight/basis/compress.h"
+#include "tests/relight/basis/made_stack.h"
+
+namespace haarlight {
+
+namespace {
+
+struct Options {
+  std::string output;
+  std::string rig;
+  int width = 40;
+  int height = 36;
+  int channels = 1;
+  int grid = 8;
+  double max_error = 0.01;
+  std::optional<double> worst_pixel;
+  std::string basis = "haar";
+  bool has_plate = false;
+  double noise = 0.0;
+};
+
+void make(const Options& options) {
+  test::MadeScene scene{options.width, options.height, options.grid, options.channels};
+  scene.noise = options.noise;
+  std::optional<Rig> rig;
+  if (!options.rig.empty()) {
+    rig = read_rig_as_written(options.rig);
+    scene.grid = rig->faces.front().rows;
+  }
+  const MemoryStack stack = test::render_stack(scene);
+  scene.has_sphere = false;
+  scene.noise = 0.0;
+  std::optional<MemoryStack> plate;
+  if (options.has_plate) {
+    plate = test::render_stack(scene);
+  }
+  CompressOptions how{.relative_l2 = options.max_error};
+  how.basis = options.basis == "haar" ? BasisKind::haar : BasisKind::direct;
+  if (options.worst_pixel) {
+    how.worst_pixel = *options.worst_pixel;
+  }
+  CompressSource source = test::made_source(stack, options.basis == "haar" ? scene.grid : 0,
+                                            plate ? &*plate : nullptr);
+  if (rig) {
+    source.lights.clear();
+    source.rig_toml = rig->text;
+    source.rig_hash = rig->hash;
+  }
+  const CompressSummary summary = compress_stack(source, options.output, how);
+  fmt::print("{} bytes, {:.1f} coefficients a pixel\n", summary.bytes,
+             summary.header.mean_coefficients);
+}
+
+int run(int argc, char** argv) {
+  CommandLine line("made_basis", "made_basis: a basis file of a sphere over a plane", "");
+  Command program = line.root();
+  Options options;
+  program.option("OUT", &options.output, "File to write", {.is_required = true});
+  program.option("--rig", &options.rig, "Rig of one square face (default: an import's lights)");
+  program.option("--width", &options.width, "Pixels");
+  program.option("--height", &options.height, "Pixels");
+  program.option("--channels", &options.channels, "1 or 3");
+  program.option("--grid", &options.grid, "Lights along a side, without a rig");
+  program.option("--max-error", &options.max_error, "0: lossless");
+  program.option("--worst-pixel", &options.worst_pixel, "Bound on a pixel's own error");
+  program.option("--basis", &options.basis, "haar or direct");
+  program.flag("--plate", &options.has_plate, "Take the empty plane off");
+  program.option("--noise", &options.noise, "Of a value, uniform");
+  if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
+    return static_cast<int>(*end);
+  }
+  make(options);
+  return 0;
+}
+
+}  // namespace
+
+}  // namespace haarlight
+
+int main(int argc, char** argv) {
+  try {
+    return haarlight::run(argc, argv);
+  } catch (const std::exception& error) {
+    (void)std::fprintf(stderr, "made_basis: %s\n", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,210 @@
+// Keeps the canvas up to date: at once with as many terms as fit the time of a frame, then with all
+// of them, a slice a frame, so that the next movement never waits for the last one's details.
+
+import {displayExposure} from './exposure.js';
+import {Lighting, limited} from './lighting.js';
+
+const kFrameMs = 24;      // of summing, at a movement: leaves time for the display in 33 ms
+const kSliceMs = 20;      // of summing, when nothing moves
+const kFirstNs = 40;      // a texel and page, until it is measured: a slow processor
+const kSampled = 1 << 15; // values that the exposure of a moving picture is taken from
+
+export class Engine {
+  /** @param changed  called when there is something new to tell: status() */
+  constructor(renderer, basis, changed) {
+    Object.assign(this, {renderer, basis, changed});
+    this.columns = [new Float64Array(basis.nLights)];
+    this.lighting = null;
+    this.terms = Infinity;     // of the picture
+    this.isComparing = false;
+    this.isStacked = false;
+    this.amplify = 8;
+    this.heldExposure = null;  // or the factor that is kept
+    this.stops = 0;
+    this.baseExposure = 1;
+    this.nsPerTexel = kFirstNs;
+    this.sums = Array.from({length: 4}, () => renderer.makeSum());  // shown and in work, picture and reference
+    this.norm = 0;
+    this.isStale = true;       // the picture shown is of something else
+    this.plan = null;          // the sums still to make
+    this.isShown = false;
+    this.movedAt = 0;
+    this.waiting = [];
+    this.latencies = [];       // ms from a movement to its picture
+    this.frames = 0;
+  }
+
+  /** The drives: one or three arrays. @param at  when the person moved, performance.now() */
+  setDrives(columns, at = performance.now()) {
+    this.columns = columns;
+    this.lighting = null;
+    this.touch(at);
+  }
+
+  /** Something else of the picture has changed. */
+  touch(at = performance.now()) {
+    this.isStale = true;
+    this.movedAt ||= at;
+    this.wake();
+  }
+
+  /** The picture is the same, but shown otherwise. */
+  show() {
+    this.isReshown = true;
+    this.wake();
+  }
+
+  wake() {
+    this.request ??= requestAnimationFrame(() => this.frame());
+  }
+
+  /** When everything asked for is on the canvas. */
+  settled() {
+    return new Promise(resolve => {
+      this.waiting.push(resolve);
+      this.wake();
+    });
+  }
+
+  get exposure() {
+    return (this.heldExposure ?? this.baseExposure) * 2 ** this.stops;
+  }
+
+  frame() {
+    this.request = null;
+    if (this.renderer.gl.isContextLost()) {
+      return;
+    }
+    if (this.latencyFrom) {  // the frame after the picture: it is with the browser's compositor
+      this.latencies.push(performance.now() - this.latencyFrom);
+      this.latencyFrom = 0;
+    }
+    if (this.isStale) {
+      this.isStale = false;
+      this.drawQuick();
+    } else if (this.plan) {
+      this.refine();
+    } else if (this.isReshown) {
+      this.present();
+    }
+    this.isReshown = false;
+    if (this.isStale || this.plan || this.latencyFrom) {
+      this.wake();
+    } else if (this.waiting.length > 0) {
+      this.waiting.splice(0).forEach(resolve => resolve());
+    }
+  }
+
+  /** Time of a sum of these pages, in ms, as measured so far. */
+  timeOf(pages) {
+    return 1e-6 * this.nsPerTexel * pages * this.renderer.pageTexels;
+  }
+
+  measured(pages, ms) {
+    if (pages > 50) {
+      const ns = 1e6 * ms / (pages * this.renderer.pageTexels);
+      // Slower is believed at once, faster bit by bit: a frame too late is worse than a term less.
+      this.nsPerTexel = ns > this.nsPerTexel ? 0.5 * (ns + this.nsPerTexel) : 0.8 * this.nsPerTexel + 0.2 * ns;
+    }
+  }
+
+  /** Pages of plates and all that every frame needs, counted as pictures' pages. */
+  get fixedPages() {
+    return this.basis.nTiles * (this.basis.rank + 1) * this.lighting.queries.length;
+  }
+
+  drawQuick() {
+    const {basis, renderer} = this;
+    this.lighting ??= new Lighting(basis, this.columns);
+    const jobs = [this.lighting.job(this.terms)];
+    if (this.isComparing) {
+      jobs.push(this.lighting.job());
+    }
+    const most = Math.max(0, kFrameMs / this.timeOf(1) / jobs.length - this.fixedPages);
+    const quick = jobs.map(job => limited(job, basis, most));
+    const isWhole = quick.every((job, i) => job.every((part, c) => part.pictures.length === jobs[i][c].pictures.length));
+    const begun = performance.now();
+    let pages = 0;
+    quick.forEach((job, i) => {
+      renderer.sum(this.sums[i], job);
+      pages += renderer.cost(job) + this.fixedPages;
+    });
+    renderer.finish(this.sums[quick.length - 1]);
+    this.measured(pages, performance.now() - begun);
+    this.shownJob = quick[0];
+    this.isWhole = isWhole;
+    this.plan = isWhole ? null : {jobs, job: 0, unit: 0};
+    this.takeExposure(isWhole);
+    this.present();
+    if (this.movedAt) {
+      this.latencyFrom = this.movedAt;
+      this.movedAt = 0;
+    }
+    ++this.frames;
+  }
+
+  /** One more slice of the sums with all their terms; they are shown when they are complete. */
+  refine() {
+    const {renderer, plan, basis} = this;
+    const job = plan.jobs[plan.job];
+    const units = job.length * basis.nTiles;
+    const perUnit = (renderer.cost(job) + this.fixedPages) / units;
+    const n = Math.max(1, Math.floor(kSliceMs / this.timeOf(perUnit)));
+    const last = Math.min(units, plan.unit + n);
+    const begun = performance.now();
+    renderer.sum(this.sums[2 + plan.job], job, plan.unit, last);
+    renderer.finish(this.sums[2 + plan.job]);
+    this.measured(perUnit * (last - plan.unit), performance.now() - begun);
+    plan.unit = last;
+    if (last === units) {
+      [this.sums[plan.job], this.sums[2 + plan.job]] = [this.sums[2 + plan.job], this.sums[plan.job]];
+      plan.unit = 0;
+      if (++plan.job === plan.jobs.length) {
+        this.shownJob = plan.jobs[0];
+        this.plan = null;
+        this.isWhole = true;
+        this.takeExposure(true);
+        this.present();
+      }
+    }
+  }
+
+  takeExposure(isFinal) {
+    let values = this.renderer.read(this.sums[0]);
+    if (isFinal) {
+      let energy = 0;
+      for (let i = 0; i < values.length; ++i) {
+        energy += values[i] * values[i];
+      }
+      this.norm = Math.sqrt(energy);
+    } else if (values.length > 2 * kSampled) {
+      const stride = Math.floor(values.length / kSampled);
+      values = values.filter((_, i) => i % stride === 0);
+    }
+    if (this.heldExposure === null) {
+      this.baseExposure = displayExposure(values);
+    }
+  }
+
+  present() {
+    const [first, second] = this.sums;
+    const panels = this.isComparing
+      ? [{first, second: first, amplify: 0}, {first: second, second, amplify: 0}, {first, second, amplify: this.amplify}]
+      : [{first, second: first, amplify: 0}];
+    this.renderer.show(panels, this.exposure, this.isStacked);
+    this.isShown = true;
+    this.changed();
+  }
+
+  /** What is on the canvas. */
+  status() {
+    const terms = Math.max(...this.shownJob.map(part => part.pictures.length));
+    return {
+      isWhole: this.isWhole,
+      terms: this.isWhole ? Math.max(...this.shownJob.map(part => part.terms)) : terms,
+      termsAll: this.lighting?.termsAll ?? 0,
+      bound: this.isWhole && this.lighting ? this.lighting.bound(this.shownJob, this.norm) : null,
+      exposure: this.exposure,
+    };
+  }
+}

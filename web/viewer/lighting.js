@@ -1,0 +1,122 @@
+// What the drives of the lights ask of the basis file: which terms, in which order, with what
+// factors, and a bound on what is left out. The arithmetic is relight/basis/relight.cpp's.
+
+import {haarForward, haarInverse} from './haar.js';
+
+function transform(basis, values, one) {
+  if (basis.isHaar) {
+    const n = basis.grid ** 2;
+    for (let start = 0; start < values.length; start += n) {
+      one(values, start, basis.grid);
+    }
+  }
+  return values;
+}
+
+/** One output channel: the drives of one colour on one channel of the file. */
+class Query {
+  constructor(basis, channel, given) {
+    this.basis = basis;
+    this.channel = channel;
+    this.given = given;
+    this.light = transform(basis, Float64Array.from(given), haarForward);
+    const norms = basis.coefficientNorms[channel];
+    this.reach = this.light.map((l, i) => Math.abs(l) * norms[i]);
+    this.ranked = Int32Array.from(this.reach.keys()).filter(i => this.reach[i] > 0);
+    this.ranked.sort((a, b) => this.reach[b] - this.reach[a] || a - b);
+    this.plate = Float64Array.from(basis.plateVectors, vector => {
+      let product = 0;
+      for (let k = 0; k < given.length; ++k) {
+        product += given[k] * vector[k];
+      }
+      return product;
+    });
+    this.coded = this.codedBound();
+  }
+
+  codedBound() {
+    const errors = this.basis.coefficientErrors[this.channel];
+    const lightErrors = this.basis.lightErrors[this.channel];
+    let [byCoefficient, byLight, energy, drive] = [0, 0, 0, 0];
+    for (let i = 0; i < this.given.length; ++i) {
+      byCoefficient += Math.abs(this.light[i]) * errors[i];
+      byLight += Math.abs(this.given[i]) * lightErrors[i];
+      energy += lightErrors[i] ** 2;
+      drive += this.given[i] ** 2;
+    }
+    return Math.min(byCoefficient, byLight, Math.sqrt(energy) * Math.sqrt(drive));
+  }
+
+  /** The first K terms' pictures as far as they are loaded, and what the others add at most. */
+  take(terms) {
+    const {basis, channel, ranked, reach} = this;
+    const kept = [];
+    let dropped = 0;
+    ranked.forEach((i, rank) => {
+      if (rank < terms && (basis.isLossless || basis.hasPicture(channel, i))) {
+        kept.push(i);
+      } else {
+        dropped += reach[i];
+      }
+    });
+    let [pictures, factors, worth] = [Int32Array.from(kept), this.light, reach];
+    if (basis.isLossless) {
+      // sum over kept i of l_i C_i = sum over k of (H^-1 l)_k T_k
+      factors = this.given;
+      if (basis.isHaar && terms < ranked.length) {
+        const light = new Float64Array(this.light.length);
+        kept.forEach(i => (light[i] = this.light[i]));
+        factors = transform(basis, light, haarInverse);
+      }
+      const norms = basis.lightNorms[channel];
+      worth = factors.map((w, k) => Math.abs(w) * norms[k]);
+      pictures = Int32Array.from(factors.keys()).filter(k => factors[k] !== 0 && basis.hasPicture(channel, k));
+      pictures.sort((a, b) => worth[b] - worth[a] || a - b);
+      factors.forEach((w, k) => {
+        if (w !== 0 && !basis.hasPicture(channel, k)) {
+          dropped += worth[k];
+        }
+      });
+    }
+    return {channel, pictures, factors, worth, plate: this.plate, dropped, terms: Math.min(terms, ranked.length)};
+  }
+}
+
+export class Lighting {
+  /** @param columns  one or three arrays with a drive a light */
+  constructor(basis, columns) {
+    const outputs = Math.max(columns.length, basis.channels);
+    this.basis = basis;
+    this.queries = Array.from({length: outputs}, (_, c) =>
+      new Query(basis, basis.channels === 1 ? 0 : c, columns[columns.length === 1 ? 0 : c]));
+    this.termsAll = Math.max(...this.queries.map(query => query.ranked.length));
+  }
+
+  /** The sums to make for the first K terms of every colour: an element an output channel. */
+  job(terms = Infinity) {
+    return this.queries.map(query => query.take(terms));
+  }
+
+  /** Relative L2 error at most, as `haarlight relight` tells it; for the norm of the picture. */
+  bound(job, norm) {
+    const size = values => Math.sqrt(values.reduce((sum, v) => sum + v * v, 0));
+    const error = size(job.map(part => part.dropped)) + size(this.queries.map(query => query.coded));
+    if (error === 0) {
+      return 0;
+    }
+    return norm > error ? error / (norm - error) : Infinity;
+  }
+}
+
+/** The most important pictures of a job whose pages, together, are at most `pages`. */
+export function limited(job, basis, pages) {
+  const share = pages / job.length;
+  return job.map(part => {
+    const {pagesOf} = basis.pages[part.channel];
+    let [n, used] = [0, 0];
+    while (n < part.pictures.length && used + pagesOf[part.pictures[n]] <= share) {
+      used += pagesOf[part.pictures[n++]];
+    }
+    return n === part.pictures.length ? part : {...part, pictures: part.pictures.subarray(0, n)};
+  });
+}

@@ -1,0 +1,471 @@
+// Wiring: what the person does → the drives of the lights → the engine; what the engine has drawn →
+// the page's words.
+
+import {Basis, askWeights, sendEnvironment} from './basis.js';
+import {Engine} from './engine.js';
+import {FaceLayout, LightMap, SkyLayout} from './light_map.js';
+import {FullError} from './page_store.js';
+import {NoGraphics, Renderer} from './renderer.js';
+import {ServerError} from './server.js';
+
+const byId = id => document.getElementById(id);
+const kPollMs = 60;
+const kTermStops = 100;  // of the slider; the last one is "all"
+const kListed = 12;      // lights that the command line still names one by one
+
+const page = {
+  basis: null, renderer: null, engine: null, maps: [],
+  columns: null,        // drives: one or three arrays
+  mode: 'move',
+  environment: null,    // {id, name, degrees, isExact}
+  source: 'light',      // or environment, painted: what the drives are
+  isStacked: matchMedia('(max-width: 700px)'),
+};
+
+// ---- what went wrong ------------------------------------------------------------------------
+
+function tellProblem(error) {
+  const box = byId('problem');
+  box.hidden = false;
+  if (error instanceof ServerError) {
+    box.textContent = error.message;
+  } else if (error instanceof NoGraphics) {
+    box.textContent = `${error.message}\nCure: use a current Firefox, Chrome, Edge or Safari with WebGL 2, ` +
+      'or `haarlight relight` for single pictures.';
+  } else {
+    box.textContent = `The page made a mistake: ${error.message}\nCure: load the page again.`;
+    throw error;
+  }
+}
+
+const megabytes = bytes => `${(bytes / 1e6).toFixed(bytes < 1e7 ? 1 : 0)} MB`;
+
+// ---- drives ---------------------------------------------------------------------------------
+
+/** One array where the three are equal, as the command takes drives of one colour. */
+function simplest(columns) {
+  const [r, g, b] = columns;
+  return columns.length === 3 && r.every((v, k) => v === g[k] && v === b[k]) ? [r] : columns;
+}
+
+function colourOfBrush() {
+  const text = byId('colour').value;
+  return [1, 3, 5].map(at => {
+    const v = parseInt(text.slice(at, at + 2), 16) / 255;
+    return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+  });
+}
+
+function setDrives(columns, source, at) {
+  page.columns = simplest(columns);
+  page.source = source;
+  page.engine.setDrives(page.columns, at);
+  showMaps();
+  showCommand();
+}
+
+function showMaps() {
+  let peak = 0;
+  for (const column of page.columns) {
+    for (const drive of column) {
+      peak = Math.max(peak, drive);
+    }
+  }
+  page.maps.forEach(map => map.set(page.columns, peak));
+}
+
+const threeColumns = () =>
+  page.columns.length === 3 ? page.columns.map(column => column.slice()) : [0, 1, 2].map(() => page.columns[0].slice());
+
+/** One light at full drive in the brush's colour. */
+function lightOne(k, at) {
+  const columns = colourOfBrush().map(part => {
+    const column = new Float64Array(page.basis.nLights);
+    column[k] = part;
+    return column;
+  });
+  setDrives(columns, 'light', at);
+}
+
+/** Paint adds light towards the brush's colour, erase takes it away. */
+function stroke(map, i, at) {
+  const columns = threeColumns();
+  const colour = colourOfBrush();
+  const strength = Number(byId('strength').value);
+  const {first} = map.layout;
+  const peak = page.source === 'environment' ? Math.max(...columns.map(column => column.reduce((a, b) => Math.max(a, b), 0))) : 1;
+  for (const [j, factor] of map.under(i, Number(byId('brush').value))) {
+    columns.forEach((column, c) => {
+      const k = first + j;
+      column[k] = page.mode === 'erase'
+        ? (strength * factor > 0.98 ? 0 : column[k] * (1 - strength * factor))
+        : Math.max(column[k], Math.min(colour[c] * peak, column[k] + colour[c] * peak * strength * factor));
+    });
+  }
+  setDrives(columns, 'painted', at);
+}
+
+const handlers = {
+  stroke(map, i, isFirst, at) {
+    if (page.mode === 'move') {
+      lightOne(map.layout.first + i, at);
+    } else {
+      stroke(map, i, at);
+    }
+  },
+  key(map, i, isEnter, at) {
+    if (page.mode === 'move') {
+      lightOne(map.layout.first + i, at);
+    } else if (isEnter) {
+      stroke(map, i, at);
+    }
+  },
+  hover(map, i) {
+    const k = map.layout.first + i;
+    const drive = page.columns.map(column => Number(column[k].toPrecision(3)));
+    byId('map-readout').textContent = `${map.layout.describe(i)}: ${drive.every(v => v === 0) ? 'dark' : `drive ${drive.join(', ')}`}`;
+  },
+};
+
+// ---- environments ---------------------------------------------------------------------------
+
+const environmentMessage = (text, isError = false) => {
+  byId('environment-message').textContent = text;
+  byId('environment-message').classList.toggle('error', isError);
+};
+
+const pause = ms => new Promise(resolve => setTimeout(resolve, ms));
+
+async function loadEnvironment(file) {
+  environmentMessage(`reading ${file.name} …`);
+  try {
+    const id = await sendEnvironment(file);
+    page.environment = {id, name: file.name, degrees: 0};
+    byId('environment-name').textContent = file.name;
+    byId('turn').value = 0;
+    byId('turn-text').textContent = '0°';
+    await turn(0);
+    byId('turn-tool').hidden = false;
+  } catch (error) {
+    environmentMessage(error.message, true);
+    if (!(error instanceof ServerError)) {
+      throw error;
+    }
+  }
+}
+
+let turning = null;  // the angle that is asked for, while one is under way
+let isTurning = false;
+
+/** Shows the environment at an angle: quick weights at once, exact ones when it rests there. */
+async function turn(degrees, at) {
+  turning = {degrees, at};
+  if (isTurning) {
+    return;
+  }
+  isTurning = true;
+  try {
+    while (turning) {
+      const wanted = turning;
+      turning = null;
+      await weightsOf(wanted, 'quick');
+      if (!turning) {
+        await weightsOf(wanted, 'exact');
+      }
+    }
+  } finally {
+    isTurning = false;
+  }
+}
+
+async function weightsOf(wanted, quality) {
+  const {environment} = page;
+  for (;;) {
+    const found = await askWeights(environment.id, wanted.degrees, quality);
+    if (found.is_ready) {
+      environment.degrees = wanted.degrees;
+      environment.isExact = quality === 'exact';
+      setDrives(found.weights.map(column => Float64Array.from(column)), 'environment', quality === 'quick' ? wanted.at : undefined);
+      const missing = (100 * found.missing_share).toFixed(1);
+      environmentMessage(`${found.layout}. ${found.missing_share > 1e-6
+        ? `${missing} % of its light comes from where the rig has no lights.` : 'The lights reach all of its light.'}` +
+        (environment.isExact ? '' : ' Turning: from a smaller picture of it.'));
+      return;
+    }
+    if (turning) {
+      return;
+    }
+    await pause(kPollMs);
+  }
+}
+
+// ---- the picture's words --------------------------------------------------------------------
+
+/** Slider's place to a number of terms: 0, then 1 … all on a log scale. */
+function termsOf(place) {
+  const all = Math.max(1, page.engine.lighting?.termsAll ?? page.basis.nLights);
+  return place >= kTermStops ? Infinity : place <= 0 ? 0 : Math.min(all, Math.round(all ** ((place - 1) / (kTermStops - 1))));
+}
+
+const percent = share => share === Infinity ? 'not bounded' : `${Number((100 * share).toPrecision(2))} %`;
+
+function tellStatus() {
+  const {engine} = page;
+  const status = engine.status();
+  const terms = `${status.terms} of ${status.termsAll} terms`;
+  byId('picture-facts').textContent = status.isWhole
+    ? `${terms}, error at most ${percent(status.bound)}. Exposure ${Number(status.exposure.toPrecision(4))}.`
+    : `${terms}, the others follow …`;
+  byId('name-first').textContent = `${status.terms} terms`;
+  byId('name-difference').textContent = `difference × ${engine.amplify}, grey: none`;
+  byId('picture').classList.toggle('small', page.basis.width < 300 && !engine.isComparing);
+  if (status.isWhole) {
+    showCommand();
+  }
+}
+
+function showCommand() {
+  const {basis, engine, environment} = page;
+  const words = [`haarlight relight ${basis.about.file}`];
+  if (page.source === 'environment' && environment) {
+    words.push(`--cubemap ${environment.name}`);
+    if (environment.degrees !== 0) {
+      words.push(`--rotate ${environment.degrees}`);
+    }
+  } else {
+    const lit = [...page.columns[0].keys()].filter(k => page.columns.some(column => column[k] !== 0));
+    if (page.columns.length === 1 && lit.length > 0 && lit.length <= kListed) {
+      lit.forEach(k => words.push(page.columns[0][k] === 1 ? `--light ${k}` : `--light ${k}=${page.columns[0][k]}`));
+    } else {
+      words.push('--weights drives.json');
+    }
+  }
+  if (engine.terms !== Infinity) {
+    words.push(`--terms ${engine.terms}`);
+  }
+  words.push(`--exposure ${engine.exposure} -o picture.png`);
+  byId('command').textContent = words.join(' ');
+}
+
+function tellLoading() {
+  const {basis} = page;
+  byId('loading').textContent = basis.isComplete ? `${basis.width} × ${basis.height}, ${basis.nLights} lights`
+    : `loading ${Math.round(100 * basis.arrived / Math.max(1, basis.wanted))} %`;
+}
+
+// ---- controls -------------------------------------------------------------------------------
+
+function save(blob, name) {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+const stem = () => page.basis.about.file.replace(/\.hlb$/, '');
+
+async function savePicture() {
+  await page.engine.settled();
+  const {width, height, data} = page.renderer.pixels();
+  const canvas = new OffscreenCanvas(width, height);
+  canvas.getContext('2d').putImageData(new ImageData(data, width, height), 0, 0);
+  save(await canvas.convertToBlob({type: 'image/png'}), `${stem()}.png`);
+}
+
+function saveDrives() {
+  const {columns} = page;
+  const list = columns.length === 1 ? [...columns[0]] : [...columns[0].keys()].map(k => columns.map(column => column[k]));
+  save(new Blob([`${JSON.stringify(list)}\n`], {type: 'application/json'}), 'drives.json');
+}
+
+function choose(mode) {
+  page.mode = mode;
+  for (const name of ['move', 'paint', 'erase']) {
+    const button = byId(`mode-${name}`);
+    button.setAttribute('aria-checked', String(name === mode));
+    button.tabIndex = name === mode ? 0 : -1;
+  }
+  showBrush();
+}
+
+function showBrush() {
+  page.maps.forEach(map => {
+    map.brush = page.mode === 'move' ? 0 : Number(byId('brush').value);
+    map.draw();
+  });
+}
+
+function connectControls() {
+  const {engine} = page;
+  const onInput = (id, act) => byId(id).addEventListener('input', event => act(byId(id), event));
+  onInput('terms', (input, event) => {
+    engine.terms = termsOf(Number(input.value));
+    byId('terms-text').textContent = engine.terms === Infinity ? 'all' : String(engine.terms);
+    engine.touch(event.timeStamp);
+  });
+  onInput('stops', input => {
+    engine.stops = Number(input.value);
+    byId('stops-text').textContent = `${engine.stops > 0 ? '+' : ''}${engine.stops} stops`;
+    engine.show();
+  });
+  onInput('hold', input => {
+    engine.heldExposure = input.checked ? engine.baseExposure : null;
+    engine.touch();
+  });
+  onInput('compare', input => {
+    engine.isComparing = input.checked;
+    byId('panel-names').hidden = !input.checked;
+    engine.touch();
+  });
+  onInput('amplify', input => {
+    engine.amplify = Number(input.value);
+    engine.show();
+  });
+  const stack = () => {
+    engine.isStacked = page.isStacked.matches;
+    byId('panel-names').classList.toggle('stacked', engine.isStacked);
+    engine.show();
+  };
+  page.isStacked.addEventListener('change', stack);
+  stack();
+  const modes = ['move', 'paint', 'erase'];
+  modes.forEach((mode, i) => {
+    const button = byId(`mode-${mode}`);
+    button.addEventListener('click', () => choose(mode));
+    button.addEventListener('keydown', event => {
+      const step = {ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1}[event.key];
+      if (step) {
+        event.preventDefault();
+        const next = modes[(i + step + modes.length) % modes.length];
+        choose(next);
+        byId(`mode-${next}`).focus();
+      }
+    });
+  });
+  onInput('brush', showBrush);
+  byId('clear').addEventListener('click', () => setDrives([new Float64Array(page.basis.nLights)], 'painted'));
+  byId('all-lights').addEventListener('click', () => setDrives([new Float64Array(page.basis.nLights).fill(1)], 'painted'));
+  byId('save').addEventListener('click', () => savePicture().catch(tellProblem));
+  byId('save-drives').addEventListener('click', saveDrives);
+  byId('environment-file').addEventListener('change', event => {
+    if (event.target.files.length > 0) {
+      loadEnvironment(event.target.files[0]);
+    }
+  });
+  onInput('turn', (input, event) => {
+    byId('turn-text').textContent = `${input.value}°`;
+    turn(Number(input.value), event.timeStamp).catch(error => environmentMessage(error.message, true));
+  });
+}
+
+function connectDrop() {
+  let depth = 0;
+  const hasFile = event => [...event.dataTransfer.types].includes('Files');
+  const shade = by => {
+    depth = Math.max(0, depth + by);
+    byId('drop').hidden = depth === 0;
+  };
+  addEventListener('dragenter', event => hasFile(event) && shade(1));
+  addEventListener('dragleave', event => hasFile(event) && shade(-1));
+  addEventListener('dragover', event => hasFile(event) && event.preventDefault());
+  addEventListener('drop', event => {
+    event.preventDefault();
+    shade(-depth);
+    if (event.dataTransfer.files.length > 0) {
+      loadEnvironment(event.dataTransfer.files[0]);
+    }
+  });
+}
+
+function connectTheme() {
+  byId('theme').addEventListener('click', () => {
+    const root = document.documentElement;
+    const isDark = root.dataset.theme ? root.dataset.theme === 'dark' : !matchMedia('(prefers-color-scheme: light)').matches;
+    root.dataset.theme = isDark ? 'light' : 'dark';
+    page.maps.forEach(map => map.draw());
+  });
+}
+
+// ---- start ----------------------------------------------------------------------------------
+
+function makeMaps() {
+  const {about} = page.basis;
+  const layouts = about.faces ? about.faces.map(face => new FaceLayout(face)) : [new SkyLayout(about.places, about.names)];
+  page.maps = layouts.map(layout => new LightMap(layout, handlers));
+  byId('maps').replaceChildren(...page.maps.map(map => map.root));
+}
+
+/** The light in the middle of the first map. */
+function firstLight() {
+  const {layout} = page.maps[0];
+  const i = layout.at(0.5, 0.5);
+  page.maps[0].cursor = i;
+  return layout.first + i;
+}
+
+function requireRoom() {
+  const {basis} = page;
+  const room = basis.about.texture_bytes;
+  if (basis.isLossless && basis.mostBytes > room) {
+    throw new ServerError(0, {
+      what: `This lossless file needs ${megabytes(basis.mostBytes)} of textures, the page may use ${megabytes(room)}.`,
+      where: basis.about.file,
+      cure: 'compress the session with --max-error 0.001, or give haarlight view a larger --memory (the page takes a quarter of it, at most 1 GB)',
+    });
+  }
+}
+
+async function load() {
+  const {basis, renderer, engine} = page;
+  page.loading = new AbortController();
+  const changed = () => {
+    engine.lighting = null;
+    engine.touch();
+  };
+  const telling = setInterval(tellLoading, 100);
+  try {
+    await basis.load(renderer.stores, changed, page.loading.signal);
+    tellLoading();
+  } catch (error) {
+    if (!(error instanceof FullError)) {
+      throw error;
+    }
+    const n = basis.isLoaded[0].reduce((sum, is, g) => sum + (is ? basis.about.groups[g][1] - basis.about.groups[g][0] : 0), 0);
+    byId('loading').textContent = `The most important ${n} of ${basis.nLights} pictures fill the page's ` +
+      `${megabytes(basis.about.texture_bytes)}; what the others add is in the error's bound.`;
+  } finally {
+    clearInterval(telling);
+  }
+}
+
+async function begin() {
+  const canvas = byId('picture');
+  canvas.addEventListener('webglcontextlost', event => {
+    event.preventDefault();
+    page.loading?.abort();
+    tellProblem(new ServerError(0, {
+      what: 'The graphics processor has dropped the page.', where: 'this browser',
+      cure: 'load the page again; close other pages if it comes back',
+    }));
+  });
+  page.basis = await Basis.open();
+  byId('file-name').textContent = page.basis.about.file;
+  document.title = `${page.basis.about.file} – haarlight view`;
+  requireRoom();
+  page.renderer = new Renderer(canvas, page.basis);
+  page.engine = new Engine(page.renderer, page.basis, tellStatus);
+  makeMaps();
+  connectControls();
+  connectDrop();
+  lightOne(firstLight());
+  await load();
+}
+
+connectTheme();
+window.haarlightView = page;  // for the console and for tests
+page.begun = begin().catch(error => {
+  if (!page.renderer?.gl.isContextLost()) {
+    tellProblem(error);
+  }
+});

@@ -1,0 +1,32 @@
+// Requests to `haarlight view`, and what went wrong in words.
+
+export class ServerError extends Error {
+  constructor(status, {what, where, cure}) {
+    super(`${what}\n${where}\nCure: ${cure}`);
+    this.status = status;
+  }
+}
+
+/** @throws ServerError  the server's own words, or that it is gone */
+export async function ask(path, options = {}) {
+  let response;
+  try {
+    response = await fetch(path, options);
+  } catch {
+    throw new ServerError(0, {
+      what: 'The viewer does not answer.', where: location.origin,
+      cure: 'start haarlight view again, and open the address that it prints',
+    });
+  }
+  if (!response.ok) {
+    const words = await response.json().catch(() => null);
+    throw new ServerError(response.status, words?.error ?? {
+      what: `The server answered with status ${response.status}.`, where: path,
+      cure: 'start haarlight view again, and open the address that it prints',
+    });
+  }
+  return response;
+}
+
+export const askJson = async (path, options) => (await ask(path, options)).json();
+export const askBytes = async (path, options) => (await ask(path, options)).arrayBuffer();
