@@ -166,8 +166,11 @@ export class Browser {
     return this;
   }
 
-  /** A fresh page. @param allowed  patterns of console errors that the test provokes */
-  async page(url, options = {}, allowed = []) {
+  /**
+   * A fresh page. @param allowed  patterns of console errors that the test provokes
+   * @param prepare  called with the page before it is opened
+   */
+  async page(url, options = {}, allowed = [], prepare = async () => {}) {
     const context = await this.browser.newContext({viewport: {width: 1280, height: 900}, ...options});
     this.contexts.push(context);
     const page = await context.newPage();
@@ -186,6 +189,7 @@ export class Browser {
         this.problems.push(`foreign request: ${request.url()}`);
       }
     });
+    await prepare(page);
     await page.goto(url);
     return page;
   }

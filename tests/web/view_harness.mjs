@@ -5,6 +5,9 @@ import fs from 'node:fs';
 import path from 'node:path';
 import {expect} from './harness.mjs';
 
+const children = new Set();
+process.on('exit', () => children.forEach(child => child.kill('SIGKILL')));  // also after a failure
+
 /** `haarlight view` on a basis file; `words`: more of its command line. */
 export class Viewer {
   constructor(programs) {
@@ -15,7 +18,8 @@ export class Viewer {
     this.file = file;
     this.begun = performance.now();
     this.process = spawn(this.program, ['view', file, ...words], {stdio: ['ignore', 'pipe', 'pipe']});
-    process.on('exit', () => this.process.kill('SIGKILL'));
+    children.add(this.process);
+    this.process.once('exit', () => children.delete(this.process));
     let [said, problem] = ['', ''];
     this.process.stderr.on('data', text => (problem += text));
     this.url = await new Promise((resolve, reject) => {
@@ -41,8 +45,6 @@ export class Viewer {
     return this.process.exitCode;
   }
 }
-
-export const viewOf = (page, body, argument) => page.evaluate(body, argument);
 
 /** Loaded, and everything on the canvas. */
 export const settled = page => page.evaluate(async () => {

@@ -7,7 +7,8 @@ import {execFileSync} from 'node:child_process';
 import fs from 'node:fs';
 import path from 'node:path';
 import {fileURLToPath} from 'node:url';
-import {Browser, Suite, expect} from './harness.mjs';
+import {Browser, Suite, expect, until} from './harness.mjs';
+import {contrast, fitsThePhone, namesAndRoles, tabOrder} from './page_rules.mjs';
 import {Viewer, compareWithPng, relight, settled} from './view_harness.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
@@ -37,10 +38,18 @@ async function viewing(file, body, options = {}) {
   const viewer = await new Viewer(programs).begin(file, options.words);
   try {
     const page = await browser.page(`${viewer.url}/`, options.context, options.allowed);
-    await settled(page);
+    if (options.isRefused) {
+      await page.locator('#problem:visible').waitFor();
+    } else {
+      await settled(page);
+    }
     return await body(page, viewer);
   } finally {
-    expect(await viewer.end() === 0, 'haarlight view ends well');
+    await browser.closePages();
+    await viewer.end();
+    if (viewer.process.exitCode !== 0) {
+      throw new Error(`haarlight view ended with ${viewer.process.exitCode}`);
+    }
   }
 }
 
@@ -65,11 +74,348 @@ async function same(page, file, lights, terms = null) {
   return share;
 }
 
-await suite.test('one light is the picture of haarlight relight', async () =>
-  viewing(made('haar', '--rig', kSmall8, '--width', 90, '--height', 70, '--plate'), async (page, viewer) => {
-    const share = await same(page, viewer.file, {27: 1});
-    return `${(100 * share).toFixed(2)} % of the values differ, by one`;
+const nine = {9: 1, 12: 0.5, 14: 1, 33: 1, 36: 2, 38: 1, 57: 0.25, 60: 1, 62: 1};
+const textOf = (page, selector) => page.locator(selector).innerText();
+const nearTo = (a, b, relative) => Math.abs(a - b) <= relative * Math.max(Math.abs(a), Math.abs(b));
+
+// ---- the same numbers as the command --------------------------------------------------------
+
+const kFiles = {
+  haar: ['--rig', kSmall8, '--width', 90, '--height', 70, '--plate'],
+  shifts: ['--rig', kSmall8, '--width', 90, '--height', 70, '--worst-pixel', 0.02],
+  colour: ['--rig', kSmall8, '--width', 50, '--height', 66, '--channels', 3, '--plate'],
+  digits: ['--rig', kSmall8, '--width', 40, '--height', 40, '--max-error', 0.000001, '--plate'],
+  direct: ['--grid', 8, '--width', 64, '--height', 32, '--basis', 'direct'],
+  lossless: ['--grid', 8, '--width', 64, '--height', 70, '--basis', 'direct', '--max-error', 0],
+  'lossless-haar': ['--rig', kSmall8, '--width', 33, '--height', 31, '--channels', 3, '--max-error', 0],
+  import: ['--grid', 8, '--width', 50, '--height', 40, '--channels', 3],
+};
+for (const [name, words] of Object.entries(kFiles)) {
+  await suite.test(`${name}: one light, nine lights, few terms are the command's pictures`, async () =>
+    viewing(made(name, ...words), async (page, viewer) => {
+      let share = 0;
+      for (const [lights, terms] of [[{27: 1}, null], [nine, null], [nine, 0], [nine, 1], [nine, 9], [{63: 3}, 4]]) {
+        if (terms === 0 && !words.includes('--plate')) {
+          continue;  // nothing but the plate would be left
+        }
+        share = Math.max(share, await same(page, viewer.file, lights, terms));
+      }
+      return `at most ${(100 * share).toFixed(3)} % of the values differ, by one`;
+    }));
+}
+
+await suite.test('terms and the bound are the command\'s', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    for (const terms of [3, 20, null]) {
+      await setLights(page, nine, terms);
+      const words = Object.entries(nine).map(([light, drive]) => ['--light', `${light}=${drive}`]).flat();
+      const {report} = relight(haarlight, viewer.file, terms === null ? words : [...words, '--terms', `${terms}`], folder);
+      const status = await page.evaluate(() => window.haarlightView.engine.status());
+      expect(status.terms === report.reached.terms, `${status.terms} terms, the command says ${report.reached.terms}`);
+      expect(nearTo(status.bound, report.reached.relative_l2_bound, 1e-5),
+             `bound ${status.bound}, the command says ${report.reached.relative_l2_bound}`);
+      expect(nearTo(status.exposure, report.details.exposure, 1e-5),
+             `exposure ${status.exposure}, the command says ${report.details.exposure}`);
+    }
   }));
+
+await suite.test('coloured drives on a file of one channel', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    const drives = Array.from({length: 64}, (_, k) => [k % 5 === 0 ? 1 : 0, k % 7 === 0 ? 0.7 : 0.1, k / 64]);
+    fs.writeFileSync(path.join(folder, 'drives.json'), JSON.stringify(drives));
+    await page.evaluate(async rows => {
+      const {engine} = window.haarlightView;
+      engine.setDrives([0, 1, 2].map(c => Float64Array.from(rows, row => row[c])));
+      await engine.settled();
+    }, drives);
+    const truth = relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder);
+    const {worst} = await compareWithPng(page, truth.url);
+    expect(worst <= 1, `differs by ${worst}`);
+  }));
+
+await suite.test('fewer terms at a movement, all of them after it', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    const quick = await page.evaluate(async () => {
+      const {engine, basis} = window.haarlightView;
+      engine.nsPerTexel.value = 1e6;  // a very slow processor
+      engine.nsPerTexel.last = [1e6];
+      engine.terms = Infinity;
+      engine.termsDrawn = [];
+      engine.setDrives([Float64Array.from({length: basis.nLights}, (_, k) => 1 + k % 3)]);
+      await new Promise(requestAnimationFrame);
+      await new Promise(requestAnimationFrame);
+      const status = engine.status();
+      await engine.settled();
+      return {status, drawn: engine.termsDrawn, after: engine.status()};
+    });
+    expect(quick.drawn[0] < quick.after.termsAll, `${quick.drawn[0]} terms at once`);
+    expect(quick.after.isWhole && quick.after.terms === quick.after.termsAll, 'all terms after it');
+    fs.writeFileSync(path.join(folder, 'drives.json'), JSON.stringify(Array.from({length: 64}, (_, k) => 1 + k % 3)));
+    const {worst} = await compareWithPng(
+      page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder).url);
+    expect(worst <= 1, `the slices differ from the command's picture by ${worst}`);
+  }));
+
+// ---- environments ---------------------------------------------------------------------------
+
+const kRoom = path.join(source, 'configs/environments/room.hdr');
+
+await suite.test('an environment, and turned', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    await page.locator('#environment-file').setInputFiles(kRoom);
+    const settle = async degrees => {
+      await until(() => page.evaluate(wanted => {
+        const {environment} = window.haarlightView;
+        return environment?.isExact && environment.degrees === wanted;
+      }, degrees), `exact weights at ${degrees} degrees`);
+      await settled(page);
+    };
+    for (const degrees of [0, 75, -130]) {
+      if (degrees !== 0) {
+        await page.locator('#turn').fill(String(degrees));
+      }
+      await settle(degrees);
+      const truth = relight(haarlight, viewer.file, ['--cubemap', kRoom, '--rotate', `${degrees}`], folder);
+      const {worst} = await compareWithPng(page, truth.url);
+      expect(worst <= 1, `turned by ${degrees} degrees it differs by ${worst}`);
+    }
+    expect(/comes from where the rig has no lights/.test(await textOf(page, '#environment-message')), 'the missing share is told');
+    expect(/--cubemap room\.hdr --rotate -130 /.test(await page.locator('#command').textContent()), 'the command names it');
+  }));
+
+await suite.test('a broken environment says what, where and the cure', async () =>
+  viewing(made('haar', ...kFiles.haar), async page => {
+    const broken = path.join(folder, 'broken.hdr');
+    fs.writeFileSync(broken, '#?RADIANCE\nnot a picture');
+    await page.locator('#environment-file').setInputFiles(broken);
+    await until(async () => /Cure: /.test(await textOf(page, '#environment-message')), 'the cure');
+    expect(/broken\.hdr/.test(await textOf(page, '#environment-message')), 'the file is named');
+  }, {allowed: [/status of 400/]}));
+
+// ---- what a person does ---------------------------------------------------------------------
+
+const lit = page => page.evaluate(() => {
+  const {columns} = window.haarlightView;
+  return [...columns[0].keys()].filter(k => columns.some(column => column[k] !== 0));
+});
+
+async function drag(page, cells, cols = 8) {
+  const canvas = page.locator('.face canvas');
+  await canvas.scrollIntoViewIfNeeded();
+  const box = await canvas.boundingBox();
+  const at = ([row, col]) => [box.x + (col + 0.5) / cols * box.width, box.y + (row + 0.5) / cols * box.height];
+  await page.mouse.move(...at(cells[0]));
+  await page.mouse.down();
+  for (const cell of cells.slice(1)) {
+    await page.mouse.move(...at(cell), {steps: 4});
+  }
+  await page.mouse.up();
+}
+
+await suite.test('a light follows the pointer and the arrow keys', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    await drag(page, [[1, 1], [5, 6]]);
+    expect(String(await lit(page)) === '46', `light ${await lit(page)} burns, not 46`);
+    await settled(page);
+    const {worst} = await compareWithPng(page, relight(haarlight, viewer.file, ['--light', '46'], folder).url);
+    expect(worst <= 1, `differs by ${worst}`);
+    await page.keyboard.press('ArrowUp');
+    await page.keyboard.press('ArrowLeft');
+    expect(String(await lit(page)) === '37', `light ${await lit(page)} burns, not 37`);
+    expect(/light 37, row 4, column 5: drive 1/.test(await textOf(page, '#map-readout')), 'it is told');
+    await page.keyboard.press('End');
+    expect(String(await lit(page)) === '63', 'End is the last light');
+    await page.keyboard.press('ArrowDown');
+    expect(String(await lit(page)) === '63', 'the cursor stays on the face');
+    await settled(page);
+    expect(/haarlight relight haar\.hlb --light 63 --exposure [\d.e-]+ -o picture\.png/
+      .test(await page.locator('#command').textContent()), await page.locator('#command').textContent());
+  }));
+
+await suite.test('paint, erase, colours, all dark', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    await page.locator('#clear').click();
+    expect((await lit(page)).length === 0, 'all dark');
+    await page.locator('#mode-paint').click();
+    await page.locator('#brush').fill('1.5');
+    await page.locator('#strength').fill('1');
+    await page.locator('#colour').fill('#ff8000');
+    await drag(page, [[2, 2], [2, 5]]);
+    const painted = await lit(page);
+    expect([18, 19, 20, 21].every(k => painted.includes(k)) && !painted.includes(63), `painted ${painted}`);
+    await settled(page);
+    const download = page.waitForEvent('download');
+    await page.locator('#save-drives').click();
+    await (await download).saveAs(path.join(folder, 'drives.json'));
+    const {worst} = await compareWithPng(
+      page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder).url);
+    expect(worst <= 1, `painted light differs by ${worst}`);
+    await page.locator('#mode-erase').focus();
+    await page.keyboard.press('ArrowLeft');
+    expect(await page.locator('#mode-paint').getAttribute('aria-checked') === 'true', 'arrows choose');
+    await page.locator('#mode-erase').click();
+    await drag(page, [[2, 2], [2, 5]]);
+    const left = await lit(page);
+    expect([18, 19, 20, 21].every(k => !left.includes(k)), `left ${left}`);
+  }));
+
+await suite.test('exposure, hold, and Save PNG', async () =>
+  viewing(made('colour', ...kFiles.colour), async (page, viewer) => {
+    await drag(page, [[3, 3], [3, 4]]);
+    await settled(page);
+    await page.locator('#stops').fill('-1.5');
+    await settled(page);
+    const exposure = await page.evaluate(() => window.haarlightView.engine.exposure);
+    const words = ['--light', '28', '--exposure', String(exposure)];
+    expect((await compareWithPng(page, relight(haarlight, viewer.file, words, folder).url)).worst <= 1, 'the exposure');
+    await page.locator('#hold').check();
+    await drag(page, [[6, 6], [7, 7]]);
+    await settled(page);
+    expect(await page.evaluate(() => window.haarlightView.engine.exposure) === exposure, 'it is held');
+    const download = page.waitForEvent('download');
+    await page.locator('#save').click();
+    const saved = path.join(folder, 'saved.png');
+    expect((await download).suggestedFilename() === 'colour.png', 'its name');
+    await (await download).saveAs(saved);
+    const {worst} = await compareWithPng(page, `data:image/png;base64,${fs.readFileSync(saved).toString('base64')}`);
+    expect(worst === 0, 'the file is what the canvas shows');
+  }));
+
+await suite.test('few terms beside all of them, and their difference', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    await setLights(page, nine, 9);
+    await page.locator('#compare').check();
+    await settled(page);
+    const read = () => page.evaluate(() => {
+      const {width, height, data} = window.haarlightView.renderer.pixels();
+      return {width, height, data: Array.from(data)};
+    });
+    const panels = await read();
+    expect(panels.width === 270 && panels.height === 70, `the canvas is ${panels.width} x ${panels.height}`);
+    const amplify = 8;
+    let [worst, apart] = [0, 0];
+    for (let y = 0; y < 70; ++y) {
+      for (let x = 0; x < 90; ++x) {
+        const [a, b, d] = [0, 90, 180].map(left => panels.data[4 * (y * 270 + left + x)]);
+        const expected = Math.min(255, Math.max(0, 127.5 + amplify * (a - b)));
+        worst = Math.max(worst, Math.abs(d - expected));
+        apart += a !== b ? 1 : 0;
+      }
+    }
+    // a and b are rounded to 1/2 each before they are subtracted here, not there.
+    expect(worst <= amplify + 1, `the difference is off by ${worst}`);
+    expect(apart > 100, 'nine terms are not all of them');
+    await page.locator('#compare').uncheck();
+    await settled(page);
+    const words = Object.entries(nine).map(([light, drive]) => ['--light', `${light}=${drive}`]).flat();
+    const truth = relight(haarlight, viewer.file, [...words, '--terms', '9'], folder);
+    expect((await compareWithPng(page, truth.url)).worst <= 1, 'one picture again');
+  }));
+
+await suite.test('the slider of terms goes from none to all', async () =>
+  viewing(made('haar', ...kFiles.haar), async page => {
+    await setLights(page, nine);
+    const seen = [];
+    for (const place of ['0', '1', '50', '99', '100']) {
+      await page.locator('#terms').fill(place);
+      await settled(page);
+      seen.push(await page.evaluate(() => window.haarlightView.engine.status().terms));
+    }
+    const all = await page.evaluate(() => window.haarlightView.engine.status().termsAll);
+    expect(seen[0] === 0 && seen[1] === 1 && seen[2] > 1 && seen[2] < seen[3] && seen[4] === all, `terms ${seen}`);
+    expect(/error at most/.test(await textOf(page, '#picture-facts')), 'the bound is told');
+  }));
+
+// ---- what is not there ----------------------------------------------------------------------
+
+await suite.test('the first picture does not wait for the finest coefficients', async () => {
+  const file = made('haar32', '--rig', path.join(source, 'configs/rigs/cube32.toml'), '--width', 64, '--height', 64, '--plate');
+  const viewer = await new Viewer(programs).begin(file);
+  try {
+    let open = () => {};
+    const gate = new Promise(resolve => (open = resolve));
+    const page = await browser.page(`${viewer.url}/`, {}, [], fresh => fresh.route(/\/pages\/0\/[12]\//, async route => {
+      await gate;
+      await route.continue();
+    }));
+    await until(() => page.evaluate(() => window.haarlightView?.engine?.status().isWhole &&
+      window.haarlightView.basis.isLoaded[0].filter(Boolean).length === 1), 'a picture of the first group');
+    const early = await page.evaluate(() => window.haarlightView.engine.status());
+    expect(early.bound > 0 && /loading/.test(await textOf(page, '#loading')), 'what is missing is in the bound');
+    open();
+    await settled(page);
+    const whole = await page.evaluate(() => window.haarlightView.engine.status());
+    expect(whole.bound < early.bound, `the bound shrinks: ${early.bound}, then ${whole.bound}`);
+  } finally {
+    await viewer.end();
+  }
+});
+
+await suite.test('a browser without WebGL 2 is told so', async () => {
+  const viewer = await new Viewer(programs).begin(made('haar', ...kFiles.haar));
+  try {
+    const page = await browser.page(`${viewer.url}/`, {}, [], fresh => fresh.addInitScript(() => {
+      HTMLCanvasElement.prototype.getContext = () => null;
+    }));
+    await until(async () => /WebGL 2[^]*Cure: /.test(await textOf(page, '#problem')), 'the message');
+  } finally {
+    await viewer.end();
+  }
+});
+
+await suite.test('a lost graphics processor and a server that is gone are told', async () =>
+  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+    await viewer.end();
+    await page.locator('#environment-file').setInputFiles(kRoom);
+    await until(async () => /does not answer[^]*Cure: /.test(await textOf(page, '#environment-message')), 'the message');
+    await drag(page, [[3, 3], [4, 4]]);
+    await settled(page);
+    expect(String(await lit(page)) === '36', 'what is loaded still relights');
+    await page.evaluate(() => window.haarlightView.renderer.gl.getExtension('WEBGL_lose_context').loseContext());
+    await until(async () => /graphics processor has dropped[^]*Cure: /.test(await textOf(page, '#problem')), 'the message');
+  }, {allowed: [/ERR_CONNECTION_REFUSED/]}));
+
+await suite.test('a file too large for the page is shown in part, or refused when it is lossless', async () => {
+  const cube = path.join(source, 'configs/rigs/cube32.toml');
+  await viewing(made('large', '--rig', cube, '--width', 128, '--height', 96, '--noise', 0.1, '--plate'), async page => {
+    expect(/The most important \d+ of 1024 pictures fill/.test(await textOf(page, '#loading')), await textOf(page, '#loading'));
+    const status = await page.evaluate(() => window.haarlightView.engine.status());
+    expect(status.isWhole && status.bound > 0.01, 'a picture with its bound');
+  }, {words: ['--memory', '40M']});
+  await viewing(made('large-lossless', '--rig', cube, '--width', 128, '--height', 96, '--max-error', 0), async page => {
+    expect(/lossless file needs 25 MB[^]*Cure: compress/.test(await textOf(page, '#problem')), await textOf(page, '#problem'));
+  }, {words: ['--memory', '40M'], isRefused: true});
+});
+
+// ---- everybody ------------------------------------------------------------------------------
+
+await suite.test('names, roles, contrast, focus', async () =>
+  viewing(made('import', ...kFiles.import), async page => {
+    for (const theme of ['dark', 'light']) {
+      await page.evaluate(name => (document.documentElement.dataset.theme = name), theme);
+      const problems = [...await namesAndRoles(page), ...await contrast(page)];
+      expect(problems.length === 0, `${theme}: ${problems.join('; ')}`);
+    }
+    const {reached, problems} = await tabOrder(page);
+    expect(problems.length === 0, problems.join('; '));
+    for (const id of ['terms', 'stops', 'hold', 'compare', 'save', 'mode-move', 'grid', 'clear', 'environment-file']) {
+      expect(reached.includes(id), `Tab does not reach ${id}: ${reached}`);
+    }
+  }));
+
+await suite.test('fits a phone', async () =>
+  viewing(made('haar', ...kFiles.haar), async page => {
+    const check = async () => {
+      const problems = await fitsThePhone(page);
+      expect(problems.length === 0, problems.join('; '));
+    };
+    await check();
+    await page.locator('#compare').check();
+    await settled(page);
+    await check();
+    const size = await page.evaluate(() => window.haarlightView.renderer.pixels().height);
+    expect(size === 210, 'pictures to compare stand below one another');
+  }, {context: {viewport: {width: 360, height: 740}, isMobile: true, hasTouch: true}}));
 
 await suite.test('no console errors, no foreign requests', () => {
   expect(browser.problems.length === 0, browser.problems.join('\n'));

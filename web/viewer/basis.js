@@ -140,9 +140,19 @@ export class Basis {
   /**
    * Loads everything into `stores` ({small, wide}: add(bytes) gives the first page's number).
    * @param changed  called after each part
+   * @param abort  an AbortController: ends it from outside, and is used when a part fails
    * @throws ServerError, or what a store throws when it is full
    */
-  async load(stores, changed, signal) {
+  async load(stores, changed, abort) {
+    try {
+      await this.loadStages(stores, changed, abort.signal);
+    } catch (error) {
+      abort.abort();  // the other requests under way
+      throw error;
+    }
+  }
+
+  async loadStages(stores, changed, signal) {
     const stages = this.stages();
     this.wanted = stages.reduce((sum, stage) => sum + stage.requests.length, 0);
     this.arrived = 0;

@@ -4,10 +4,29 @@
 import {displayExposure} from './exposure.js';
 import {Lighting, limited} from './lighting.js';
 
-const kFrameMs = 24;      // of summing, at a movement: leaves time for the display in 33 ms
-const kSliceMs = 20;      // of summing, when nothing moves
-const kFirstNs = 40;      // a texel and page, until it is measured: a slow processor
-const kSampled = 1 << 15; // values that the exposure of a moving picture is taken from
+const kFrameMs = 36;       // for a picture at a movement: two of them, the one under way and its own, are
+                           // what a movement waits for
+const kLeastSumMs = 8;     // of it for sums, however slow the rest is
+const kRemembered = 7;     // measurements whose median is believed
+const kSliceMs = 16;       // of sums between two frames, when nothing moves
+const kFirstNs = 40;       // a texel and page, until it is measured: a slow processor
+const kSampled = 1 << 15;  // values, about, that the exposure of a moving picture is taken from
+
+/** The median of the last measurements: one that another program disturbed does not count. */
+class Measured {
+  constructor(first) {
+    this.last = [first];
+    this.value = first;
+  }
+
+  add(value) {
+    this.last.push(value);
+    if (this.last.length > kRemembered) {
+      this.last.shift();
+    }
+    this.value = [...this.last].sort((a, b) => a - b)[this.last.length >> 1];
+  }
+}
 
 export class Engine {
   /** @param changed  called when there is something new to tell: status() */
@@ -22,7 +41,8 @@ export class Engine {
     this.heldExposure = null;  // or the factor that is kept
     this.stops = 0;
     this.baseExposure = 1;
-    this.nsPerTexel = kFirstNs;
+    this.nsPerTexel = new Measured(kFirstNs);
+    this.otherMs = new Measured(0);  // of a picture at a movement, beside its sums
     this.sums = Array.from({length: 4}, () => renderer.makeSum());  // shown and in work, picture and reference
     this.norm = 0;
     this.isStale = true;       // the picture shown is of something else
@@ -31,7 +51,8 @@ export class Engine {
     this.movedAt = 0;
     this.waiting = [];
     this.latencies = [];       // ms from a movement to its picture
-    this.frames = 0;
+    this.termsDrawn = [];      // in that picture
+    this.frameMs = kFrameMs;
   }
 
   /** The drives: one or three arrays. @param at  when the person moved, performance.now() */
@@ -97,14 +118,12 @@ export class Engine {
 
   /** Time of a sum of these pages, in ms, as measured so far. */
   timeOf(pages) {
-    return 1e-6 * this.nsPerTexel * pages * this.renderer.pageTexels;
+    return 1e-6 * this.nsPerTexel.value * pages * this.renderer.pageTexels;
   }
 
   measured(pages, ms) {
     if (pages > 50) {
-      const ns = 1e6 * ms / (pages * this.renderer.pageTexels);
-      // Slower is believed at once, faster bit by bit: a frame too late is worse than a term less.
-      this.nsPerTexel = ns > this.nsPerTexel ? 0.5 * (ns + this.nsPerTexel) : 0.8 * this.nsPerTexel + 0.2 * ns;
+      this.nsPerTexel.add(1e6 * ms / (pages * this.renderer.pageTexels));
     }
   }
 
@@ -120,7 +139,8 @@ export class Engine {
     if (this.isComparing) {
       jobs.push(this.lighting.job());
     }
-    const most = Math.max(0, kFrameMs / this.timeOf(1) / jobs.length - this.fixedPages);
+    const sumMs = Math.max(kLeastSumMs, this.frameMs - this.otherMs.value);
+    const most = Math.max(0, sumMs / this.timeOf(1) / jobs.length - this.fixedPages);
     const quick = jobs.map(job => limited(job, basis, most));
     const isWhole = quick.every((job, i) => job.every((part, c) => part.pictures.length === jobs[i][c].pictures.length));
     const begun = performance.now();
@@ -129,18 +149,21 @@ export class Engine {
       renderer.sum(this.sums[i], job);
       pages += renderer.cost(job) + this.fixedPages;
     });
-    renderer.finish(this.sums[quick.length - 1]);
-    this.measured(pages, performance.now() - begun);
+    renderer.finish();
+    const summed = performance.now();
+    this.measured(pages, summed - begun);
     this.shownJob = quick[0];
     this.isWhole = isWhole;
     this.plan = isWhole ? null : {jobs, job: 0, unit: 0};
     this.takeExposure(isWhole);
     this.present();
+    renderer.finish();
+    this.otherMs.add(performance.now() - summed);
     if (this.movedAt) {
       this.latencyFrom = this.movedAt;
       this.movedAt = 0;
+      this.termsDrawn.push(Math.max(...quick[0].map(part => part.pictures.length)));
     }
-    ++this.frames;
   }
 
   /** One more slice of the sums with all their terms; they are shown when they are complete. */
@@ -153,7 +176,7 @@ export class Engine {
     const last = Math.min(units, plan.unit + n);
     const begun = performance.now();
     renderer.sum(this.sums[2 + plan.job], job, plan.unit, last);
-    renderer.finish(this.sums[2 + plan.job]);
+    renderer.finish();
     this.measured(perUnit * (last - plan.unit), performance.now() - begun);
     plan.unit = last;
     if (last === units) {
@@ -170,16 +193,15 @@ export class Engine {
   }
 
   takeExposure(isFinal) {
-    let values = this.renderer.read(this.sums[0]);
+    const {basis, renderer} = this;
+    const step = isFinal ? 1 : Math.max(1, Math.floor(basis.width * basis.height / kSampled));
+    const values = renderer.read(this.sums[0], step);
     if (isFinal) {
       let energy = 0;
       for (let i = 0; i < values.length; ++i) {
         energy += values[i] * values[i];
       }
       this.norm = Math.sqrt(energy);
-    } else if (values.length > 2 * kSampled) {
-      const stride = Math.floor(values.length / kSampled);
-      values = values.filter((_, i) => i % stride === 0);
     }
     if (this.heldExposure === null) {
       this.baseExposure = displayExposure(values);

@@ -93,6 +93,7 @@ export class LightMap {
     this.hasFocus = false;
     this.brush = 0;  // radius, in lights; 0: none shown
     this.hovered = -1;
+    this.marksCursor = false;
 
     this.root = document.createElement('div');
     this.root.className = 'face';
@@ -224,7 +225,7 @@ export class LightMap {
     const context = this.canvas.getContext('2d');
     const style = getComputedStyle(document.documentElement);
     const colour = name => style.getPropertyValue(name).trim();
-    const off = colour('--m-pending');
+    const off = colour('--light-off');
     context.clearRect(0, 0, width, height);
     const [red, green, blue] = this.columns.length === 3 ? this.columns : [this.columns[0], this.columns[0], this.columns[0]];
     for (let i = 0; i < layout.count; ++i) {
@@ -250,11 +251,11 @@ export class LightMap {
       context.arc(place.x * width, place.y * height, Math.max(radius, 1.2) * place.size * 1.6 * width, 0, 7);
       context.stroke();
     };
-    if (this.hasFocus) {
-      ring(this.cursor, '--accent', 1.2);
+    if (this.hasFocus || this.marksCursor) {
+      ring(this.cursor, '--light-ring', 1.2);
     }
     if (this.hovered >= 0 && this.brush > 0) {
-      ring(this.hovered, '--line-strong', this.brush * 1.25);
+      ring(this.hovered, '--light-ring', this.brush * 1.25);
     }
   }
 }

@@ -63,7 +63,7 @@ class Query {
     if (basis.isLossless) {
       // sum over kept i of l_i C_i = sum over k of (H^-1 l)_k T_k
       factors = this.given;
-      if (basis.isHaar && terms < ranked.length) {
+      if (terms < ranked.length) {
         const light = new Float64Array(this.light.length);
         kept.forEach(i => (light[i] = this.light[i]));
         factors = transform(basis, light, haarInverse);

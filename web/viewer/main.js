@@ -425,11 +425,17 @@ async function load() {
   };
   const telling = setInterval(tellLoading, 100);
   try {
-    await basis.load(renderer.stores, changed, page.loading.signal);
+    await basis.load(renderer.stores, changed, page.loading);
     tellLoading();
   } catch (error) {
     if (!(error instanceof FullError)) {
       throw error;
+    }
+    if (!basis.hasPlate) {
+      throw new ServerError(0, {
+        what: `Not even the plate's part fits the ${megabytes(basis.about.texture_bytes)} that the page may use.`,
+        where: basis.about.file, cure: 'give haarlight view a larger --memory; the page takes a quarter of it, at most 1 GB',
+      });
     }
     const n = basis.isLoaded[0].reduce((sum, is, g) => sum + (is ? basis.about.groups[g][1] - basis.about.groups[g][0] : 0), 0);
     byId('loading').textContent = `The most important ${n} of ${basis.nLights} pictures fill the page's ` +

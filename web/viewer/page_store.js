@@ -38,24 +38,28 @@ export class PageStore {
     this.isInteger = kind !== 'half';
     this.n = 0;
     this.layers = 0;
-    this.texture = this.make(1);
-    this.layers = 1;
+    this.texture = this.make(1, 1, 1);  // something to bind, until there are pages
     this.mostLayers = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS);
   }
 
-  make(layers) {
+  make(columns, rows, layers) {
     const {gl} = this;
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, texture);
     gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
     gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
-    this.budget.take((layers - this.layers) * kLayerTexels * this.bytes);
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, this.internal, kColumns, kRows, layers);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, this.internal, columns, rows, layers);
     if (gl.getError() === gl.OUT_OF_MEMORY) {
       gl.deleteTexture(texture);
       throw new FullError();
     }
     return texture;
+  }
+
+  /** A texture of so many layers, paid for. */
+  buy(layers) {
+    this.budget.take((layers - this.layers) * kLayerTexels * this.bytes);
+    return this.make(kColumns, kRows, layers);
   }
 
   /** Makes room by a texture twice as large. */
@@ -67,13 +71,13 @@ export class PageStore {
     }
     let larger;
     try {
-      larger = this.make(layers);
+      larger = this.buy(layers);
     } catch (error) {
       if (!(error instanceof FullError) || layers === layersNeeded) {
         throw error;
       }
       layers = layersNeeded;  // as large as must be, then
-      larger = this.make(layers);
+      larger = this.buy(layers);
     }
     const frame = gl.createFramebuffer();
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, frame);

@@ -54,8 +54,8 @@ void main() {
     s += pair.w * vec4(texelFetch(pages, placeOf(int(pair.z)), 0));
   }
   s *= step_;
-  if (shifts >= 0) {
-    s *= exp2(-vec4(texelFetch(pages, placeOf(shifts), 0)));
+  for (int i = shifts; i >= 0; i = -1) {  // a loop: software GL runs an if's inside in any case
+    s *= exp2(-vec4(texelFetch(pages, placeOf(i), 0)));
   }
   for (int i = run.z; i < run.w; ++i) {
     vec4 pair = texelFetch(list, ivec2(i & 1023, i >> 10), 0);
@@ -70,40 +70,41 @@ void main() {
   gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0, 0.0, 1.0);
 }`;
 
-const kShowFragment = `#version 300 es
+// One program for each number of channels, for pictures and for differences: software GL computes
+// both sides of a condition. A pixel's tile comes from a multiplication, exact below 2^22 pixels by
+// the half that is added.
+const showFragment = (channels, isDifference) => `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
 uniform sampler2D first;
 uniform sampler2D second;
-uniform ivec4 picture;   // panel's left and top, width and height of a picture
-uniform ivec4 layout_;   // tile's side, page's texels across and down, rows of tiles
-uniform ivec2 channels;  // of the sums
-uniform int canvasHeight;
+uniform ivec2 corner;    // of the panel, from the canvas's lower left
+uniform ivec4 layout_;   // tile's side, page's texels across and down, rows of a channel
+uniform int lastRow;     // of the picture
+uniform float perTile;   // 1 / tile's side
 uniform float exposure;
-uniform float amplify;   // 0: the first sum; else the difference
+uniform float amplify;   // of the difference
 out vec4 colour;
-float valueOf(sampler2D sum, ivec2 at, int channel) {
-  ivec2 tile = at / layout_.x;
-  ivec2 in_ = at - tile * layout_.x;
-  vec4 four = texelFetch(sum, ivec2(tile.x * layout_.y + (in_.x >> 2),
-                                    (channel * layout_.w + tile.y) * layout_.z + in_.y), 0);
-  return four[in_.x & 3];
+float curve(sampler2D sum, ivec2 texel, int place) {
+  vec4 four = texelFetch(sum, texel, 0);
+  vec2 two = (place & 2) == 0 ? four.xy : four.zw;
+  float v = clamp(((place & 1) == 0 ? two.x : two.y) * exposure, 0.0, 1.0);
+  return v <= 0.0031308 ? 12.92 * v : 1.055 * pow(v, 1.0 / 2.4) - 0.055;
 }
-vec3 displayOf(sampler2D sum, ivec2 at, int n) {
-  vec3 linear = vec3(valueOf(sum, at, 0));
-  if (n == 3) {
-    linear.yz = vec2(valueOf(sum, at, 1), valueOf(sum, at, 2));
-  }
-  linear = clamp(linear * exposure, 0.0, 1.0);
-  return mix(12.92 * linear, 1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055, greaterThan(linear, vec3(0.0031308)));
+vec3 displayOf(sampler2D sum, ivec2 texel, int place) {
+  return vec3(${(channels === 1 ? [0] : [0, 1, 2])
+    .map(c => `curve(sum, texel + ivec2(0, ${c} * layout_.w), place)`).join(', ')});
 }
 void main() {
-  ivec2 at = ivec2(int(gl_FragCoord.x), canvasHeight - 1 - int(gl_FragCoord.y)) - picture.xy;
-  vec3 shown = displayOf(first, at, channels.x);
-  if (amplify > 0.0) {
-    shown = 0.5 + amplify * (shown - displayOf(second, at, channels.y));
-  }
+  ivec2 at = ivec2(gl_FragCoord.xy) - corner;
+  at.y = lastRow - at.y;
+  ivec2 tile = ivec2((vec2(at) + 0.5) * perTile);
+  ivec2 inside = at - tile * layout_.x;
+  ivec2 texel = tile * layout_.yz + ivec2(inside.x >> 2, inside.y);
+  int place = inside.x & 3;
+  vec3 shown = displayOf(first, texel, place);
+  ${isDifference ? 'shown = 0.5 + amplify * (shown - displayOf(second, texel, place));' : ''}
   colour = vec4(shown, 1.0);
 }`;
 
@@ -176,9 +177,11 @@ export class Renderer {
       wide: new PageStore(gl, 'int16', this.pageTexels, budget),
     };
     this.summing = link(gl, kSumVertex, sumFragment(!basis.isLossless));
-    this.showing = link(gl, kShowVertex, kShowFragment);
+    this.showing = new Map();  // by channels and difference
     this.list = new Growing(Float32Array, 4096);
     this.instances = new Growing(Int32Array, 1024);
+    this.onePixel = new Uint8Array(4);
+    this.readBuffer = new Float32Array(0);
     this.listTexture = gl.createTexture();
     this.listRows = 0;
     this.instanceBuffer = gl.createBuffer();
@@ -312,31 +315,35 @@ export class Renderer {
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 1024, rows, gl.RGBA, gl.FLOAT, list.values);
   }
 
-  /** Waits until a sum is there. */
-  finish(sum) {
+  /** Waits until everything asked for is drawn. */
+  finish() {
     const {gl} = this;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, sum.frame);
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.FLOAT, new Float32Array(4));
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, this.onePixel);
   }
 
-  /** A sum's values, every pixel and channel once, in no order. */
-  read(sum) {
+  /** A sum's values, each pixel and channel once, of every `step`-th row; in no order. */
+  read(sum, step = 1) {
     const {gl, basis} = this;
-    const all = new Float32Array(4 * sum.width * sum.rows * sum.channels);
+    const n = 4 * sum.width * sum.rows * sum.channels;
+    if (this.readBuffer.length !== n) {
+      this.readBuffer = new Float32Array(n);
+    }
+    const all = this.readBuffer;
     gl.bindFramebuffer(gl.FRAMEBUFFER, sum.frame);
     gl.readPixels(0, 0, sum.width, sum.rows * sum.channels, gl.RGBA, gl.FLOAT, all);
     const {tile, side} = basis.about;
     const across = 4 * sum.width;
-    const values = new Float32Array(basis.width * basis.height * sum.channels);
-    let n = 0;
+    const values = new Float32Array(basis.width * Math.ceil(basis.height / step) * sum.channels);
+    let at = 0;
     for (let channel = 0; channel < sum.channels; ++channel) {
-      for (let y = 0; y < basis.height; ++y) {
+      for (let y = 0; y < basis.height; y += step) {
         const row = (channel * sum.rows + Math.floor(y / tile) * side + y % tile) * across;
         for (let x = 0; x < basis.width; x += tile) {
           const from = row + x / tile * side;
           const part = Math.min(tile, basis.width - x);
-          values.set(all.subarray(from, from + part), n);
-          n += part;
+          values.set(all.subarray(from, from + part), at);
+          at += part;
         }
       }
     }
@@ -348,7 +355,7 @@ export class Renderer {
    * @param panels  {first, second, amplify} each: amplify 0 shows `first`, else their difference
    */
   show(panels, exposure, isStacked) {
-    const {gl, canvas, basis, showing} = this;
+    const {gl, canvas, basis} = this;
     const {width, height} = basis;
     const [w, h] = isStacked ? [width, height * panels.length] : [width * panels.length, height];
     if (canvas.width !== w || canvas.height !== h) {
@@ -356,25 +363,35 @@ export class Renderer {
       canvas.height = h;
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.useProgram(showing.program);
-    const {uniforms} = showing;
-    gl.uniform1i(uniforms.first, 0);
-    gl.uniform1i(uniforms.second, 1);
-    gl.uniform4i(uniforms.layout_, basis.about.tile, this.pageAcross, this.pageDown, basis.tilesY);
-    gl.uniform1i(uniforms.canvasHeight, h);
-    gl.uniform1f(uniforms.exposure, exposure);
     panels.forEach(({first, second, amplify}, i) => {
       const [left, top] = isStacked ? [0, i * height] : [i * width, 0];
-      gl.activeTexture(gl.TEXTURE1);
-      gl.bindTexture(gl.TEXTURE_2D, second.texture);
+      const {program, uniforms} = this.programToShow(first.channels, amplify > 0);
+      gl.useProgram(program);
+      gl.uniform1i(uniforms.first, 0);
+      gl.uniform4i(uniforms.layout_, basis.about.tile, this.pageAcross, this.pageDown, first.rows);
+      gl.uniform1i(uniforms.lastRow, height - 1);
+      gl.uniform1f(uniforms.perTile, 1 / basis.about.tile);
+      gl.uniform1f(uniforms.exposure, exposure);
+      gl.uniform2i(uniforms.corner, left, h - top - height);
+      if (amplify > 0) {
+        gl.uniform1i(uniforms.second, 1);
+        gl.uniform1f(uniforms.amplify, amplify);
+        gl.activeTexture(gl.TEXTURE1);
+        gl.bindTexture(gl.TEXTURE_2D, second.texture);
+      }
       gl.activeTexture(gl.TEXTURE0);
       gl.bindTexture(gl.TEXTURE_2D, first.texture);
-      gl.uniform4i(uniforms.picture, left, top, width, height);
-      gl.uniform2i(uniforms.channels, first.channels, second.channels);
-      gl.uniform1f(uniforms.amplify, amplify);
       gl.viewport(left, h - top - height, width, height);
       gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     });
+  }
+
+  programToShow(channels, isDifference) {
+    const key = `${channels} ${isDifference}`;
+    if (!this.showing.has(key)) {
+      this.showing.set(key, link(this.gl, kShowVertex, showFragment(channels, isDifference)));
+    }
+    return this.showing.get(key);
   }
 
   /** What the canvas shows, 4 bytes a pixel, from the upper left. */
