@@ -31,7 +31,7 @@ class EnvironmentDesk {
     quick,  ///< the environment reduced to kQuickAcross texels all the way round
   };
   static constexpr int kQuickAcross = 256;
-  static constexpr std::size_t kMostKept = 4;  ///< environments; the oldest one goes
+  static constexpr std::size_t kMostKept = 2;  ///< environments; the oldest one goes
 
   /// @throws Error  the basis file's rig is no rig
   explicit EnvironmentDesk(const BasisFile& basis);

@@ -49,6 +49,22 @@ TEST(HttpServer, AnswersRoutesMostParticularFirst) {
   EXPECT_EQ(posted.body, "plan");
 }
 
+TEST(HttpServer, KeepsNothingUnlessTheHandlerSaysHowLong) {
+  HttpSite site = echo_site();
+  site.get("/v1/fixed", [](const HttpRequest&) {
+    return HttpResponse{.headers = {{"Cache-Control", "private, immutable"}, {"X-Kind", "a"}}};
+  });
+  const HttpServer server({}, std::move(site));
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").headers.at("cache-control"),
+            "no-store");
+  RawClient client(server.port());
+  client.send("GET /v1/fixed HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  const std::string head = client.read_until("\r\n\r\n");
+  EXPECT_NE(head.find("Cache-Control: private, immutable\r\n"), std::string::npos) << head;
+  EXPECT_NE(head.find("X-Kind: a\r\n"), std::string::npos) << head;
+  EXPECT_EQ(head.find("no-store"), std::string::npos) << "said once: " << head;
+}
+
 TEST(HttpServer, KeepsAConnectionForSeveralRequests) {
   const HttpServer server({}, echo_site());
   RawClient client(server.port());

@@ -184,6 +184,53 @@ class EnvironmentFile : public ::testing::Test {
   std::filesystem::path folder_ = own_.path();
 };
 
+/// Integral of radiance over the sphere.
+Eigen::Vector3d light_of(const Environment& environment) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (int row = 0; row < environment.n_rows(); ++row) {
+    environment.for_each_texel(
+        row, [&](const EnvironmentTexel& texel) { sum += texel.solid_angle * texel.radiance; });
+  }
+  return sum;
+}
+
+TEST(Environment, ReducedKeepsItsLightAndItsPlaces) {
+  Image<float> sky(64, 128, 3);
+  for (int y = 0; y < 64; ++y) {
+    for (int x = 0; x < 128; ++x) {
+      sky(y, x, 0) = static_cast<float>(1 + (x * 7 + y * 3) % 11);
+      sky(y, x, 1) = x < 64 ? 4.0F : 0.0F;
+      sky(y, x, 2) = y < 32 ? 2.0F : 0.0F;
+    }
+  }
+  Environment full = Environment::from_picture(sky, "sky");
+  full.rotate(0.7);
+  const Environment small = full.reduced(32);
+  EXPECT_EQ(small.n_rows(), 16);
+  EXPECT_EQ(small.row_texels(), 32);
+  // Rows are weighted by their exact solid angle; means are rounded to float.
+  EXPECT_LT((light_of(small) - light_of(full)).norm(), 1e-6 * light_of(full).norm());
+  for (const Eigen::Vector3d& d :
+       {Eigen::Vector3d(0.3, 0.5, 0.6), Eigen::Vector3d(-0.8, 0.1, -0.4)}) {
+    EXPECT_EQ(small.radiance(d).tail(2), full.radiance(d).tail(2)) << "it turns alike";
+  }
+  EXPECT_EQ(full.reduced(128).row_texels(), 128) << "small enough as it is";
+  EXPECT_EQ(full.reduced(1000).row_texels(), 128);
+}
+
+TEST(Environment, ReducedCubesKeepTheirLightToThePermille) {
+  Image<float> strip(16, 96, 1);
+  for (int y = 0; y < 16; ++y) {
+    for (int x = 0; x < 96; ++x) {
+      strip(y, x) = static_cast<float>(1 + (x * 5 + y * y) % 13);
+    }
+  }
+  const Environment full = Environment::from_picture(strip, "strip");
+  const Environment small = full.reduced(16);
+  EXPECT_EQ(small.row_texels(), 4);
+  EXPECT_NEAR(light_of(small).x(), light_of(full).x(), 1e-3 * light_of(full).x());
+}
+
 TEST_F(EnvironmentFile, SixFilesAreTheStripsFaces) {
   const std::array<const char*, 6> names = {"px", "nx", "py", "ny", "pz", "nz"};
   Image<float> strip(4, 24, 3);

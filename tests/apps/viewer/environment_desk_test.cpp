@@ -1,0 +1,127 @@
+#include "apps/viewer/environment_desk.h"
+
+#include <chrono>
+#include <filesystem>
+#include <numbers>
+#include <optional>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "tests/apps/viewer/small_basis.h"
+
+namespace haarlight {
+namespace {
+
+using Quality = EnvironmentDesk::Quality;
+
+/// A lat-long picture of one coloured sun on a grey sky, as an EXR file's bytes.
+std::string sky_bytes(const std::filesystem::path& folder) {
+  Image<float> sky(64, 128, 3);
+  for (float& v : sky.pixels()) {
+    v = 0.1F;
+  }
+  for (int y = 2; y < 6; ++y) {
+    for (int x = 40; x < 60; ++x) {
+      sky(y, x, 0) = 50.0F;
+      sky(y, x, 1) = 30.0F;
+    }
+  }
+  write_image(folder / "sky.exr", sky.view());
+  return read_file(folder / "sky.exr");
+}
+
+/// Asks until there is an answer.
+EnvironmentWeights wait_for(EnvironmentDesk& desk, const std::string& id, double degrees,
+                            Quality quality) {
+  for (int i = 0; i < 6000; ++i) {
+    if (auto found = desk.weights(id, degrees, quality)) {
+      return *found;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  throw std::runtime_error("no weights after a minute");
+}
+
+class Desk : public ::testing::Test {
+ protected:
+  testing::TemporaryFolder folder_;
+  BasisFile basis_ = test::small_rig_basis(folder_.path());
+};
+
+TEST_F(Desk, ExactWeightsAreThoseOfTheCommand) {
+  EnvironmentDesk desk(basis_);
+  const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
+  for (const double degrees : {0.0, 37.5, -120.0}) {
+    Environment truth = Environment::read(folder_.path() / "sky.exr");
+    truth.rotate(degrees * std::numbers::pi / 180.0);
+    const EnvironmentWeights expected =
+        rig_weights(truth, parse_rig(basis_.header().rig_toml, "rig"));
+    const EnvironmentWeights found = wait_for(desk, id, degrees, Quality::exact);
+    EXPECT_EQ(found.weights, expected.weights) << degrees;
+    EXPECT_EQ(found.missing_share, expected.missing_share);
+  }
+  EXPECT_EQ(desk.layout(id), "lat-long");
+}
+
+TEST_F(Desk, QuickWeightsAreThoseOfTheReducedPicture) {
+  EnvironmentDesk desk(basis_);
+  const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
+  const EnvironmentWeights exact = wait_for(desk, id, 10.0, Quality::exact);
+  const EnvironmentWeights quick = wait_for(desk, id, 10.0, Quality::quick);
+  // 128 texels all the way round are few enough: nothing is reduced.
+  EXPECT_EQ(quick.weights, exact.weights);
+}
+
+TEST_F(Desk, SaysWhatIsWrongWithAPicture) {
+  EnvironmentDesk desk(basis_);
+  const std::string id = desk.add("no picture at all", "holiday.hdr");
+  try {
+    (void)wait_for(desk, id, 0.0, Quality::exact);
+    FAIL() << "a broken picture must be refused";
+  } catch (const Error& error) {
+    EXPECT_NE(error.where().find("holiday.hdr"), std::string::npos) << error.what();
+    EXPECT_EQ(std::string(error.what()).find("haarlight-view-"), std::string::npos)
+        << "the temporary file's name is nobody's concern";
+    EXPECT_FALSE(error.cure().empty());
+  }
+  EXPECT_THROW((void)desk.weights(id, 0.0, Quality::quick), Error) << "it is remembered";
+}
+
+TEST_F(Desk, KeepsTheLastEnvironmentsOnly) {
+  EnvironmentDesk desk(basis_);
+  const std::string bytes = sky_bytes(folder_.path());
+  const std::string first = desk.add(bytes, "sky.exr");
+  std::string last = first;
+  for (std::size_t i = 0; i < EnvironmentDesk::kMostKept; ++i) {
+    last = desk.add(bytes, "sky.exr");
+  }
+  EXPECT_THROW((void)desk.weights(first, 0.0, Quality::exact), Error);
+  EXPECT_GT(wait_for(desk, last, 0.0, Quality::exact).weights.sum(), 0.0);
+  EXPECT_THROW((void)desk.weights("7000", 0.0, Quality::exact), Error);
+  EXPECT_THROW((void)desk.weights("../sky", 0.0, Quality::exact), Error);
+}
+
+TEST_F(Desk, EndsWhileItIsAtWork) {
+  for (int i = 0; i < 3; ++i) {
+    EnvironmentDesk desk(basis_);
+    const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
+    (void)desk.weights(id, 1.0, Quality::exact);
+  }
+}
+
+TEST(DeskOfAnImport, SharesTheSkyAmongTheLightsDirections) {
+  testing::TemporaryFolder folder;
+  const BasisFile basis = test::small_import_basis(folder.path());
+  EnvironmentDesk desk(basis);
+  const std::string id = desk.add(sky_bytes(folder.path()), "sky.exr");
+  const EnvironmentWeights found = wait_for(desk, id, 0.0, Quality::exact);
+  EXPECT_EQ(found.weights.rows(), basis.header().dims.n_lights);
+  EXPECT_NEAR(found.weights.col(0).sum(), found.total.x(), 1e-6 * found.total.x());
+}
+
+}  // namespace
+}  // namespace haarlight
