@@ -417,6 +417,33 @@ await suite.test('fits a phone', async () =>
     expect(size === 210, 'pictures to compare stand below one another');
   }, {context: {viewport: {width: 360, height: 740}, isMobile: true, hasTouch: true}}));
 
+if (option('--images')) {
+  await suite.test('pictures for the documents', async () => {
+    const to = path.resolve(option('--images'));
+    const demo = option('--demo') || path.join(source, 'out/demo/airplane.hlb');
+    expect(fs.existsSync(demo), `no ${demo}: run ./demo first, or name a capture with --demo`);
+    await viewing(demo, async page => {
+      const shoot = async name => {
+        await settled(page);
+        const file = path.join(to, `${name}.png`);
+        await page.screenshot({path: file});
+        expect(fs.statSync(file).size < 400_000, `${name} is too large for the documents`);
+      };
+      await page.locator('#environment-file').setInputFiles(kRoom);
+      await until(() => page.evaluate(() => window.haarlightView.environment?.isExact), 'the room');
+      await page.locator('#turn').fill('-20');
+      await until(() => page.evaluate(() => window.haarlightView.environment.degrees === -20 &&
+        window.haarlightView.environment.isExact), 'the turned room');
+      await shoot('view');
+      await drag(page, [[10, 25], [12, 24]], 32);
+      await page.locator('#terms').fill('55');
+      await page.locator('#compare').check();
+      await page.setViewportSize({width: 1280, height: 560});
+      await shoot('view-compare');
+    }, {context: {colorScheme: 'dark', viewport: {width: 1280, height: 1040}}});
+  });
+}
+
 await suite.test('no console errors, no foreign requests', () => {
   expect(browser.problems.length === 0, browser.problems.join('\n'));
 });
