@@ -4,6 +4,7 @@
 
 import {execFileSync} from 'node:child_process';
 import fs from 'node:fs';
+import os from 'node:os';
 import path from 'node:path';
 import {fileURLToPath} from 'node:url';
 import {Browser, sleep} from './harness.mjs';
@@ -34,6 +35,19 @@ function dense(size) {
                   '--height', `${size}`, '--plate', '--noise', '0.05']);
   }
   return file;
+}
+
+/** Processor time of everything that this program has started, ms: what a busy machine leaves alone. */
+function processorMs() {
+  const stats = new Map();
+  for (const pid of fs.readdirSync('/proc').filter(name => /^\d+$/.test(name))) {
+    try {
+      const fields = fs.readFileSync(`/proc/${pid}/stat`, 'utf8').split(') ').at(-1).split(' ');
+      stats.set(pid, {parent: fields[1], ticks: Number(fields[11]) + Number(fields[12])});
+    } catch { /* it has ended */ }
+  }
+  const isOurs = pid => pid === String(process.pid) || (stats.has(pid) && isOurs(stats.get(pid).parent));
+  return [...stats].reduce((sum, [pid, {parent, ticks}]) => sum + (isOurs(parent) ? 10 * ticks : 0), 0);
 }
 
 const browser = await new Browser().begin(modules);
@@ -74,6 +88,7 @@ async function measureStart(file) {
 /** Frames a second with a number of terms in every frame, whatever it costs. */
 async function measureFrames(file, terms) {
   await viewing(file, async page => {
+    const before = processorMs();
     const found = await page.evaluate(async ([k, seconds]) => {
       const {engine, basis, renderer} = window.haarlightView;
       engine.terms = k;
@@ -98,9 +113,11 @@ async function measureFrames(file, terms) {
     if (found.drawn.some(n => n !== terms) || found.drawn.length < found.times.length) {
       throw new Error(`not every frame had a picture of ${terms} terms: ${found.drawn}`);
     }
+    const used = (processorMs() - before) / found.drawn.length;
     const ms = quantile(found.times, 0.5);
     console.log(`${path.basename(file)}, ${terms} terms in every frame (${found.pages} pages, ${found.tiles} tiles): ` +
-      `${(1000 / ms).toFixed(1)} frames a second; ${told(found.times)} ms; ${found.ns.toFixed(1)} ns a texel and page`);
+      `${(1000 / ms).toFixed(1)} frames a second; ${told(found.times)} ms; ${used.toFixed(1)} ms of processor time a frame; ` +
+      `load ${os.loadavg()[0].toFixed(1)} on ${os.cpus().length} processors`);
   });
 }
 
@@ -135,7 +152,8 @@ async function measureDrag(file, mode) {
     const terms = await page.evaluate(() => window.haarlightView.engine.status().terms);
     console.log(`${path.basename(file)}, ${mode}: movement to picture ${told(found.latencies)} ms, ` +
       `${quantile(found.termsDrawn, 0.5)} terms meanwhile (least ${Math.min(...found.termsDrawn)}); ` +
-      `all ${terms} terms ${(performance.now() - released).toFixed(0)} ms after the last movement`);
+      `all ${terms} terms ${(performance.now() - released).toFixed(0)} ms after the last movement; ` +
+      `load ${os.loadavg()[0].toFixed(1)}`);
   });
 }
 

@@ -180,7 +180,7 @@ await suite.test('an environment, and turned', async () =>
       expect(worst <= 1, `turned by ${degrees} degrees it differs by ${worst}`);
     }
     expect(/comes from where the rig has no lights/.test(await textOf(page, '#environment-message')), 'the missing share is told');
-    expect(/--cubemap room\.hdr --rotate -130 /.test(await page.locator('#command').textContent()), 'the command names it');
+    await until(async () => /--cubemap room\.hdr --rotate -130 /.test(await page.locator('#command').textContent()), 'the command');
   }));
 
 await suite.test('a broken environment says what, where and the cure', async () =>
@@ -228,8 +228,8 @@ await suite.test('a light follows the pointer and the arrow keys', async () =>
     await page.keyboard.press('ArrowDown');
     expect(String(await lit(page)) === '63', 'the cursor stays on the face');
     await settled(page);
-    expect(/haarlight relight haar\.hlb --light 63 --exposure [\d.e-]+ -o picture\.png/
-      .test(await page.locator('#command').textContent()), await page.locator('#command').textContent());
+    await until(async () => /haarlight relight haar\.hlb --light 63 --exposure [\d.e-]+ -o picture\.png/
+      .test(await page.locator('#command').textContent()), 'the command');
   }));
 
 await suite.test('paint, erase, colours, all dark', async () =>
@@ -323,7 +323,7 @@ await suite.test('the slider of terms goes from none to all', async () =>
     }
     const all = await page.evaluate(() => window.haarlightView.engine.status().termsAll);
     expect(seen[0] === 0 && seen[1] === 1 && seen[2] > 1 && seen[2] < seen[3] && seen[4] === all, `terms ${seen}`);
-    expect(/error at most/.test(await textOf(page, '#picture-facts')), 'the bound is told');
+    await until(async () => /error at most/.test(await textOf(page, '#picture-facts')), 'the bound in words');
   }));
 
 // ---- what is not there ----------------------------------------------------------------------

@@ -6,7 +6,7 @@ import {Lighting, limited} from './lighting.js';
 
 const kFrameMs = 36;       // for a picture at a movement: two of them, the one under way and its own, are
                            // what a movement waits for
-const kLeastSumMs = 8;     // of it for sums, however slow the rest is
+const kLeastTermsMs = 12;  // of it for terms, however slow the rest is: without any there is no shadow
 const kRemembered = 7;     // measurements whose median is believed
 const kSliceMs = 16;       // of sums between two frames, when nothing moves
 const kFirstNs = 40;       // a texel and page, until it is measured: a slow processor
@@ -139,8 +139,8 @@ export class Engine {
     if (this.isComparing) {
       jobs.push(this.lighting.job());
     }
-    const sumMs = Math.max(kLeastSumMs, this.frameMs - this.otherMs.value);
-    const most = Math.max(0, sumMs / this.timeOf(1) / jobs.length - this.fixedPages);
+    const fixedMs = this.otherMs.value + this.timeOf(this.fixedPages) * jobs.length;
+    const most = Math.max(kLeastTermsMs, this.frameMs - fixedMs) / this.timeOf(1) / jobs.length;
     const quick = jobs.map(job => limited(job, basis, most));
     const isWhole = quick.every((job, i) => job.every((part, c) => part.pictures.length === jobs[i][c].pictures.length));
     const begun = performance.now();

@@ -225,13 +225,15 @@ export class LightMap {
     const context = this.canvas.getContext('2d');
     const style = getComputedStyle(document.documentElement);
     const colour = name => style.getPropertyValue(name).trim();
-    const off = colour('--light-off').match(/[0-9a-f]{2}/gi).map(digits => parseInt(digits, 16));  // "#rrggbb"
+    const dark = colour('--light-off');
+    const off = dark.match(/[0-9a-f]{2}/gi).map(digits => parseInt(digits, 16));  // "#rrggbb"
     context.clearRect(0, 0, width, height);
     const [red, green, blue] = this.columns.length === 3 ? this.columns : [this.columns[0], this.columns[0], this.columns[0]];
     for (let i = 0; i < layout.count; ++i) {
       const k = layout.first + i;
-      const shown = [red, green, blue].map((column, c) => Math.max(off[c], toDisplay(column[k] / this.peak)));
-      context.fillStyle = `rgb(${shown.join(' ')})`;
+      context.fillStyle = red[k] === 0 && green[k] === 0 && blue[k] === 0 ? dark
+        : `rgb(${Math.max(off[0], toDisplay(red[k] / this.peak))} ${Math.max(off[1], toDisplay(green[k] / this.peak))} ` +
+          `${Math.max(off[2], toDisplay(blue[k] / this.peak))})`;
       const place = layout.place(i);
       if (layout.isRound) {
         context.beginPath();

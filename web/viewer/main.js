@@ -10,6 +10,7 @@ import {ServerError} from './server.js';
 
 const byId = id => document.getElementById(id);
 const kPollMs = 60;
+const kTellMs = 200;
 const kTermStops = 100;  // of the slider; the last one is "all"
 const kListed = 12;      // lights that the command line still names one by one
 
@@ -61,7 +62,6 @@ function setDrives(columns, source, at) {
   page.source = source;
   page.engine.setDrives(page.columns, at);
   showMaps();
-  showCommand();
 }
 
 function showMaps() {
@@ -208,6 +208,16 @@ function termsOf(place) {
 }
 
 const percent = share => share === Infinity ? 'not bounded' : `${Number((100 * share).toPrecision(2))} %`;
+
+let tellAt = 0;
+
+/** Words cost more than a picture under software GL: they follow a moving one five times a second. */
+function tellSoon() {
+  tellAt ||= setTimeout(() => {
+    tellAt = 0;
+    tellStatus();
+  }, kTellMs);
+}
 
 function tellStatus() {
   const {engine} = page;
@@ -460,7 +470,7 @@ async function begin() {
   document.title = `${page.basis.about.file} – haarlight view`;
   requireRoom();
   page.renderer = new Renderer(canvas, page.basis);
-  page.engine = new Engine(page.renderer, page.basis, tellStatus);
+  page.engine = new Engine(page.renderer, page.basis, tellSoon);
   makeMaps();
   connectControls();
   connectDrop();
