@@ -124,6 +124,7 @@ std::string describe(const BasisFile& basis, const ViewerConfig& config) {
       {"source", header.source},
       {"texture_bytes", config.texture_bytes},
       {"answer_bytes", kMostPageBytes},
+      {"environment_bytes", kMostEnvironmentBytes},
   };
   add_lights(json, basis);
   return json.dump();

@@ -48,7 +48,7 @@ struct TileRun {
 /// Every tile's shifts as 8-bit integers, as picture 0; tiles without any are left out.
 [[nodiscard]] std::string shift_pages(const BasisFile& basis, int channel, TileRun tiles);
 
-/// One answer is at most this large, its digits beyond the first left out of account.
+/// An answer of several tiles is at most this large, digits beyond the first not counted.
 inline constexpr std::size_t kMostPageBytes = std::size_t{32} << 20U;
 
 }  // namespace haarlight

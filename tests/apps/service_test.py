@@ -255,6 +255,7 @@ class Service(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         for name in ("bin/haarlight", "bin/haarlightd", "bin/haarlight-sim",
                      "share/haarlight/web/index.html", "share/haarlight/web/main.js",
+                     "share/haarlight/web/viewer/index.html", "share/haarlight/web/viewer/main.js",
                      "share/haarlight/rigs/cube32.toml", "share/haarlight/plans/quick.toml",
                      "lib/sysusers.d/haarlight.conf"):
             self.assertTrue((prefix / name).is_file(), name)

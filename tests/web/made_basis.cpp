@@ -15,6 +15,7 @@
 #include "core/rig.h"
 #include "relight/basis/compress.h"
 #include "tests/relight/basis/made_stack.h"
+#include "tests/relight/view/retiled.h"
 
 namespace haarlight {
 
@@ -32,6 +33,7 @@ struct Options {
   std::string basis = "haar";
   bool has_plate = false;
   double noise = 0.0;
+  int tile = 0;
 };
 
 void make(const Options& options) {
@@ -43,6 +45,10 @@ void make(const Options& options) {
     scene.grid = rig->faces.front().rows;
   }
   const MemoryStack stack = test::render_stack(scene);
+  if (options.tile > 0) {
+    test::write_retiled(stack, options.tile, options.output);
+    return;
+  }
   scene.has_sphere = false;
   scene.noise = 0.0;
   std::optional<MemoryStack> plate;
@@ -81,6 +87,7 @@ int run(int argc, char** argv) {
   program.option("--basis", &options.basis, "haar or direct");
   program.flag("--plate", &options.has_plate, "Take the empty plane off");
   program.option("--noise", &options.noise, "Of a value, uniform");
+  program.option("--tile", &options.tile, "A lossless file of an import with such tiles");
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
     return static_cast<int>(*end);
   }

@@ -78,6 +78,26 @@ const nine = {9: 1, 12: 0.5, 14: 1, 33: 1, 36: 2, 38: 1, 57: 0.25, 60: 1, 62: 1}
 const textOf = (page, selector) => page.locator(selector).innerText();
 const nearTo = (a, b, relative) => Math.abs(a - b) <= relative * Math.max(Math.abs(a), Math.abs(b));
 
+/** The lights that burn. */
+const lit = page => page.evaluate(() => {
+  const {columns} = window.haarlightView;
+  return [...columns[0].keys()].filter(k => columns.some(column => column[k] !== 0));
+});
+
+/** The pointer pressed over cells of the first map. */
+async function drag(page, cells, cols = 8) {
+  const canvas = page.locator('.face canvas');
+  await canvas.scrollIntoViewIfNeeded();
+  const box = await canvas.boundingBox();
+  const at = ([row, col]) => [box.x + (col + 0.5) / cols * box.width, box.y + (row + 0.5) / cols * box.height];
+  await page.mouse.move(...at(cells[0]));
+  await page.mouse.down();
+  for (const cell of cells.slice(1)) {
+    await page.mouse.move(...at(cell), {steps: 4});
+  }
+  await page.mouse.up();
+}
+
 // ---- the same numbers as the command --------------------------------------------------------
 
 const kFiles = {
@@ -88,6 +108,7 @@ const kFiles = {
   direct: ['--grid', 8, '--width', 64, '--height', 32, '--basis', 'direct'],
   lossless: ['--grid', 8, '--width', 64, '--height', 70, '--basis', 'direct', '--max-error', 0],
   'lossless-haar': ['--rig', kSmall8, '--width', 33, '--height', 31, '--channels', 3, '--max-error', 0],
+  tiles: ['--grid', 8, '--width', 70, '--height', 53, '--channels', 3, '--tile', 30],
   import: ['--grid', 8, '--width', 50, '--height', 40, '--channels', 3],
 };
 for (const [name, words] of Object.entries(kFiles)) {
@@ -183,6 +204,41 @@ await suite.test('an environment, and turned', async () =>
     await until(async () => /--cubemap room\.hdr --rotate -130 /.test(await page.locator('#command').textContent()), 'the command');
   }));
 
+await suite.test('what a person paints is not taken back by an environment, and shows on it', async () =>
+  viewing(made('haar', ...kFiles.haar), async page => {
+    let open = () => {};
+    const gate = new Promise(resolve => (open = resolve));
+    let [n, slow] = [0, true];
+    await page.route(/quality=exact/, async route => {
+      ++n;
+      if (slow) {
+        await gate;
+      }
+      await route.continue();
+    });
+    await page.locator('#environment-file').setInputFiles(kRoom);
+    await until(() => n > 0, 'the question for exact weights');
+    await page.locator('#clear').click();
+    open();
+    slow = false;
+    await page.waitForTimeout(500);
+    expect((await lit(page)).length === 0, 'late weights are not shown');
+    await page.locator('#turn').fill('5');
+    await until(() => page.evaluate(() => window.haarlightView.environment.isExact), 'the environment');
+    const at = await page.evaluate(() => {
+      const column = window.haarlightView.columns[0];
+      return {least: column.indexOf(Math.min(...column)), most: Math.max(...column)};
+    });
+    await page.locator('#mode-paint').click();
+    await page.locator('#strength').fill('1');
+    for (let stroke = 0; stroke < 2; ++stroke) {
+      const cell = [Math.floor(at.least / 8), at.least % 8];
+      await drag(page, [cell, cell]);
+    }
+    const drive = await page.evaluate(k => window.haarlightView.columns[0][k], at.least);
+    expect(nearTo(drive, at.most, 1e-9), `painted ${drive} on an environment whose brightest light gives ${at.most}`);
+  }));
+
 await suite.test('a broken environment says what, where and the cure', async () =>
   viewing(made('haar', ...kFiles.haar), async page => {
     const broken = path.join(folder, 'broken.hdr');
@@ -193,24 +249,6 @@ await suite.test('a broken environment says what, where and the cure', async () 
   }, {allowed: [/status of 400/]}));
 
 // ---- what a person does ---------------------------------------------------------------------
-
-const lit = page => page.evaluate(() => {
-  const {columns} = window.haarlightView;
-  return [...columns[0].keys()].filter(k => columns.some(column => column[k] !== 0));
-});
-
-async function drag(page, cells, cols = 8) {
-  const canvas = page.locator('.face canvas');
-  await canvas.scrollIntoViewIfNeeded();
-  const box = await canvas.boundingBox();
-  const at = ([row, col]) => [box.x + (col + 0.5) / cols * box.width, box.y + (row + 0.5) / cols * box.height];
-  await page.mouse.move(...at(cells[0]));
-  await page.mouse.down();
-  for (const cell of cells.slice(1)) {
-    await page.mouse.move(...at(cell), {steps: 4});
-  }
-  await page.mouse.up();
-}
 
 await suite.test('a light follows the pointer and the arrow keys', async () =>
   viewing(made('haar', ...kFiles.haar), async (page, viewer) => {

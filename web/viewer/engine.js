@@ -4,8 +4,9 @@
 import {displayExposure} from './exposure.js';
 import {Lighting, limited} from './lighting.js';
 
-const kFrameMs = 36;       // for a picture at a movement: two of them, the one under way and its own, are
-                           // what a movement waits for
+const kSmoothMs = 14;      // for a picture at a movement: 60 a second
+const kFrameMs = 36;       // if that is too little for so many terms; two of them, the one under way and its
+const kEnoughTerms = 64;   // own, are what a movement waits for
 const kLeastTermsMs = 12;  // of it for terms, however slow the rest is: without any there is no shadow
 const kRemembered = 7;     // measurements whose median is believed
 const kSliceMs = 16;       // of sums between two frames, when nothing moves
@@ -103,10 +104,13 @@ export class Engine {
     if (this.isStale) {
       this.isStale = false;
       this.drawQuick();
-    } else if (this.plan) {
-      this.refine();
-    } else if (this.isReshown) {
-      this.present();
+    } else {
+      if (this.isReshown) {
+        this.present();
+      }
+      if (this.plan) {
+        this.refine();
+      }
     }
     this.isReshown = false;
     if (this.isStale || this.plan || this.latencyFrom) {
@@ -140,9 +144,10 @@ export class Engine {
       jobs.push(this.lighting.job());
     }
     const fixedMs = this.otherMs.value + this.timeOf(this.fixedPages) * jobs.length;
-    const most = Math.max(kLeastTermsMs, this.frameMs - fixedMs) / this.timeOf(1) / jobs.length;
-    const quick = jobs.map(job => limited(job, basis, most));
-    const isWhole = quick.every((job, i) => job.every((part, c) => part.pictures.length === jobs[i][c].pictures.length));
+    const pagesIn = ms => Math.max(kLeastTermsMs, ms - fixedMs) / this.timeOf(1) / jobs.length;
+    const quick = jobs.map(job => limited(job, basis, pagesIn(kSmoothMs), pagesIn(this.frameMs), kEnoughTerms));
+    const isWhole = quick.every((job, i) =>
+      job.every((part, c) => part.pictures.length === jobs[i][c].pictures.length));
     const begun = performance.now();
     let pages = 0;
     quick.forEach((job, i) => {
@@ -210,9 +215,10 @@ export class Engine {
 
   present() {
     const [first, second] = this.sums;
-    const panels = this.isComparing
-      ? [{first, second: first, amplify: 0}, {first: second, second, amplify: 0}, {first, second, amplify: this.amplify}]
-      : [{first, second: first, amplify: 0}];
+    const panels = [{first, second, amplify: 0}];
+    if (this.isComparing) {
+      panels.push({first: second, second, amplify: 0}, {first, second, amplify: this.amplify});
+    }
     this.renderer.show(panels, this.exposure, this.isStacked);
     this.isShown = true;
     this.changed();
@@ -220,10 +226,11 @@ export class Engine {
 
   /** What is on the canvas. */
   status() {
-    const terms = Math.max(...this.shownJob.map(part => part.pictures.length));
+    // A lossless file's pictures are lights, whatever the number of terms.
+    const countsTerms = this.basis.isLossless && this.isWhole;
     return {
       isWhole: this.isWhole,
-      terms: this.isWhole ? Math.max(...this.shownJob.map(part => part.terms)) : terms,
+      terms: Math.max(...this.shownJob.map(part => countsTerms ? part.terms : part.pictures.length)),
       termsAll: this.lighting?.termsAll ?? 0,
       bound: this.isWhole && this.lighting ? this.lighting.bound(this.shownJob, this.norm) : null,
       exposure: this.exposure,

@@ -35,7 +35,8 @@ export class FaceLayout {
 export class SkyLayout {
   constructor(places, names) {
     const reach = Math.max(1, ...places.map(([x, y]) => Math.hypot(x, y))) * 1.06;
-    Object.assign(this, {title: 'Lights, seen from above', first: 0, names, count: places.length, ratio: 1, isRound: true});
+    Object.assign(this, {title: 'Lights, seen from above', first: 0, names, count: places.length});
+    Object.assign(this, {ratio: 1, isRound: true});
     this.size = Math.min(0.04, 0.35 / Math.sqrt(places.length));
     this.places = places.map(([x, y]) => ({x: 0.5 + 0.5 * x / reach, y: 0.5 - 0.5 * y / reach, size: this.size}));
   }
@@ -228,12 +229,12 @@ export class LightMap {
     const dark = colour('--light-off');
     const off = dark.match(/[0-9a-f]{2}/gi).map(digits => parseInt(digits, 16));  // "#rrggbb"
     context.clearRect(0, 0, width, height);
-    const [red, green, blue] = this.columns.length === 3 ? this.columns : [this.columns[0], this.columns[0], this.columns[0]];
+    const [red, green = red, blue = red] = this.columns;
     for (let i = 0; i < layout.count; ++i) {
       const k = layout.first + i;
+      const part = (drive, c) => Math.max(off[c], toDisplay(drive / this.peak));
       context.fillStyle = red[k] === 0 && green[k] === 0 && blue[k] === 0 ? dark
-        : `rgb(${Math.max(off[0], toDisplay(red[k] / this.peak))} ${Math.max(off[1], toDisplay(green[k] / this.peak))} ` +
-          `${Math.max(off[2], toDisplay(blue[k] / this.peak))})`;
+        : `rgb(${part(red[k], 0)} ${part(green[k], 1)} ${part(blue[k], 2)})`;
       const place = layout.place(i);
       if (layout.isRound) {
         context.beginPath();

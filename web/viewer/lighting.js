@@ -108,14 +108,21 @@ export class Lighting {
   }
 }
 
-/** The most important pictures of a job whose pages, together, are at most `pages`. */
-export function limited(job, basis, pages) {
-  const share = pages / job.length;
+/**
+ * The most important pictures of a job.
+ * @param pages  as many as have these, together
+ * @param most   or these, as long as there are fewer pictures than `enough`
+ */
+export function limited(job, basis, pages, most, enough) {
   return job.map(part => {
     const {pagesOf} = basis.pages[part.channel];
     let [n, used] = [0, 0];
-    while (n < part.pictures.length && used + pagesOf[part.pictures[n]] <= share) {
-      used += pagesOf[part.pictures[n++]];
+    while (n < part.pictures.length) {
+      used += job.length * pagesOf[part.pictures[n]];
+      if (used > (n < enough ? Math.max(pages, most) : pages)) {
+        break;
+      }
+      ++n;
     }
     return n === part.pictures.length ? part : {...part, pictures: part.pictures.subarray(0, n)};
   });

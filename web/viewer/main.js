@@ -12,7 +12,10 @@ const byId = id => document.getElementById(id);
 const kPollMs = 60;
 const kTellMs = 200;
 const kTermStops = 100;  // of the slider; the last one is "all"
+const kGone = 1e-3;      // of the brush's level: what erasing leaves of a light is put out
 const kListed = 12;      // lights that the command line still names one by one
+
+const kMoreMemory = 'give haarlight view a larger --memory: the page takes a quarter of it, at most 1 GB';
 
 const page = {
   basis: null, renderer: null, engine: null, maps: [],
@@ -20,6 +23,8 @@ const page = {
   mode: 'move',
   environment: null,    // {id, name, degrees, isExact}
   source: 'light',      // or environment, painted: what the drives are
+  level: 1,             // the drive of the brush's full strength
+  strokes: 0,           // by the person: weights that were asked for before one come too late
   isStacked: matchMedia('(max-width: 700px)'),
 };
 
@@ -77,6 +82,13 @@ function showMaps() {
 const threeColumns = () =>
   page.columns.length === 3 ? page.columns.map(column => column.slice()) : [0, 1, 2].map(() => page.columns[0].slice());
 
+/** Drives that the person chose. */
+function choose(columns, source, level, at) {
+  ++page.strokes;
+  page.level = level;
+  setDrives(columns, source, at);
+}
+
 /** One light at full drive in the brush's colour. */
 function lightOne(k, at) {
   const columns = colourOfBrush().map(part => {
@@ -84,7 +96,7 @@ function lightOne(k, at) {
     column[k] = part;
     return column;
   });
-  setDrives(columns, 'light', at);
+  choose(columns, 'light', 1, at);
 }
 
 /** Paint adds light towards the brush's colour, erase takes it away. */
@@ -92,17 +104,20 @@ function stroke(map, i, at) {
   const columns = threeColumns();
   const colour = colourOfBrush();
   const strength = Number(byId('strength').value);
-  const {first} = map.layout;
-  const peak = page.source === 'environment' ? Math.max(...columns.map(column => column.reduce((a, b) => Math.max(a, b), 0))) : 1;
+  const {level} = page;
   for (const [j, factor] of map.under(i, Number(byId('brush').value))) {
+    const part = strength * factor;
     columns.forEach((column, c) => {
-      const k = first + j;
-      column[k] = page.mode === 'erase'
-        ? (strength * factor > 0.98 ? 0 : column[k] * (1 - strength * factor))
-        : Math.max(column[k], Math.min(colour[c] * peak, column[k] + colour[c] * peak * strength * factor));
+      const k = map.layout.first + j;
+      if (page.mode === 'erase') {
+        const left = column[k] * (1 - part);
+        column[k] = left < kGone * level ? 0 : left;
+      } else {
+        column[k] = Math.max(column[k], Math.min(colour[c] * level, column[k] + colour[c] * level * part));
+      }
     });
   }
-  setDrives(columns, 'painted', at);
+  choose(columns, 'painted', level, at);
 }
 
 const handlers = {
@@ -123,7 +138,8 @@ const handlers = {
   hover(map, i) {
     const k = map.layout.first + i;
     const drive = page.columns.map(column => Number(column[k].toPrecision(3)));
-    byId('map-readout').textContent = `${map.layout.describe(i)}: ${drive.every(v => v === 0) ? 'dark' : `drive ${drive.join(', ')}`}`;
+    const words = drive.every(v => v === 0) ? 'dark' : `drive ${drive.join(', ')}`;
+    byId('map-readout').textContent = `${map.layout.describe(i)}: ${words}`;
   },
 };
 
@@ -137,6 +153,12 @@ const environmentMessage = (text, isError = false) => {
 const pause = ms => new Promise(resolve => setTimeout(resolve, ms));
 
 async function loadEnvironment(file) {
+  const most = page.basis.about.environment_bytes;
+  if (file.size > most) {
+    environmentMessage(`${file.name} has ${megabytes(file.size)}, at most ${megabytes(most)} are read.\n` +
+      'Cure: make it smaller; a light sees no detail finer than its own cell.', true);
+    return;
+  }
   environmentMessage(`reading ${file.name} …`);
   try {
     const id = await sendEnvironment(file);
@@ -159,7 +181,7 @@ let isTurning = false;
 
 /** Shows the environment at an angle: quick weights at once, exact ones when it rests there. */
 async function turn(degrees, at) {
-  turning = {degrees, at};
+  turning = {degrees, at, strokes: page.strokes};
   if (isTurning) {
     return;
   }
@@ -182,10 +204,15 @@ async function weightsOf(wanted, quality) {
   const {environment} = page;
   for (;;) {
     const found = await askWeights(environment.id, wanted.degrees, quality);
+    if (page.strokes !== wanted.strokes) {
+      return;
+    }
     if (found.is_ready) {
       environment.degrees = wanted.degrees;
       environment.isExact = quality === 'exact';
-      setDrives(found.weights.map(column => Float64Array.from(column)), 'environment', quality === 'quick' ? wanted.at : undefined);
+      const columns = found.weights.map(column => Float64Array.from(column));
+      page.level = columns.reduce((most, column) => column.reduce((a, b) => Math.max(a, b), most), 0) || 1;
+      setDrives(columns, 'environment', quality === 'quick' ? wanted.at : undefined);
       const missing = (100 * found.missing_share).toFixed(1);
       environmentMessage(`${found.layout}. ${found.missing_share > 1e-6
         ? `${missing} % of its light comes from where the rig has no lights.` : 'The lights reach all of its light.'}` +
@@ -204,8 +231,14 @@ async function weightsOf(wanted, quality) {
 /** Slider's place to a number of terms: 0, then 1 … all on a log scale. */
 function termsOf(place) {
   const all = Math.max(1, page.engine.lighting?.termsAll ?? page.basis.nLights);
-  return place >= kTermStops ? Infinity : place <= 0 ? 0 : Math.min(all, Math.round(all ** ((place - 1) / (kTermStops - 1))));
+  if (place <= 0 || place >= kTermStops) {
+    return place <= 0 ? 0 : Infinity;
+  }
+  return Math.min(all, Math.round(all ** ((place - 1) / (kTermStops - 1))));
 }
+
+/** A word as a shell takes it. */
+const shellWord = text => /^[\w./=+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
 
 const percent = share => share === Infinity ? 'not bounded' : `${Number((100 * share).toPrecision(2))} %`;
 
@@ -236,9 +269,9 @@ function tellStatus() {
 
 function showCommand() {
   const {basis, engine, environment} = page;
-  const words = [`haarlight relight ${basis.about.file}`];
+  const words = [`haarlight relight ${shellWord(basis.about.file)}`];
   if (page.source === 'environment' && environment) {
-    words.push(`--cubemap ${environment.name}`);
+    words.push(`--cubemap ${shellWord(environment.name)}`);
     if (environment.degrees !== 0) {
       words.push(`--rotate ${environment.degrees}`);
     }
@@ -285,11 +318,12 @@ async function savePicture() {
 
 function saveDrives() {
   const {columns} = page;
-  const list = columns.length === 1 ? [...columns[0]] : [...columns[0].keys()].map(k => columns.map(column => column[k]));
+  const list = [...columns[0].keys()].map(k =>
+    columns.length === 1 ? columns[0][k] : columns.map(column => column[k]));
   save(new Blob([`${JSON.stringify(list)}\n`], {type: 'application/json'}), 'drives.json');
 }
 
-function choose(mode) {
+function chooseMode(mode) {
   page.mode = mode;
   for (const name of ['move', 'paint', 'erase']) {
     const button = byId(`mode-${name}`);
@@ -342,20 +376,21 @@ function connectControls() {
   const modes = ['move', 'paint', 'erase'];
   modes.forEach((mode, i) => {
     const button = byId(`mode-${mode}`);
-    button.addEventListener('click', () => choose(mode));
+    button.addEventListener('click', () => chooseMode(mode));
     button.addEventListener('keydown', event => {
       const step = {ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1}[event.key];
       if (step) {
         event.preventDefault();
         const next = modes[(i + step + modes.length) % modes.length];
-        choose(next);
+        chooseMode(next);
         byId(`mode-${next}`).focus();
       }
     });
   });
   onInput('brush', showBrush);
-  byId('clear').addEventListener('click', () => setDrives([new Float64Array(page.basis.nLights)], 'painted'));
-  byId('all-lights').addEventListener('click', () => setDrives([new Float64Array(page.basis.nLights).fill(1)], 'painted'));
+  for (const [id, drive] of [['clear', 0], ['all-lights', 1]]) {
+    byId(id).addEventListener('click', () => choose([new Float64Array(page.basis.nLights).fill(drive)], 'painted', 1));
+  }
   byId('save').addEventListener('click', () => savePicture().catch(tellProblem));
   byId('save-drives').addEventListener('click', saveDrives);
   byId('environment-file').addEventListener('change', event => {
@@ -391,7 +426,8 @@ function connectDrop() {
 function connectTheme() {
   byId('theme').addEventListener('click', () => {
     const root = document.documentElement;
-    const isDark = root.dataset.theme ? root.dataset.theme === 'dark' : !matchMedia('(prefers-color-scheme: light)').matches;
+    const isDark = root.dataset.theme ? root.dataset.theme === 'dark'
+      : !matchMedia('(prefers-color-scheme: light)').matches;
     root.dataset.theme = isDark ? 'light' : 'dark';
     page.maps.forEach(map => map.draw());
   });
@@ -401,7 +437,8 @@ function connectTheme() {
 
 function makeMaps() {
   const {about} = page.basis;
-  const layouts = about.faces ? about.faces.map(face => new FaceLayout(face)) : [new SkyLayout(about.places, about.names)];
+  const layouts = about.faces ? about.faces.map(face => new FaceLayout(face))
+    : [new SkyLayout(about.places, about.names)];
   page.maps = layouts.map(layout => new LightMap(layout, handlers));
   byId('maps').replaceChildren(...page.maps.map(map => map.root));
 }
@@ -421,7 +458,7 @@ function requireRoom() {
     throw new ServerError(0, {
       what: `This lossless file needs ${megabytes(basis.mostBytes)} of textures, the page may use ${megabytes(room)}.`,
       where: basis.about.file,
-      cure: 'compress the session with --max-error 0.001, or give haarlight view a larger --memory (the page takes a quarter of it, at most 1 GB)',
+      cure: `compress the session with --max-error 0.001, or ${kMoreMemory}`,
     });
   }
 }
@@ -444,10 +481,10 @@ async function load() {
     if (!basis.hasPlate) {
       throw new ServerError(0, {
         what: `Not even the plate's part fits the ${megabytes(basis.about.texture_bytes)} that the page may use.`,
-        where: basis.about.file, cure: 'give haarlight view a larger --memory; the page takes a quarter of it, at most 1 GB',
+        where: basis.about.file, cure: kMoreMemory,
       });
     }
-    const n = basis.isLoaded[0].reduce((sum, is, g) => sum + (is ? basis.about.groups[g][1] - basis.about.groups[g][0] : 0), 0);
+    const n = basis.groupOf.filter(g => basis.isLoaded[0][g]).length;
     byId('loading').textContent = `The most important ${n} of ${basis.nLights} pictures fill the page's ` +
       `${megabytes(basis.about.texture_bytes)}; what the others add is in the error's bound.`;
   } finally {

@@ -154,12 +154,13 @@ export class Renderer {
   constructor(canvas, basis) {
     this.canvas = canvas;
     this.basis = basis;
-    const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true});
+    const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
+                                             preserveDrawingBuffer: true, powerPreference: 'high-performance'});
     if (!gl) {
       throw new NoGraphics('This browser offers no WebGL 2, which the page computes with.');
     }
     if (!gl.getExtension('EXT_color_buffer_float')) {
-      throw new NoGraphics('This graphics processor cannot draw into floating-point textures (EXT_color_buffer_float).');
+      throw new NoGraphics('This graphics processor cannot draw into textures of floats (EXT_color_buffer_float).');
     }
     this.gl = gl;
     const {side} = basis.about;

@@ -104,6 +104,16 @@ void expect_refused(const std::string& bytes, const std::string& words) {
 
 TEST(BasisFile, GoodOneIsRead) { EXPECT_NO_THROW(read_everything(good_bytes())); }
 
+TEST(BasisFile, ContentKeyTellsFilesApart) {
+  const BasisFile basis = from_text(good_bytes());
+  EXPECT_EQ(basis.content_key(), from_text(good_bytes()).content_key());
+  const test::TemporaryFolder folder;
+  const auto path = folder.path() / "other.hlb";
+  (void)compress_stack(made_source(make_stack({.width = 34, .height = 33, .grid = 8}), 8), path,
+                       {});
+  EXPECT_NE(BasisFile::open(path).content_key(), basis.content_key());
+}
+
 TEST(BasisFile, OtherFilesAndOtherVersionsAreRefused) {
   expect_refused("", "not a basis file");
   expect_refused("PNG and so on, a long text that is no basis file at all", "not a basis file");

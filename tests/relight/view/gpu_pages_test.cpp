@@ -16,6 +16,7 @@
 #include "core/error.h"
 #include "relight/basis/tile_plate.h"
 #include "tests/relight/basis/made_stack.h"
+#include "tests/relight/view/retiled.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {
@@ -219,6 +220,16 @@ TEST_F(GpuPages, HoldLosslessValuesToHalfPrecision) {
   EXPECT_EQ(half_scale(basis.header()),
             std::exp2(std::floor(std::log2(basis.header().peak)) + 1));
   expect_decodes(basis, std::exp2(-11.0));  // half a unit in the last place of the largest
+}
+
+TEST_F(GpuPages, HoldTilesOfAnySize) {
+  for (const int tile : {7, 30, 64}) {
+    test::write_retiled(make_stack({.grid = 4, .channels = 3}), tile,
+                        folder_.path() / "made.hlb");
+    const BasisFile basis = BasisFile::open(folder_.path() / "made.hlb");
+    ASSERT_EQ(basis.header().tile, tile);
+    expect_decodes(basis, std::exp2(-11.0));
+  }
 }
 
 TEST_F(GpuPages, LeaveOutWhatIsEmpty) {
