@@ -52,9 +52,9 @@ function processorMs() {
 
 const browser = await new Browser().begin(modules);
 
-async function viewing(file, body) {
+async function viewing(file, body, sums = '') {
   const viewer = await new Viewer(programs).begin(file);
-  const page = await browser.page(`${viewer.url}/`);
+  const page = await browser.page(`${viewer.url}/viewer/index.html?sums=${sums}`);
   await settled(page);
   const result = await body(page);
   await browser.closePages();
@@ -86,7 +86,7 @@ async function measureStart(file) {
 }
 
 /** Frames a second with a number of terms in every frame, whatever it costs. */
-async function measureFrames(file, terms) {
+async function measureFrames(file, terms, sums) {
   await viewing(file, async page => {
     const before = processorMs();
     const found = await page.evaluate(async ([k, seconds]) => {
@@ -115,10 +115,10 @@ async function measureFrames(file, terms) {
     }
     const used = (processorMs() - before) / found.drawn.length;
     const ms = quantile(found.times, 0.5);
-    console.log(`${path.basename(file)}, ${terms} terms in every frame (${found.pages} pages, ${found.tiles} tiles): ` +
+    console.log(`${path.basename(file)}, ${terms} terms in every frame, summed by ${sums} (${found.pages} pages, ${found.tiles} tiles): ` +
       `${(1000 / ms).toFixed(1)} frames a second; ${told(found.times)} ms; ${used.toFixed(1)} ms of processor time a frame; ` +
       `load ${os.loadavg()[0].toFixed(1)} on ${os.cpus().length} processors`);
-  });
+  }, sums);
 }
 
 /** From the pointer's movement to the frame after its picture. */
@@ -160,7 +160,10 @@ async function measureDrag(file, mode) {
 const demo = option('--demo', path.join(source, 'out/demo/airplane.hlb'));
 const parts = {
   start: async () => fs.existsSync(demo) ? measureStart(demo) : console.log(`no ${demo}: run ./demo, or give --demo`),
-  frames: async () => measureFrames(dense(256), 64),
+  frames: async () => {
+    await measureFrames(dense(256), 64, 'processor');
+    await measureFrames(dense(256), 64, 'graphics');
+  },
   drag: async () => {
     await measureDrag(dense(512), 'move');
     await measureDrag(dense(512), 'paint');

@@ -37,7 +37,8 @@ const suite = new Suite(browser, option('--only'));
 async function viewing(file, body, options = {}) {
   const viewer = await new Viewer(programs).begin(file, options.words);
   try {
-    const page = await browser.page(`${viewer.url}/`, options.context, options.allowed);
+    const at = options.sums ? `/viewer/index.html?sums=${options.sums}` : '/';
+    const page = await browser.page(`${viewer.url}${at}`, options.context, options.allowed);
     if (options.isRefused) {
       await page.locator('#problem:visible').waitFor();
     } else {
@@ -111,19 +112,31 @@ const kFiles = {
   tiles: ['--grid', 8, '--width', 70, '--height', 53, '--channels', 3, '--tile', 30],
   import: ['--grid', 8, '--width', 50, '--height', 40, '--channels', 3],
 };
+const kSums = ['processor', 'graphics'];
 for (const [name, words] of Object.entries(kFiles)) {
-  await suite.test(`${name}: one light, nine lights, few terms are the command's pictures`, async () =>
-    viewing(made(name, ...words), async (page, viewer) => {
-      let share = 0;
-      for (const [lights, terms] of [[{27: 1}, null], [nine, null], [nine, 0], [nine, 1], [nine, 9], [{63: 3}, 4]]) {
-        if (terms === 0 && !words.includes('--plate')) {
-          continue;  // nothing but the plate would be left
+  for (const sums of kSums) {
+    await suite.test(`${name}, summed by ${sums}: one light, nine lights, few terms are the command's pictures`, async () =>
+      viewing(made(name, ...words), async (page, viewer) => {
+        let share = 0;
+        for (const [lights, terms] of [[{27: 1}, null], [nine, null], [nine, 0], [nine, 1], [nine, 9], [{63: 3}, 4]]) {
+          if (terms === 0 && !words.includes('--plate')) {
+            continue;  // nothing but the plate would be left
+          }
+          share = Math.max(share, await same(page, viewer.file, lights, terms));
         }
-        share = Math.max(share, await same(page, viewer.file, lights, terms));
-      }
-      return `at most ${(100 * share).toFixed(3)} % of the values differ, by one`;
-    }));
+        return `at most ${(100 * share).toFixed(3)} % of the values differ, by one`;
+      }, {sums}));
+  }
 }
+
+await suite.test('the processor sums where there is no graphics processor, or who the address says', async () => {
+  const file = made('haar', ...kFiles.haar);
+  const isOnProcessor = sums => viewing(file, page =>
+    page.evaluate(() => window.haarlightView.renderer.isOnProcessor), {sums});
+  expect(await isOnProcessor(), 'this browser has software GL');
+  expect(await isOnProcessor('processor'), 'the address says processor');
+  expect(!await isOnProcessor('graphics'), 'the address says graphics');
+});
 
 await suite.test('terms and the bound are the command\'s', async () =>
   viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
@@ -154,28 +167,30 @@ await suite.test('coloured drives on a file of one channel', async () =>
     expect(worst <= 1, `differs by ${worst}`);
   }));
 
-await suite.test('fewer terms at a movement, all of them after it', async () =>
-  viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
-    const quick = await page.evaluate(async () => {
-      const {engine, basis} = window.haarlightView;
-      engine.nsPerTexel.value = 1e6;  // a very slow processor
-      engine.nsPerTexel.last = [1e6];
-      engine.terms = Infinity;
-      engine.termsDrawn = [];
-      engine.setDrives([Float64Array.from({length: basis.nLights}, (_, k) => 1 + k % 3)]);
-      await new Promise(requestAnimationFrame);
-      await new Promise(requestAnimationFrame);
-      const status = engine.status();
-      await engine.settled();
-      return {status, drawn: engine.termsDrawn, after: engine.status()};
-    });
-    expect(quick.drawn[0] < quick.after.termsAll, `${quick.drawn[0]} terms at once`);
-    expect(quick.after.isWhole && quick.after.terms === quick.after.termsAll, 'all terms after it');
-    fs.writeFileSync(path.join(folder, 'drives.json'), JSON.stringify(Array.from({length: 64}, (_, k) => 1 + k % 3)));
-    const {worst} = await compareWithPng(
-      page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder).url);
-    expect(worst <= 1, `the slices differ from the command's picture by ${worst}`);
-  }));
+for (const sums of kSums) {
+  await suite.test(`fewer terms at a movement, all of them after it, summed by ${sums}`, async () =>
+    viewing(made('haar', ...kFiles.haar), async (page, viewer) => {
+      const quick = await page.evaluate(async () => {
+        const {engine, basis} = window.haarlightView;
+        engine.nsPerTexel.value = 1e6;  // a very slow processor
+        engine.nsPerTexel.last = [1e6];
+        engine.terms = Infinity;
+        engine.termsDrawn = [];
+        engine.setDrives([Float64Array.from({length: basis.nLights}, (_, k) => 1 + k % 3)]);
+        await new Promise(requestAnimationFrame);
+        await new Promise(requestAnimationFrame);
+        const status = engine.status();
+        await engine.settled();
+        return {status, drawn: engine.termsDrawn, after: engine.status()};
+      });
+      expect(quick.drawn[0] < quick.after.termsAll, `${quick.drawn[0]} terms at once`);
+      expect(quick.after.isWhole && quick.after.terms === quick.after.termsAll, 'all terms after it');
+      fs.writeFileSync(path.join(folder, 'drives.json'), JSON.stringify(Array.from({length: 64}, (_, k) => 1 + k % 3)));
+      const {worst} = await compareWithPng(
+        page, relight(haarlight, viewer.file, ['--weights', path.join(folder, 'drives.json')], folder).url);
+      expect(worst <= 1, `the slices differ from the command's picture by ${worst}`);
+    }, {sums}));
+}
 
 // ---- environments ---------------------------------------------------------------------------
 

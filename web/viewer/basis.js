@@ -37,7 +37,9 @@ export class Basis {
     this.isHaar = about.basis === 'haar';
     this.isLossless = about.coding === 'lossless';
     this.rank = about.plate.rank;
-    this.plateRange = Int32Array.from({length: this.rank}, (_, j) => j);
+    this.plateSide = about.plate.degree + 1;
+    this.gainStep = about.plate.gain_step;
+    this.step = this.isLossless ? about.half_scale : about.step;
     this.nTiles = about.n_tiles;
     this.tilesX = Math.ceil(width / about.tile);
     this.tilesY = Math.ceil(height / about.tile);
@@ -65,8 +67,11 @@ export class Basis {
     });
     const tables = n => Array.from({length: channels}, () => new PageTable(n, this.nTiles));
     this.pages = tables(this.nLights);
-    this.plates = tables(this.rank);
+    this.gains = tables(1);
     this.shifts = tables(1);
+    // a[tile][j][t] of docs/basis-format.md
+    this.polynomials = Array.from({length: channels}, () =>
+      new Float32Array(this.nTiles * this.rank * this.plateSide ** 2));
     this.isLoaded = Array.from({length: channels}, () => about.groups.map(() => false));
     this.hasPlate = false;
     this.wanted = 0;
@@ -80,7 +85,7 @@ export class Basis {
   /** Bytes of textures, at most, if no page were empty. */
   get mostBytes() {
     return this.channels * this.nTiles * this.about.side ** 2 *
-      ((this.isLossless ? 2 : 1) * this.nLights + 2 * this.rank);
+      ((this.isLossless ? 2 : 1) * this.nLights + (this.rank > 0 ? 2 : 0));
   }
 
   hasPicture(channel, picture) {
@@ -115,8 +120,14 @@ export class Basis {
     const stages = [{requests: [], done: () => (this.hasPlate = true)}];
     for (let c = 0; c < this.channels; ++c) {
       if (this.rank > 0) {
-        for (const run of this.runs(this.rank, 2 * side * side)) {
-          stages[0].requests.push({path: path('plates', `${c}/${run}`), store: 'wide', table: this.plates[c]});
+        for (const run of this.runs(1, 2 * side * side)) {
+          stages[0].requests.push({path: path('gains', `${c}/${run}`), store: 'gains', table: this.gains[c]});
+        }
+        const numbers = this.rank * this.plateSide ** 2;
+        for (const run of this.runs(1, 4 * numbers)) {
+          const at = parseInt(run, 10) * numbers;
+          stages[0].requests.push({path: path('polynomials', `${c}/${run}`),
+                                   keep: bytes => this.polynomials[c].set(new Float32Array(bytes), at)});
         }
       }
       if (!this.isLossless) {
@@ -138,7 +149,7 @@ export class Basis {
   }
 
   /**
-   * Loads everything into `stores` ({small, wide}: add(bytes) gives the first page's number).
+   * Loads everything into `stores` ({small, gains}: add(bytes) gives the first page's number).
    * @param changed  called after each part
    * @param abort  an AbortController: ends it from outside, and is used when a part fails
    * @throws ServerError, or what a store throws when it is full
@@ -162,7 +173,11 @@ export class Basis {
         for (let request = left.shift(); request; request = left.shift()) {
           const bytes = await askBytes(request.path, {signal});
           signal.throwIfAborted();
-          this.store(bytes, stores[request.store], request.table);
+          if (request.keep) {
+            request.keep(bytes);
+          } else {
+            this.store(bytes, stores[request.store], request.table);
+          }
           ++this.arrived;
         }
       };

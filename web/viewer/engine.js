@@ -131,9 +131,9 @@ export class Engine {
     }
   }
 
-  /** Pages of plates and all that every frame needs, counted as pictures' pages. */
+  /** The plate and all that every frame needs, counted as pictures' pages. */
   get fixedPages() {
-    return this.basis.nTiles * (this.basis.rank + 1) * this.lighting.queries.length;
+    return this.basis.nTiles * (this.basis.rank > 0 ? 4 : 1) * this.lighting.queries.length;
   }
 
   drawQuick() {

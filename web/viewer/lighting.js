@@ -29,9 +29,27 @@ class Query {
       for (let k = 0; k < given.length; ++k) {
         product += given[k] * vector[k];
       }
-      return product;
+      return basis.gainStep * product;
     });
     this.coded = this.codedBound();
+  }
+
+  /** Each tile's polynomial of what a gain of 1 gives: sum over j of plate_j a_j; null: no plate (yet). */
+  get polynomials() {
+    const {basis, plate} = this;
+    if (!this.summed && basis.hasPlate && basis.rank > 0) {
+      const all = basis.polynomials[this.channel];
+      const n = basis.plateSide ** 2;
+      this.summed = new Float64Array(basis.nTiles * n);
+      for (let tile = 0, at = 0; tile < basis.nTiles; ++tile) {
+        for (let j = 0; j < basis.rank; ++j) {
+          for (let t = 0; t < n; ++t, ++at) {
+            this.summed[tile * n + t] += plate[j] * all[at];
+          }
+        }
+      }
+    }
+    return this.summed ?? null;
   }
 
   codedBound() {
@@ -78,7 +96,7 @@ class Query {
         }
       });
     }
-    return {channel, pictures, factors, worth, plate: this.plate, dropped, terms: Math.min(terms, ranked.length)};
+    return {channel, pictures, factors, worth, polynomials: this.polynomials, dropped, terms: Math.min(terms, ranked.length)};
   }
 }
 

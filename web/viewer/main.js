@@ -3,9 +3,10 @@
 
 import {Basis, askWeights, sendEnvironment} from './basis.js';
 import {Engine} from './engine.js';
+import {NoGraphics} from './graphics.js';
 import {FaceLayout, LightMap, SkyLayout} from './light_map.js';
 import {FullError} from './page_store.js';
-import {NoGraphics, Renderer} from './renderer.js';
+import {Renderer} from './renderer.js';
 import {ServerError} from './server.js';
 
 const byId = id => document.getElementById(id);
@@ -506,7 +507,7 @@ async function begin() {
   byId('file-name').textContent = page.basis.about.file;
   document.title = `${page.basis.about.file} – haarlight view`;
   requireRoom();
-  page.renderer = new Renderer(canvas, page.basis);
+  page.renderer = new Renderer(canvas, page.basis, new URLSearchParams(location.search).get('sums'));
   page.engine = new Engine(page.renderer, page.basis, tellSoon);
   makeMaps();
   connectControls();

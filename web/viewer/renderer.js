@@ -1,69 +1,14 @@
-// Sums of pictures on the graphics processor, and how they are shown.
+// Sums of pictures, and how they are shown.
 //
 // A sum is a texture of floats that holds pages: four neighbouring pixels of a row in a texel, tiles
-// side by side as in the picture, output channels one below the other. One instanced square a tile
-// and channel goes through the list of its pages and factors. The second pass turns sums into the
-// display's values as the command's PNGs have them: times the exposure, sRGB, 8 bits.
+// side by side as in the picture, output channels one below the other. Who sums is a choice
+// (graphics_sums.js, processor_sums.js). A second pass turns sums into the display's values as the
+// command's PNGs have them: times the exposure, sRGB, 8 bits.
 
-import {Budget, PageStore, kColumnBits, kLayerBits} from './page_store.js';
-
-const kSumVertex = `#version 300 es
-layout(location = 0) in ivec4 place;  // tile's column and row, output channel, page of shifts or -1
-layout(location = 1) in ivec4 runs;   // of the list: pictures' begin and end, plates' begin and end
-uniform ivec3 tiles;                  // columns, rows, output channels
-uniform ivec2 page;                   // texels across and down
-flat out ivec2 origin;
-flat out ivec4 run;
-flat out int shifts;
-void main() {
-  origin = ivec2(place.x, place.z * tiles.y + place.y) * page;
-  run = runs;
-  shifts = place.w;
-  vec2 corner = vec2(origin + ivec2(gl_VertexID & 1, gl_VertexID >> 1) * page);
-  gl_Position = vec4(2.0 * corner / vec2(tiles.x * page.x, tiles.y * tiles.z * page.y) - 1.0, 0.0, 1.0);
-}`;
-
-const sumFragment = isInteger => `#version 300 es
-precision highp float;
-precision highp int;
-precision highp sampler2D;
-precision highp sampler2DArray;
-precision highp isampler2DArray;
-uniform ${isInteger ? 'isampler2DArray' : 'sampler2DArray'} pages;
-uniform isampler2DArray widePages;
-uniform sampler2D list;  // a texel: page and factor, page and factor
-uniform ivec2 page;
-uniform float step_;
-flat in ivec2 origin;
-flat in ivec4 run;
-flat in int shifts;
-out vec4 sum;
-int texel;
-ivec3 placeOf(int number) {
-  int at = number * (page.x * page.y) + texel;
-  return ivec3(at & ${(1 << kColumnBits) - 1}, (at >> ${kColumnBits}) & ${(1 << (kLayerBits - kColumnBits)) - 1},
-               at >> ${kLayerBits});
-}
-void main() {
-  ivec2 at = ivec2(gl_FragCoord.xy) - origin;
-  texel = at.y * page.x + at.x;
-  vec4 s = vec4(0.0);
-  for (int i = run.x; i < run.y; ++i) {
-    vec4 pair = texelFetch(list, ivec2(i & 1023, i >> 10), 0);
-    s += pair.y * vec4(texelFetch(pages, placeOf(int(pair.x)), 0));
-    s += pair.w * vec4(texelFetch(pages, placeOf(int(pair.z)), 0));
-  }
-  s *= step_;
-  for (int i = shifts; i >= 0; i = -1) {  // a loop: software GL runs an if's inside in any case
-    s *= exp2(-vec4(texelFetch(pages, placeOf(i), 0)));
-  }
-  for (int i = run.z; i < run.w; ++i) {
-    vec4 pair = texelFetch(list, ivec2(i & 1023, i >> 10), 0);
-    s += pair.y * vec4(texelFetch(widePages, placeOf(int(pair.x)), 0));
-    s += pair.w * vec4(texelFetch(widePages, placeOf(int(pair.z)), 0));
-  }
-  sum = s;
-}`;
+import {NoGraphics, isSoftware, link} from './graphics.js';
+import {GraphicsSums} from './graphics_sums.js';
+import {Budget} from './page_store.js';
+import {ProcessorSums} from './processor_sums.js';
 
 const kShowVertex = `#version 300 es
 void main() {
@@ -108,50 +53,12 @@ void main() {
   colour = vec4(shown, 1.0);
 }`;
 
-/** What the browser lacks, in words for the person. */
-export class NoGraphics extends Error {}
-
-function link(gl, vertex, fragment) {
-  const program = gl.createProgram();
-  for (const [type, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
-    const shader = gl.createShader(type);
-    gl.shaderSource(shader, source);
-    gl.compileShader(shader);
-    gl.attachShader(program, shader);
-  }
-  gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
-    const words = gl.getAttachedShaders(program).map(shader => gl.getShaderInfoLog(shader)).join('\n');
-    throw new NoGraphics(`This browser's graphics driver refuses the page's programs: ${words}`);
-  }
-  const uniforms = {};
-  const count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) ?? 0;
-  for (let i = 0; i < count; ++i) {
-    const {name} = gl.getActiveUniform(program, i);
-    uniforms[name] = gl.getUniformLocation(program, name);
-  }
-  return {program, uniforms};
-}
-
-/** Numbers that grow in place. */
-class Growing {
-  constructor(Type, size) {
-    this.values = new Type(size);
-    this.n = 0;
-  }
-
-  room(more) {
-    if (this.n + more > this.values.length) {
-      const larger = new this.values.constructor(Math.max(2 * this.values.length, this.n + more));
-      larger.set(this.values.subarray(0, this.n));
-      this.values = larger;
-    }
-  }
-}
-
 export class Renderer {
-  /** @throws NoGraphics */
-  constructor(canvas, basis) {
+  /**
+   * @param sums  who makes them: graphics, processor, or else what suits the machine
+   * @throws NoGraphics
+   */
+  constructor(canvas, basis, sums) {
     this.canvas = canvas;
     this.basis = basis;
     const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
@@ -167,34 +74,19 @@ export class Renderer {
     this.pageAcross = side / 4;
     this.pageDown = side;
     this.pageTexels = this.pageAcross * this.pageDown;
-    this.largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-    if (Math.max(basis.width, basis.tilesX * this.pageAcross, 3 * basis.tilesY * side) > this.largest) {
+    const largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    if (Math.max(basis.width, basis.tilesX * this.pageAcross, 3 * basis.tilesY * side) > largest) {
       throw new NoGraphics(`The picture of ${basis.width} x ${basis.height} pixels is larger than this ` +
-        `graphics processor's textures of ${this.largest}.`);
+        `graphics processor's textures of ${largest}.`);
     }
-    const budget = new Budget(basis.about.texture_bytes);
-    this.stores = {
-      small: new PageStore(gl, basis.isLossless ? 'half' : 'int8', this.pageTexels, budget),
-      wide: new PageStore(gl, 'int16', this.pageTexels, budget),
-    };
-    this.summing = link(gl, kSumVertex, sumFragment(!basis.isLossless));
+    this.isOnProcessor = sums === 'processor' || (sums !== 'graphics' && isSoftware(gl));
+    this.sums = new (this.isOnProcessor ? ProcessorSums : GraphicsSums)(gl, basis, new Budget(basis.about.texture_bytes));
     this.showing = new Map();  // by channels and difference
-    this.list = new Growing(Float32Array, 4096);
-    this.instances = new Growing(Int32Array, 1024);
     this.onePixel = new Uint8Array(4);
-    this.readBuffer = new Float32Array(0);
-    this.listTexture = gl.createTexture();
-    this.listRows = 0;
-    this.instanceBuffer = gl.createBuffer();
-    this.sumArray = gl.createVertexArray();
-    gl.bindVertexArray(this.sumArray);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.instanceBuffer);
-    for (const location of [0, 1]) {
-      gl.enableVertexAttribArray(location);
-      gl.vertexAttribIPointer(location, 4, gl.INT, 32, 16 * location);
-      gl.vertexAttribDivisor(location, 1);
-    }
-    gl.bindVertexArray(null);
+  }
+
+  get stores() {
+    return this.sums.stores;
   }
 
   /** A texture for a sum of up to three channels. */
@@ -204,22 +96,25 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
-    const [width, height] = [basis.tilesX * this.pageAcross, basis.tilesY * this.pageDown];
-    return {texture, width, rows: height, channels: 0, frame: gl.createFramebuffer()};
+    return {texture, width: basis.tilesX * this.pageAcross, rows: basis.tilesY * this.pageDown, channels: 0};
   }
 
-  shape(sum, channels) {
+  /**
+   * Sums a job's pictures.
+   * @param job  one {channel, pictures, factors, polynomials} an output channel
+   * @param first, last  units [first, last) of tile + output channel * tiles; all, if left out
+   */
+  sum(sum, job, first = 0, last = job.length * this.basis.nTiles) {
     const {gl} = this;
-    if (sum.channels !== channels) {
+    if (sum.channels !== job.length) {
       gl.bindTexture(gl.TEXTURE_2D, sum.texture);
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, sum.width, sum.rows * channels, 0, gl.RGBA, gl.FLOAT, null);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, sum.frame);
-      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, sum.texture, 0);
-      sum.channels = channels;
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, sum.width, sum.rows * job.length, 0, gl.RGBA, gl.FLOAT, null);
+      sum.channels = job.length;
     }
+    this.sums.sum(sum, job, first, last);
   }
 
-  /** Pages that a job's sums read, plates not counted: what they cost. */
+  /** Pages that a job's sums read, the plate not counted: what they cost. */
   cost(job) {
     let pages = 0;
     for (const {channel, pictures} of job) {
@@ -231,91 +126,6 @@ export class Renderer {
     return pages;
   }
 
-  /** Appends pairs (page, factor), an even number of them. @return  [begin, end) in texels */
-  addRun(table, tile, pictures, factors, base, scale) {
-    const {entries, nTiles} = table;
-    const {list} = this;
-    const begin = list.n / 4;
-    list.room(16 * pictures.length + 4);
-    const {values} = list;
-    let {n} = list;
-    for (let i = 0; i < pictures.length; ++i) {
-      const entry = entries[pictures[i] * nTiles + tile];
-      if (entry >= 0) {
-        let factor = scale * factors[pictures[i]];
-        for (let page = entry >> 3, digits = entry & 7; digits >= 0; --digits, ++page, factor *= base) {
-          values[n++] = page;
-          values[n++] = factor;
-        }
-      }
-    }
-    if (n % 4 !== 0) {
-      values[n++] = 0;
-      values[n++] = 0;
-    }
-    list.n = n;
-    return [begin, n / 4];
-  }
-
-  /**
-   * Sums a job's pictures.
-   * @param job  one {channel, pictures, factors, plate} an output channel
-   * @param first, last  units [first, last) of tile + output channel * tiles; all, if left out
-   */
-  sum(sum, job, first = 0, last = job.length * this.basis.nTiles) {
-    const {gl, basis, list, instances, summing} = this;
-    this.shape(sum, job.length);
-    list.n = 0;
-    instances.n = 0;
-    instances.room(8 * (last - first));
-    for (let unit = first; unit < last; ++unit) {
-      const out = Math.floor(unit / basis.nTiles);
-      const tile = unit % basis.nTiles;
-      const {channel, pictures, factors, plate} = job[out];
-      const [a, b] = this.addRun(basis.pages[channel], tile, pictures, factors, 256, 1);
-      const [c, d] = basis.hasPlate
-        ? this.addRun(basis.plates[channel], tile, basis.plateRange, plate, 65536, basis.about.plate.step) : [0, 0];
-      const shifts = basis.shifts[channel].entries[tile];
-      instances.values.set([tile % basis.tilesX, Math.floor(tile / basis.tilesX), out, shifts < 0 ? -1 : shifts >> 3,
-                            a, b, c, d], instances.n);
-      instances.n += 8;
-    }
-    gl.activeTexture(gl.TEXTURE2);
-    this.uploadList();
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.stores.small.texture);
-    gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.stores.wide.texture);
-    gl.useProgram(summing.program);
-    gl.uniform1i(summing.uniforms.pages, 0);
-    gl.uniform1i(summing.uniforms.widePages, 1);
-    gl.uniform1i(summing.uniforms.list, 2);
-    gl.uniform3i(summing.uniforms.tiles, basis.tilesX, basis.tilesY, job.length);
-    gl.uniform2i(summing.uniforms.page, this.pageAcross, this.pageDown);
-    gl.uniform1f(summing.uniforms.step_, basis.isLossless ? basis.about.half_scale : basis.about.step);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, sum.frame);
-    gl.viewport(0, 0, sum.width, sum.rows * job.length);
-    gl.bindVertexArray(this.sumArray);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.instanceBuffer);
-    gl.bufferData(gl.ARRAY_BUFFER, instances.values.subarray(0, instances.n), gl.STREAM_DRAW);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, last - first);
-    gl.bindVertexArray(null);
-  }
-
-  uploadList() {
-    const {gl, list} = this;
-    gl.bindTexture(gl.TEXTURE_2D, this.listTexture);
-    const rows = Math.max(1, Math.ceil(list.n / 4096));
-    list.room(rows * 4096 - list.n);
-    if (rows > this.listRows) {
-      this.listRows = Math.min(2 * rows, this.largest);
-      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 1024, this.listRows, 0, gl.RGBA, gl.FLOAT, null);
-    }
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 1024, rows, gl.RGBA, gl.FLOAT, list.values);
-  }
-
   /** Waits until everything asked for is drawn. */
   finish() {
     const {gl} = this;
@@ -325,14 +135,8 @@ export class Renderer {
 
   /** A sum's values, each pixel and channel once, of every `step`-th row; in no order. */
   read(sum, step = 1) {
-    const {gl, basis} = this;
-    const n = 4 * sum.width * sum.rows * sum.channels;
-    if (this.readBuffer.length !== n) {
-      this.readBuffer = new Float32Array(n);
-    }
-    const all = this.readBuffer;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, sum.frame);
-    gl.readPixels(0, 0, sum.width, sum.rows * sum.channels, gl.RGBA, gl.FLOAT, all);
+    const {basis} = this;
+    const all = this.sums.read(sum);
     const {tile, side} = basis.about;
     const across = 4 * sum.width;
     const values = new Float32Array(basis.width * Math.ceil(basis.height / step) * sum.channels);

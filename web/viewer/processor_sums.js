@@ -1,0 +1,225 @@
+// Sums of pictures on the processor, for browsers without a graphics processor: software GL spends
+// several times as long on them, since it emulates each fetch of a texel.
+
+import {FullError} from './page_store.js';
+
+const kBlockBytes = 1 << 20;
+const kAtOnce = 4;  // pages in one pass: fewer passes over the sum
+
+/** Pages in the page's own memory: page p stands in block p >> bits. */
+class BlockStore {
+  constructor(View, values, budget) {
+    Object.assign(this, {View, values, budget});
+    this.bits = Math.max(0, Math.floor(Math.log2(kBlockBytes / (values * View.BYTES_PER_ELEMENT))));
+    this.blocks = [];
+    this.n = 0;
+  }
+
+  /** Keeps n pages that stand at `offset` of `buffer`. @return  the first one's number */
+  add(buffer, offset, n) {
+    const first = this.n;
+    const given = new this.View(buffer, offset, n * this.values);
+    const perBlock = 1 << this.bits;
+    for (let done = 0; done < n;) {
+      const place = this.n & (perBlock - 1);
+      if (place === 0) {
+        const size = perBlock * this.values;
+        this.budget.take(size * this.View.BYTES_PER_ELEMENT);
+        this.blocks.push(new this.View(size));
+      }
+      const part = Math.min(perBlock - place, n - done);
+      this.blocks.at(-1).set(given.subarray(done * this.values, (done + part) * this.values), place * this.values);
+      done += part;
+      this.n += part;
+    }
+    return first;
+  }
+
+  blockOf(page) {
+    return this.blocks[page >> this.bits];
+  }
+
+  offsetOf(page) {
+    return (page & ((1 << this.bits) - 1)) * this.values;
+  }
+}
+
+/** Half-precision numbers, by their bits. */
+function halves() {
+  return Float32Array.from({length: 1 << 16}, (_, bits) => {
+    const exponent = (bits >> 10) & 31;
+    const fraction = bits & 1023;
+    const magnitude = exponent === 0 ? fraction * 2 ** -24 : (1024 + fraction) * 2 ** (exponent - 25);
+    return bits & 0x8000 ? -magnitude : magnitude;
+  });
+}
+
+function addFour(sum, a, i, f, b, j, g, c, k, h, d, l, e) {
+  for (let p = 0; p < sum.length; ++p) {
+    sum[p] += f * a[i + p] + g * b[j + p] + h * c[k + p] + e * d[l + p];
+  }
+}
+
+function addFourHalves(value, sum, a, i, f, b, j, g, c, k, h, d, l, e) {
+  for (let p = 0; p < sum.length; ++p) {
+    sum[p] += f * value[a[i + p]] + g * value[b[j + p]] + h * value[c[k + p]] + e * value[d[l + p]];
+  }
+}
+
+function addOne(sum, page, from, factor) {
+  for (let p = 0; p < sum.length; ++p) {
+    sum[p] += factor * page[from + p];
+  }
+}
+
+/** T_0 … of n places that divide [-1, 1] evenly, place by place. */
+function chebyshev(n, terms) {
+  const all = new Float64Array(n * terms);
+  for (let i = 0; i < n; ++i) {
+    const x = (2 * i + 1) / n - 1;
+    for (let t = 0; t < terms; ++t) {
+      const at = i * terms + t;
+      all[at] = t === 0 ? 1 : t === 1 ? x : 2 * x * all[at - 1] - all[at - 2];
+    }
+  }
+  return all;
+}
+
+export class ProcessorSums {
+  constructor(gl, basis, budget) {
+    Object.assign(this, {gl, basis});
+    const {side} = basis.about;
+    this.stores = {
+      small: new BlockStore(basis.isLossless ? Uint16Array : Int8Array, side ** 2, budget),
+      gains: new BlockStore(Int16Array, side ** 2, budget),
+    };
+    this.add = basis.isLossless ? addFourHalves.bind(null, halves()) : addFour;
+    this.four = [];
+    this.pageSum = new Float64Array(side ** 2);
+    this.gain = new Float64Array(side ** 2);
+    this.row = new Float64Array(basis.plateSide);
+    this.places = new Map();  // T_0 … along tiles of a size
+  }
+
+  placesAlong(size) {
+    if (!this.places.has(size)) {
+      this.places.set(size, chebyshev(size, this.basis.plateSide));
+    }
+    return this.places.get(size);
+  }
+
+  /** Adds the pages of four factors, as soon as there are four. */
+  addPage(page, factor) {
+    const {small} = this.stores;
+    this.four.push(small.blockOf(page), small.offsetOf(page), factor);
+    if (this.four.length === 3 * kAtOnce) {
+      this.add(this.pageSum, ...this.four);
+      this.four.length = 0;
+    }
+  }
+
+  addPictures({channel, pictures, factors}, tile) {
+    const {entries, nTiles} = this.basis.pages[channel];
+    this.pageSum.fill(0);
+    let some = -1;
+    for (const picture of pictures) {
+      const entry = entries[picture * nTiles + tile];
+      if (entry < 0) {
+        continue;
+      }
+      some = entry >> 3;
+      let factor = factors[picture];
+      for (let page = some, digits = entry & 7; digits >= 0; --digits, ++page, factor *= 256) {
+        this.addPage(page, factor);
+      }
+    }
+    while (this.four.length > 0) {
+      this.addPage(some, 0);  // any page, to make them four
+    }
+  }
+
+  /** Takes the pixels' own steps. */
+  scale(channel, tile) {
+    const {pageSum, basis} = this;
+    const entry = basis.shifts[channel].entries[tile];
+    if (entry < 0) {
+      for (let p = 0; p < pageSum.length; ++p) {
+        pageSum[p] *= basis.step;
+      }
+      return;
+    }
+    const {small} = this.stores;
+    const shifts = small.blockOf(entry >> 3);
+    const from = small.offsetOf(entry >> 3);
+    for (let p = 0; p < pageSum.length; ++p) {
+      pageSum[p] *= basis.step * 2 ** -shifts[from + p];
+    }
+  }
+
+  /** Adds gain times polynomial. */
+  addPlate({channel, polynomials}, tile, width, height) {
+    const {basis, gain, pageSum, row} = this;
+    const entry = basis.gains[channel].entries[tile];
+    if (!polynomials || entry < 0) {
+      return;
+    }
+    const {gains} = this.stores;
+    gain.fill(0);
+    for (let page = entry >> 3, digits = entry & 7, factor = 1; digits >= 0; --digits, ++page, factor *= 65536) {
+      addOne(gain, gains.blockOf(page), gains.offsetOf(page), factor);
+    }
+    const n = basis.plateSide;
+    const {side} = basis.about;
+    const across = this.placesAlong(width);
+    const down = this.placesAlong(height);
+    for (let y = 0; y < height; ++y) {
+      for (let a = 0; a < n; ++a) {
+        let coefficient = 0;
+        for (let b = 0; b < n; ++b) {
+          coefficient += polynomials[(tile * n + b) * n + a] * down[y * n + b];
+        }
+        row[a] = coefficient;
+      }
+      for (let x = 0; x < width; ++x) {
+        let direction = 0;
+        for (let a = 0; a < n; ++a) {
+          direction += row[a] * across[x * n + a];
+        }
+        pageSum[y * side + x] += gain[y * side + x] * direction;
+      }
+    }
+  }
+
+  /** As Renderer.sum() says, into sum's values and then its texture, which has the job's shape. */
+  sum(sum, job, first, last) {
+    const {gl, basis, pageSum} = this;
+    const {tile: tileSide, side} = basis.about;
+    const across = 4 * sum.width;
+    if (sum.values?.length !== across * sum.rows * job.length) {
+      sum.values = new Float32Array(across * sum.rows * job.length);
+    }
+    const topOf = unit => Math.floor(unit / basis.nTiles) * sum.rows +
+      Math.floor(unit % basis.nTiles / basis.tilesX) * side;
+    for (let unit = first; unit < last; ++unit) {
+      const part = job[Math.floor(unit / basis.nTiles)];
+      const tile = unit % basis.nTiles;
+      const column = tile % basis.tilesX;
+      this.addPictures(part, tile);
+      this.scale(part.channel, tile);
+      this.addPlate(part, tile, Math.min(tileSide, basis.width - column * tileSide),
+                    Math.min(tileSide, basis.height - Math.floor(tile / basis.tilesX) * tileSide));
+      for (let y = 0, to = topOf(unit) * across + column * side; y < side; ++y, to += across) {
+        sum.values.set(pageSum.subarray(y * side, (y + 1) * side), to);
+      }
+    }
+    const top = topOf(first);
+    const bottom = topOf(last - 1) + side;
+    gl.bindTexture(gl.TEXTURE_2D, sum.texture);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, top, sum.width, bottom - top, gl.RGBA, gl.FLOAT, sum.values, top * across);
+  }
+
+  /** A sum's texels. */
+  read(sum) {
+    return sum.values;
+  }
+}
