@@ -24,13 +24,13 @@ namespace haarlight {
 
 class EnvironmentDesk {
  public:
-  /// How the weights are found. The page turns an environment by `quick` ones, about 15 ms
-  /// each, and shows the `exact` ones when it rests.
+  /// How the weights are found. The page turns an environment by `quick` ones
+  /// and shows the `exact` ones when it rests.
   enum class Quality {
     exact,  ///< every texel: what `haarlight relight --cubemap` uses
     quick,  ///< the environment reduced to kQuickAcross texels all the way round
   };
-  static constexpr int kQuickAcross = 256;
+  static constexpr int kQuickAcross = 128;
   static constexpr std::size_t kMostKept = 2;  ///< environments; the oldest one goes
 
   /// @throws Error  the basis file's rig is no rig

@@ -83,11 +83,12 @@ class FaceCells {
   }
 
   /// @return  share of the texel on the whole face
-  double cut(const EnvironmentTexel& texel, double texel_area, Scratch& scratch) const {
+  double cut(const EnvironmentTexel& texel, Scratch& scratch) const {
     if (!is_lit_ || axis_.dot(texel.centre) <
                         std::cos(std::min(radius_ + texel.radius, std::numbers::pi))) {
       return 0.0;
     }
+    const double texel_area = solid_angle(texel.corners);
     scratch.inside = texel.corners;
     const bool is_whole = std::all_of(
         texel.corners.begin(), texel.corners.end(), [this](const Eigen::Vector3d& d) {
@@ -185,10 +186,9 @@ class RigCells final : public LightCells {
 
   double cut(const EnvironmentTexel& texel, Scratch& scratch) const override {
     scratch.pieces.clear();
-    const double area = solid_angle(texel.corners);
     double claimed = 0.0;
     for (const FaceCells& face : faces_) {
-      claimed += face.cut(texel, area, scratch);
+      claimed += face.cut(texel, scratch);
     }
     if (claimed > 1.0 + kOverlapTol) {
       throw Error(

@@ -157,16 +157,59 @@ async function measureDrag(file, mode) {
   });
 }
 
+/** Turning an environment: the server's quick weights alone, then from the slider's movement to the picture. */
+async function measureTurn(file) {
+  await viewing(file, async page => {
+    await page.locator('#environment-file').setInputFiles(path.join(source, 'configs/environments/room.hdr'));
+    await page.waitForFunction(() => window.haarlightView.environment?.isExact);
+    await settled(page);
+    const asked = await page.evaluate(async () => {
+      const times = [];
+      for (let i = 0; i < 60; ++i) {
+        const begun = performance.now();
+        await (await fetch(`/v1/environments/${window.haarlightView.environment.id}/weights?rotate=${0.5 + 3 * i}&quality=quick`)).json();
+        times.push(performance.now() - begun);
+      }
+      return times;
+    });
+    await page.locator('#turn').focus();
+    await page.evaluate(() => {
+      const {engine} = window.haarlightView;
+      engine.latencies = [];
+      engine.termsDrawn = [];
+    });
+    for (let i = 0; i < 100; ++i) {
+      await page.keyboard.press('ArrowRight');
+      await sleep(12);
+    }
+    const found = await page.evaluate(() => {
+      const {latencies, termsDrawn} = window.haarlightView.engine;
+      return {latencies, termsDrawn};
+    });
+    console.log(`${path.basename(file)}, turn: quick weights of an angle ${told(asked)} ms; ` +
+      `movement to picture ${told(found.latencies)} ms, ${quantile(found.termsDrawn, 0.5)} terms meanwhile; ` +
+      `load ${os.loadavg()[0].toFixed(1)}`);
+  });
+}
+
 const demo = option('--demo', path.join(source, 'out/demo/airplane.hlb'));
+if (!fs.existsSync(demo)) {
+  throw new Error(`no ${demo}: run ./demo, or give --demo`);
+}
 const parts = {
-  start: async () => fs.existsSync(demo) ? measureStart(demo) : console.log(`no ${demo}: run ./demo, or give --demo`),
+  start: async () => measureStart(demo),
   frames: async () => {
     await measureFrames(dense(256), 64, 'processor');
     await measureFrames(dense(256), 64, 'graphics');
   },
   drag: async () => {
+    await measureDrag(demo, 'move');
     await measureDrag(dense(512), 'move');
     await measureDrag(dense(512), 'paint');
+  },
+  turn: async () => {
+    await measureTurn(demo);
+    await measureTurn(dense(512));
   },
 };
 for (const [name, part] of Object.entries(parts)) {

@@ -478,6 +478,7 @@ if (option('--images')) {
     await viewing(demo, async page => {
       const shoot = async name => {
         await settled(page);
+        await until(async () => /error at most/.test(await textOf(page, '#picture-facts')), 'the words');
         const file = path.join(to, `${name}.png`);
         await page.screenshot({path: file});
         expect(fs.statSync(file).size < 400_000, `${name} is too large for the documents`);
