@@ -122,6 +122,8 @@ export class GraphicsSums {
     const {side} = basis.about;
     this.pageAcross = side / 4;
     this.pageDown = side;
+    this.sumWidth = basis.tilesX * this.pageAcross;
+    this.sumRows = basis.tilesY * this.pageDown;
     this.largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
     const texels = this.pageAcross * this.pageDown;
     this.stores = {
@@ -186,7 +188,17 @@ export class GraphicsSums {
     }
   }
 
-  /** As Renderer.sum() says, into sum's texture, which has the job's shape. */
+  /**
+   * Gives a sum so many channels: pages, four neighbouring pixels of a row in a texel, tiles side by
+   * side as in the picture, channels one below the other.
+   */
+  shape(sum, channels) {
+    const {gl, sumWidth, sumRows} = this;
+    gl.bindTexture(gl.TEXTURE_2D, sum.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, sumWidth, sumRows * channels, 0, gl.RGBA, gl.FLOAT, null);
+  }
+
+  /** As Renderer.sum() says, into sum's texture. */
   sum(sum, job, first, last) {
     const {gl, basis, list, instances, summing} = this;
     list.n = 0;
@@ -223,7 +235,7 @@ export class GraphicsSums {
     gl.uniform1f(summing.uniforms.step_, basis.step);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, sum.texture, 0);
-    gl.viewport(0, 0, sum.width, sum.rows * job.length);
+    gl.viewport(0, 0, this.sumWidth, this.sumRows * job.length);
     gl.bindVertexArray(this.sumArray);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.instanceBuffer);
     gl.bufferData(gl.ARRAY_BUFFER, instances.values.subarray(0, instances.n), gl.STREAM_DRAW);
@@ -245,16 +257,32 @@ export class GraphicsSums {
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 1024, rows, gl.RGBA, gl.FLOAT, list.values);
   }
 
-  /** A sum's texels. */
-  read(sum) {
-    const {gl} = this;
-    const n = 4 * sum.width * sum.rows * sum.channels;
+  /** As Renderer.read() says. */
+  read(sum, step) {
+    const {gl, basis, sumWidth, sumRows} = this;
+    const n = 4 * sumWidth * sumRows * sum.channels;
     if (this.readBuffer.length !== n) {
       this.readBuffer = new Float32Array(n);
     }
+    const all = this.readBuffer;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, sum.texture, 0);
-    gl.readPixels(0, 0, sum.width, sum.rows * sum.channels, gl.RGBA, gl.FLOAT, this.readBuffer);
-    return this.readBuffer;
+    gl.readPixels(0, 0, sumWidth, sumRows * sum.channels, gl.RGBA, gl.FLOAT, all);
+    const {tile, side} = basis.about;
+    const across = 4 * sumWidth;
+    const values = new Float32Array(basis.width * Math.ceil(basis.height / step) * sum.channels);
+    let at = 0;
+    for (let channel = 0; channel < sum.channels; ++channel) {
+      for (let y = 0; y < basis.height; y += step) {
+        const row = (channel * sumRows + Math.floor(y / tile) * side + y % tile) * across;
+        for (let x = 0; x < basis.width; x += tile) {
+          const from = row + x / tile * side;
+          const part = Math.min(tile, basis.width - x);
+          values.set(all.subarray(from, from + part), at);
+          at += part;
+        }
+      }
+    }
+    return values;
   }
 }

@@ -72,14 +72,14 @@ function addOne(sum, page, from, factor) {
   }
 }
 
-/** T_0 … of n places that divide [-1, 1] evenly, place by place. */
+/** T_0 … T_(terms - 1) at n places that divide [-1, 1] evenly, polynomial by polynomial. */
 function chebyshev(n, terms) {
   const all = new Float64Array(n * terms);
   for (let i = 0; i < n; ++i) {
     const x = (2 * i + 1) / n - 1;
     for (let t = 0; t < terms; ++t) {
-      const at = i * terms + t;
-      all[at] = t === 0 ? 1 : t === 1 ? x : 2 * x * all[at - 1] - all[at - 2];
+      const at = t * n + i;
+      all[at] = t === 0 ? 1 : t === 1 ? x : 2 * x * all[at - n] - all[at - 2 * n];
     }
   }
   return all;
@@ -97,7 +97,7 @@ export class ProcessorSums {
     this.four = [];
     this.pageSum = new Float64Array(side ** 2);
     this.gain = new Float64Array(side ** 2);
-    this.row = new Float64Array(basis.plateSide);
+    this.direction = new Float64Array(side);  // of the plate, along a row
     this.places = new Map();  // T_0 … along tiles of a size
   }
 
@@ -138,88 +138,109 @@ export class ProcessorSums {
     }
   }
 
-  /** Takes the pixels' own steps. */
-  scale(channel, tile) {
-    const {pageSum, basis} = this;
-    const entry = basis.shifts[channel].entries[tile];
+  /** Takes the pixels' own shifts. */
+  shift(channel, tile) {
+    const entry = this.basis.shifts[channel].entries[tile];
     if (entry < 0) {
-      for (let p = 0; p < pageSum.length; ++p) {
-        pageSum[p] *= basis.step;
-      }
       return;
     }
-    const {small} = this.stores;
+    const {pageSum, stores: {small}} = this;
     const shifts = small.blockOf(entry >> 3);
     const from = small.offsetOf(entry >> 3);
     for (let p = 0; p < pageSum.length; ++p) {
-      pageSum[p] *= basis.step * 2 ** -shifts[from + p];
+      pageSum[p] *= 2 ** -shifts[from + p];
     }
   }
 
-  /** Adds gain times polynomial. */
-  addPlate({channel, polynomials}, tile, width, height) {
-    const {basis, gain, pageSum, row} = this;
+  /** @return  whether the tile sees the plate */
+  takeGains(channel, tile) {
+    const {gain, basis, stores: {gains}} = this;
     const entry = basis.gains[channel].entries[tile];
-    if (!polynomials || entry < 0) {
-      return;
+    if (entry < 0) {
+      return false;
     }
-    const {gains} = this.stores;
     gain.fill(0);
     for (let page = entry >> 3, digits = entry & 7, factor = 1; digits >= 0; --digits, ++page, factor *= 65536) {
       addOne(gain, gains.blockOf(page), gains.offsetOf(page), factor);
     }
+    return true;
+  }
+
+  /** Puts the tile of `pageSum` into `values` from `to` on, the plate added. */
+  finish({channel, polynomials}, tile, values, to) {
+    const {basis, pageSum, gain, direction} = this;
+    const {tile: tileSide, side} = basis.about;
+    const width = Math.min(tileSide, basis.width - tile % basis.tilesX * tileSide);
+    const height = Math.min(tileSide, basis.height - Math.floor(tile / basis.tilesX) * tileSide);
+    const {step} = basis;
+    const hasPlate = polynomials !== null && this.takeGains(channel, tile);
     const n = basis.plateSide;
-    const {side} = basis.about;
     const across = this.placesAlong(width);
     const down = this.placesAlong(height);
-    for (let y = 0; y < height; ++y) {
+    for (let y = 0; y < height; ++y, to += basis.width) {
+      const from = y * side;
+      if (!hasPlate) {
+        for (let x = 0; x < width; ++x) {
+          values[to + x] = step * pageSum[from + x];
+        }
+        continue;
+      }
+      direction.fill(0);
       for (let a = 0; a < n; ++a) {
         let coefficient = 0;
         for (let b = 0; b < n; ++b) {
-          coefficient += polynomials[(tile * n + b) * n + a] * down[y * n + b];
+          coefficient += polynomials[(tile * n + b) * n + a] * down[b * height + y];
         }
-        row[a] = coefficient;
+        for (let x = 0; x < width; ++x) {
+          direction[x] += coefficient * across[a * width + x];
+        }
       }
       for (let x = 0; x < width; ++x) {
-        let direction = 0;
-        for (let a = 0; a < n; ++a) {
-          direction += row[a] * across[x * n + a];
-        }
-        pageSum[y * side + x] += gain[y * side + x] * direction;
+        values[to + x] = step * pageSum[from + x] + gain[from + x] * direction[x];
       }
     }
   }
 
-  /** As Renderer.sum() says, into sum's values and then its texture, which has the job's shape. */
+  /** Gives a sum so many channels: one below the other, a number a pixel. */
+  shape(sum, channels) {
+    const {gl, basis} = this;
+    const rows = basis.height * channels;
+    sum.values = new Float32Array(basis.width * rows);
+    gl.bindTexture(gl.TEXTURE_2D, sum.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, basis.width, rows, 0, gl.RED, gl.FLOAT, null);
+  }
+
+  /** As Renderer.sum() says, into sum's values and then its texture. */
   sum(sum, job, first, last) {
-    const {gl, basis, pageSum} = this;
-    const {tile: tileSide, side} = basis.about;
-    const across = 4 * sum.width;
-    if (sum.values?.length !== across * sum.rows * job.length) {
-      sum.values = new Float32Array(across * sum.rows * job.length);
-    }
-    const topOf = unit => Math.floor(unit / basis.nTiles) * sum.rows +
-      Math.floor(unit % basis.nTiles / basis.tilesX) * side;
+    const {gl, basis} = this;
+    const {tile: tileSide} = basis.about;
+    const rowOf = unit => Math.floor(unit / basis.nTiles) * basis.height +
+      Math.floor(unit % basis.nTiles / basis.tilesX) * tileSide;
     for (let unit = first; unit < last; ++unit) {
       const part = job[Math.floor(unit / basis.nTiles)];
       const tile = unit % basis.nTiles;
-      const column = tile % basis.tilesX;
       this.addPictures(part, tile);
-      this.scale(part.channel, tile);
-      this.addPlate(part, tile, Math.min(tileSide, basis.width - column * tileSide),
-                    Math.min(tileSide, basis.height - Math.floor(tile / basis.tilesX) * tileSide));
-      for (let y = 0, to = topOf(unit) * across + column * side; y < side; ++y, to += across) {
-        sum.values.set(pageSum.subarray(y * side, (y + 1) * side), to);
-      }
+      this.shift(part.channel, tile);
+      this.finish(part, tile, sum.values, rowOf(unit) * basis.width + tile % basis.tilesX * tileSide);
     }
-    const top = topOf(first);
-    const bottom = topOf(last - 1) + side;
+    const top = rowOf(first);
+    const rows = Math.min(rowOf(last - 1) + tileSide, basis.height * job.length) - top;
     gl.bindTexture(gl.TEXTURE_2D, sum.texture);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, top, sum.width, bottom - top, gl.RGBA, gl.FLOAT, sum.values, top * across);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, top, basis.width, rows, gl.RED, gl.FLOAT, sum.values, top * basis.width);
   }
 
-  /** A sum's texels. */
-  read(sum) {
-    return sum.values;
+  /** As Renderer.read() says. */
+  read(sum, step) {
+    const {width, height} = this.basis;
+    const values = new Float32Array(width * Math.ceil(height / step) * sum.channels);
+    let at = 0;
+    for (let channel = 0; channel < sum.channels; ++channel) {
+      for (let y = 0; y < height; y += step, at += width) {
+        const from = (channel * height + y) * width;
+        values.set(sum.values.subarray(from, from + width), at);
+      }
+    }
+    return values;
   }
 }

@@ -1,9 +1,9 @@
 // Sums of pictures, and how they are shown.
 //
-// A sum is a texture of floats that holds pages: four neighbouring pixels of a row in a texel, tiles
-// side by side as in the picture, output channels one below the other. Who sums is a choice
-// (graphics_sums.js, processor_sums.js). A second pass turns sums into the display's values as the
-// command's PNGs have them: times the exposure, sRGB, 8 bits.
+// A sum is a texture of floats, output channels one below the other: pages where the graphics
+// processor makes it (graphics_sums.js), the picture's rows where the processor does
+// (processor_sums.js). A second pass turns sums into the display's values as the command's PNGs have
+// them: times the exposure, sRGB, 8 bits.
 
 import {NoGraphics, isSoftware, link} from './graphics.js';
 import {GraphicsSums} from './graphics_sums.js';
@@ -15,41 +15,50 @@ void main() {
   gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0, 0.0, 1.0);
 }`;
 
+// A pixel of a sum of pages. Its tile comes from a multiplication, exact below 2^22 pixels by the
+// half that is added.
+const kPagedValue = `
+uniform ivec4 layout_;   // tile's side, page's texels across and down, rows of a channel
+uniform float perTile;   // 1 / tile's side
+float valueAt(sampler2D sum, ivec2 at, int channel) {
+  ivec2 tile = ivec2((vec2(at) + 0.5) * perTile);
+  ivec2 inside = at - tile * layout_.x;
+  vec4 four = texelFetch(sum, tile * layout_.yz + ivec2(inside.x >> 2, inside.y + channel * layout_.w), 0);
+  vec2 two = (inside.x & 2) == 0 ? four.xy : four.zw;
+  return (inside.x & 1) == 0 ? two.x : two.y;
+}`;
+
+const kPlainValue = `
+float valueAt(sampler2D sum, ivec2 at, int channel) {
+  return texelFetch(sum, at + ivec2(0, channel * (lastRow + 1)), 0).x;
+}`;
+
 // One program for each number of channels, for pictures and for differences: software GL computes
-// both sides of a condition. A pixel's tile comes from a multiplication, exact below 2^22 pixels by
-// the half that is added.
-const showFragment = (channels, isDifference) => `#version 300 es
+// both sides of a condition.
+const showFragment = (isPaged, channels, isDifference) => `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
 uniform sampler2D first;
 uniform sampler2D second;
 uniform ivec2 corner;    // of the panel, from the canvas's lower left
-uniform ivec4 layout_;   // tile's side, page's texels across and down, rows of a channel
 uniform int lastRow;     // of the picture
-uniform float perTile;   // 1 / tile's side
 uniform float exposure;
 uniform float amplify;   // of the difference
 out vec4 colour;
-float curve(sampler2D sum, ivec2 texel, int place) {
-  vec4 four = texelFetch(sum, texel, 0);
-  vec2 two = (place & 2) == 0 ? four.xy : four.zw;
-  float v = clamp(((place & 1) == 0 ? two.x : two.y) * exposure, 0.0, 1.0);
+${isPaged ? kPagedValue : kPlainValue}
+float curve(sampler2D sum, ivec2 at, int channel) {
+  float v = clamp(valueAt(sum, at, channel) * exposure, 0.0, 1.0);
   return v <= 0.0031308 ? 12.92 * v : 1.055 * pow(v, 1.0 / 2.4) - 0.055;
 }
-vec3 displayOf(sampler2D sum, ivec2 texel, int place) {
-  return vec3(${(channels === 1 ? [0] : [0, 1, 2])
-    .map(c => `curve(sum, texel + ivec2(0, ${c} * layout_.w), place)`).join(', ')});
+vec3 displayOf(sampler2D sum, ivec2 at) {
+  return vec3(${(channels === 1 ? [0] : [0, 1, 2]).map(c => `curve(sum, at, ${c})`).join(', ')});
 }
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy) - corner;
   at.y = lastRow - at.y;
-  ivec2 tile = ivec2((vec2(at) + 0.5) * perTile);
-  ivec2 inside = at - tile * layout_.x;
-  ivec2 texel = tile * layout_.yz + ivec2(inside.x >> 2, inside.y);
-  int place = inside.x & 3;
-  vec3 shown = displayOf(first, texel, place);
-  ${isDifference ? 'shown = 0.5 + amplify * (shown - displayOf(second, texel, place));' : ''}
+  vec3 shown = displayOf(first, at);
+  ${isDifference ? 'shown = 0.5 + amplify * (shown - displayOf(second, at));' : ''}
   colour = vec4(shown, 1.0);
 }`;
 
@@ -91,12 +100,12 @@ export class Renderer {
 
   /** A texture for a sum of up to three channels. */
   makeSum() {
-    const {gl, basis} = this;
+    const {gl} = this;
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
-    return {texture, width: basis.tilesX * this.pageAcross, rows: basis.tilesY * this.pageDown, channels: 0};
+    return {texture, channels: 0};
   }
 
   /**
@@ -105,10 +114,8 @@ export class Renderer {
    * @param first, last  units [first, last) of tile + output channel * tiles; all, if left out
    */
   sum(sum, job, first = 0, last = job.length * this.basis.nTiles) {
-    const {gl} = this;
     if (sum.channels !== job.length) {
-      gl.bindTexture(gl.TEXTURE_2D, sum.texture);
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, sum.width, sum.rows * job.length, 0, gl.RGBA, gl.FLOAT, null);
+      this.sums.shape(sum, job.length);
       sum.channels = job.length;
     }
     this.sums.sum(sum, job, first, last);
@@ -135,24 +142,7 @@ export class Renderer {
 
   /** A sum's values, each pixel and channel once, of every `step`-th row; in no order. */
   read(sum, step = 1) {
-    const {basis} = this;
-    const all = this.sums.read(sum);
-    const {tile, side} = basis.about;
-    const across = 4 * sum.width;
-    const values = new Float32Array(basis.width * Math.ceil(basis.height / step) * sum.channels);
-    let at = 0;
-    for (let channel = 0; channel < sum.channels; ++channel) {
-      for (let y = 0; y < basis.height; y += step) {
-        const row = (channel * sum.rows + Math.floor(y / tile) * side + y % tile) * across;
-        for (let x = 0; x < basis.width; x += tile) {
-          const from = row + x / tile * side;
-          const part = Math.min(tile, basis.width - x);
-          values.set(all.subarray(from, from + part), at);
-          at += part;
-        }
-      }
-    }
-    return values;
+    return this.sums.read(sum, step);
   }
 
   /**
@@ -173,9 +163,11 @@ export class Renderer {
       const {program, uniforms} = this.programToShow(first.channels, amplify > 0);
       gl.useProgram(program);
       gl.uniform1i(uniforms.first, 0);
-      gl.uniform4i(uniforms.layout_, basis.about.tile, this.pageAcross, this.pageDown, first.rows);
+      if (!this.isOnProcessor) {
+        gl.uniform4i(uniforms.layout_, basis.about.tile, this.pageAcross, this.pageDown, basis.tilesY * this.pageDown);
+        gl.uniform1f(uniforms.perTile, 1 / basis.about.tile);
+      }
       gl.uniform1i(uniforms.lastRow, height - 1);
-      gl.uniform1f(uniforms.perTile, 1 / basis.about.tile);
       gl.uniform1f(uniforms.exposure, exposure);
       gl.uniform2i(uniforms.corner, left, h - top - height);
       if (amplify > 0) {
@@ -194,7 +186,7 @@ export class Renderer {
   programToShow(channels, isDifference) {
     const key = `${channels} ${isDifference}`;
     if (!this.showing.has(key)) {
-      this.showing.set(key, link(this.gl, kShowVertex, showFragment(channels, isDifference)));
+      this.showing.set(key, link(this.gl, kShowVertex, showFragment(!this.isOnProcessor, channels, isDifference)));
     }
     return this.showing.get(key);
   }
