@@ -5,7 +5,7 @@ import {displayExposure} from './exposure.js';
 import {Lighting, limited} from './lighting.js';
 
 const kSmoothMs = 14;      // for a picture at a movement: 60 a second
-const kFrameMs = 36;       // if that is too little for so many terms; two of them, the one under way and its
+const kFrameMs = 28;       // if that is too little for so many terms; two of them, the one under way and its
 const kEnoughTerms = 64;   // own, are what a movement waits for
 const kLeastTermsMs = 12;  // of it for terms, however slow the rest is: without any there is no shadow
 const kRemembered = 7;     // measurements whose median is believed
@@ -48,6 +48,7 @@ export class Engine {
     this.norm = 0;
     this.isStale = true;       // the picture shown is of something else
     this.plan = null;          // the sums still to make
+    this.isHurried = false;    // more movement is on its way: no time for all terms
     this.isShown = false;
     this.movedAt = 0;
     this.waiting = [];
@@ -80,6 +81,12 @@ export class Engine {
     this.request ??= requestAnimationFrame(() => this.frame());
   }
 
+  /** Whether another movement is on its way. */
+  hurry(isHurried) {
+    this.isHurried = isHurried;
+    this.wake();
+  }
+
   /** When everything asked for is on the canvas. */
   settled() {
     return new Promise(resolve => {
@@ -108,14 +115,14 @@ export class Engine {
       if (this.isReshown) {
         this.present();
       }
-      if (this.plan) {
+      if (this.plan && !this.isHurried) {
         this.refine();
       }
     }
     this.isReshown = false;
-    if (this.isStale || this.plan || this.latencyFrom) {
+    if (this.isStale || (this.plan && !this.isHurried) || this.latencyFrom) {
       this.wake();
-    } else if (this.waiting.length > 0) {
+    } else if (!this.plan && this.waiting.length > 0) {
       this.waiting.splice(0).forEach(resolve => resolve());
     }
   }
@@ -199,7 +206,7 @@ export class Engine {
 
   takeExposure(isFinal) {
     const {basis, renderer} = this;
-    const step = isFinal ? 1 : Math.max(1, Math.floor(basis.width * basis.height / kSampled));
+    const step = isFinal ? 1 : Math.max(1, Math.floor(basis.width * basis.height * this.sums[0].channels / kSampled));
     const values = renderer.read(this.sums[0], step);
     if (isFinal) {
       let energy = 0;

@@ -191,13 +191,16 @@ async function turn(degrees, at) {
     while (turning) {
       const wanted = turning;
       turning = null;
+      page.engine.hurry(true);
       await weightsOf(wanted, 'quick');
+      page.engine.hurry(turning !== null);
       if (!turning) {
         await weightsOf(wanted, 'exact');
       }
     }
   } finally {
     isTurning = false;
+    page.engine.hurry(false);
   }
 }
 
