@@ -72,7 +72,10 @@ void add_noise(MemoryStack& stack, double electrons) {
         const double sigma = std::sqrt(signal + 9.0);
         value = static_cast<float>(
             (signal +
-             sigma * standard_normal(hash_key(1, static_cast<std::uint64_t>(y * dims.width + x),
+             sigma * standard_normal(hash_key(1,
+                                              static_cast<std::uint64_t>(y) *
+                                                      static_cast<std::uint64_t>(dims.width) +
+                                                  static_cast<std::uint64_t>(x),
                                               static_cast<std::uint64_t>(k)))) /
             electrons);
       }
@@ -251,7 +254,9 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
     }
   }
   std::vector<Row> rows;
-  for (const auto& [name, weights] : lightings(arguments, dims.n_lights)) {
+  for (const auto& lighting : lightings(arguments, dims.n_lights)) {
+    const std::string& name = lighting.first;
+    const LightWeights& weights = lighting.second;
     const Image<float> truth = relight_stack(*capture.source.stack, weights);
     constexpr Eigen::Index kFewLights = 16;
     std::optional<Image<float>> direct;
@@ -268,8 +273,8 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
         times[i].push_back(milliseconds_of(
             [&] { pictures[i] = relight(files[i].basis, weights, files[i].options); }));
       }
-      times.back().push_back(milliseconds_of(
-          [&, &w = weights] { (void)relight_stack(*capture.source.stack, w); }));
+      times.back().push_back(
+          milliseconds_of([&] { (void)relight_stack(*capture.source.stack, weights); }));
     }
     for (std::size_t i = 0; i < files.size(); ++i) {
       const Achieved found = compare(pictures[i].picture.pixels(), truth.pixels());

@@ -57,7 +57,7 @@ class BallsOverThePlane final : public RowSource {
         plane_(rig.planes.front()) {
     for (int k = 0; k < dims.n_lights; ++k) {
       const Eigen::Vector3d at = light_element(rig, k).centre;
-      lights_.push_back(at.cast<float>());
+      lights_.emplace_back(at.cast<float>());
     }
     for (std::uint64_t i = 0; i < 24; ++i) {
       const auto draw = [i](std::uint64_t axis) {
