@@ -30,6 +30,7 @@ void add_export(Command root, Invocation& invocation);
 void add_plate(Command root, Invocation& invocation);
 void add_compress(Command root, Invocation& invocation);
 void add_relight(Command root, Invocation& invocation);
+void add_bases(Command root, Invocation& invocation);
 void add_shadow(Command root, Invocation& invocation);
 void add_view(Command root, Invocation& invocation);
 
@@ -64,6 +65,7 @@ constexpr AddVerb kVerbs[] = {
     add_compress,
     add_relight,
     add_view,
+    add_bases,
     add_shadow,
     // clang-format on
 };

@@ -18,17 +18,6 @@ namespace haarlight {
 
 namespace {
 
-/// Keeps alive what a plate is read from.
-struct OpenPlate {
-  std::unique_ptr<Session> session;
-  std::unique_ptr<LightStack> stack;
-  std::unique_ptr<BasisFile> basis;
-  std::unique_ptr<StackSource> source;
-  std::string kind = "none";
-  std::string hash;
-  std::string key;  ///< of its values
-};
-
 int rig_grid(const Rig& rig) {
   if (rig.faces.empty()) {
     return 0;
@@ -90,79 +79,16 @@ class DevelopedRows final : public RowSource {
 
 OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateChoice& choice,
                      const CompressOptions& options) {
-  OpenPlate plate;
-  switch (choice.kind) {
-    case PlateChoice::Kind::none:
-      break;
-    case PlateChoice::Kind::automatic: {
-      if (!session.rig() || session.rig()->planes.empty() ||
-          session.rig()->n_lights() != dims.n_lights) {
-        break;
-      }
-      const int camera = camera_of_size(*session.rig(), dims.width, dims.height);
-      if (camera >= 0) {
-        plate.source = std::make_unique<ComputedPlate>(*session.rig(), camera);
-        plate.kind = "computed";
-        plate.hash = session.rig()->hash;
-        plate.key = plate.hash;
-      }
-      break;
-    }
-    case PlateChoice::Kind::file:
-      plate.basis = std::make_unique<BasisFile>(BasisFile::open(choice.path));
-      plate.source = std::make_unique<BasisSource>(*plate.basis);
-      plate.kind = plate.basis->header().kind == "plate" ? "computed" : "captured";
-      plate.hash = plate.basis->header().rig_hash;
-      plate.key = plate.basis->content_key();
-      break;
-    case PlateChoice::Kind::session: {
-      plate.session = std::make_unique<Session>(Session::open(choice.path));
-      DevelopOptions develop_options;
-      develop_options.memory_bytes = options.memory_bytes;
-      develop_options.progress = options.progress;
-      develop_options.unknown_as = options.unknown_as;
-      plate.stack = std::make_unique<LightStack>(develop(*plate.session, develop_options));
-      plate.source = std::make_unique<LightStackSource>(*plate.stack);
-      plate.kind = "captured";
-      plate.hash = plate.session->info().plan_hash;
-      plate.key = Developer(*plate.session, develop_options).key();
-      break;
-    }
-  }
-  return plate;
+  return open_plate(session.rig() ? &*session.rig() : nullptr, dims, choice,
+                    {options.memory_bytes, options.progress, options.unknown_as});
 }
 
 }  // namespace
-
-PlateChoice PlateChoice::parse(const std::string& text) {
-  if (text.empty()) {
-    return {};
-  }
-  if (text == "none") {
-    return {Kind::none, {}};
-  }
-  if (std::filesystem::is_directory(text)) {
-    return {Kind::session, text};
-  }
-  if (std::filesystem::is_regular_file(text)) {
-    return {Kind::file, text};
-  }
-  throw Error("no such plate", text, "give a .hlb file, a session's folder, or none");
-}
 
 int haar_grid(const SessionInfo& info) {
   const int n = info.grid_rows;
   const auto n_lights = static_cast<int>(info.lights.size());
   return n > 0 && n == info.grid_cols && is_haar_size(n) && n_lights % (n * n) == 0 ? n : 0;
-}
-
-int camera_of_size(const Rig& rig, int width, int height) {
-  for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
-    if (rig.cameras[i].model.width == width && rig.cameras[i].model.height == height) {
-      return static_cast<int>(i);
-    }
-  }
-  return -1;
 }
 
 PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "relight/basis/compress.h"
+#include "relight/basis/plate_source.h"
 #include "session/demultiplex.h"
 #include "session/session.h"
 
@@ -14,27 +15,8 @@
 
 namespace haarlight {
 
-/// Which clean plate to take off.
-struct PlateChoice {
-  enum class Kind {
-    automatic,  ///< computed from the session's rig where it has a camera and a plane; else
-                ///< none
-    none,
-    file,     ///< a .hlb of `haarlight plate`, or of a compressed empty-rig session
-    session,  ///< a session of the empty rig
-  };
-  Kind kind = Kind::automatic;
-  std::filesystem::path path;
-
-  /// "none", a session's folder, or a .hlb file. @throws Error(usage)  none of these
-  [[nodiscard]] static PlateChoice parse(const std::string& text);
-};
-
 /// n where the session's lights form n x n grids with n a power of two, else 0.
 [[nodiscard]] int haar_grid(const SessionInfo& info);
-
-/// Index of the rig's camera whose active area has this size, -1 when there is none.
-[[nodiscard]] int camera_of_size(const Rig& rig, int width, int height);
 
 /// The plate that develop shares a shot's light out by, for sessions that light several lights
 /// at once and hold less than all of them (bins, target, some wavelets); empty for all others,

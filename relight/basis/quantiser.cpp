@@ -63,6 +63,10 @@ double MagnitudeHistogram::choose_step(double allowed, double largest) const {
   return low;
 }
 
+double MagnitudeHistogram::lower_edge(std::uint32_t bin) {
+  return double{std::bit_cast<float>(bin << kDroppedBits)};
+}
+
 double MagnitudeHistogram::n_values() const {
   return std::accumulate(count_.begin(), count_.end(), 0.0);
 }

@@ -42,6 +42,8 @@ class MagnitudeHistogram {
   [[nodiscard]] double choose_step(double allowed, double largest) const;
   [[nodiscard]] double n_values() const;
 
+  /// The smallest magnitude that falls into a bin.
+  [[nodiscard]] static double lower_edge(std::uint32_t bin);
   /// Bins in use as (bin, count, energy) triples, and back.
   [[nodiscard]] std::vector<double> to_numbers() const;
   /// @return  false where the numbers are none of to_numbers()

@@ -56,6 +56,8 @@ ABSENT = {
                 "object.hlb --weights absent.json -o new.png",
                 "object.hlb --light 0 --against absent -o new.png"],
     "view": ["absent.hlb"],
+    "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
+              "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
                "plate.hlb --scene absent.toml --light 0 -o new.png",
                "plate.hlb --scene {scene} --cubemap absent.hdr -o new.png",
@@ -82,6 +84,7 @@ WRITES = {
     "plate": ["{rig} -o taken.hlb"],
     "compress": ["session -o taken.hlb --basis direct --plate none"],
     "relight": ["object.hlb --light 0 -o taken.png"],
+    "bases": ["object.hlb -o taken/ --error 0.1 --size 2", "session -o taken/ --basis pca --error 0.1"],
     "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png --spread taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png "

@@ -160,7 +160,7 @@ class Examples(unittest.TestCase):
         run_examples("import")
         shutil.copytree(self.folder / "door.session", self.folder / "sessions/coin")
         run_examples("verify", "rebuild", "develop", "export", "plate", "compress", "relight",
-                     "shadow")
+                     "bases", "shadow")
         left.remove("view")
         for example in self.examples_of("view"):
             self.run_viewer(example, self.folder)

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+/// @file
+/// Speed-for-accuracy records, docs/tradeoff.schema.json: one method under one set of
+/// conditions, what it cost and how far off it was.
+
+namespace haarlight {
+
+struct TradeoffConditions {
+  int threads = 1;
+  int lights = 0;
+  long long pixels = 0;
+  int environments = 1;
+  int repeats = 0;
+  double coefficients_per_pixel = 0.0;  ///< 0: not sparse
+  std::string command;
+  /// Whatever else the numbers depend on.
+  std::vector<std::pair<std::string, std::variant<double, std::int64_t, std::string>>> more;
+};
+
+struct TradeoffRecord {
+  std::string algorithm;   ///< whose, for example haarlight, OpenBLAS
+  std::string mode;        ///< what, for example dense half
+  std::string error_norm;  ///< "relative L2", "bits that differ", "none" where nothing is right
+  double error = 0.0;
+  double seconds = 0.0;        ///< median
+  double seconds_least = 0.0;  ///< of the repeats
+  double seconds_most = 0.0;
+  double bytes = 0.0;  ///< moved to and from memory at least; sizes where `more` says bytes_are
+  TradeoffConditions conditions;
+};
+
+/// The records as JSON text, with the machine, its load and the compiler.
+[[nodiscard]] std::string tradeoff_json(const std::vector<TradeoffRecord>& records);
+
+}  // namespace haarlight

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "core/image_io.h"
+#include "core/progress.h"
+#include "core/rig.h"
+#include "relight/basis/basis_file.h"
+#include "relight/basis/stack_source.h"
+#include "session/light_stack.h"
+#include "session/session.h"
+
+/// @file
+/// The clean plate that a person chose, opened: computed from the rig, a file, a session of the
+/// empty rig, or none.
+
+namespace haarlight {
+
+/// Which clean plate to take off.
+struct PlateChoice {
+  enum class Kind {
+    automatic,  ///< computed from the rig where it has a camera and a plane; else none
+    none,
+    file,     ///< a .hlb of `haarlight plate`, or of a compressed empty-rig session
+    session,  ///< a session of the empty rig
+  };
+  Kind kind = Kind::automatic;
+  std::filesystem::path path;
+
+  /// "none", a session's folder, or a .hlb file. @throws Error(usage)  none of these
+  [[nodiscard]] static PlateChoice parse(const std::string& text);
+};
+
+/// Index of the rig's camera whose active area has this size, -1 when there is none.
+[[nodiscard]] int camera_of_size(const Rig& rig, int width, int height);
+
+/// A plate, and what keeps alive what it is read from. Move-only.
+struct OpenPlate {
+  std::unique_ptr<Session> session;
+  std::unique_ptr<LightStack> stack;
+  std::unique_ptr<BasisFile> basis;
+  std::unique_ptr<StackSource> source;  ///< null: none
+  std::string kind = "none";            ///< none, computed, captured
+  std::string hash;
+  std::string key;  ///< of its values
+};
+
+/// For developing a session of the empty rig.
+struct PlateOptions {
+  std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
+  ProgressStyle progress = ProgressStyle::none;
+  std::optional<Transfer> unknown_as{};
+};
+
+/// @param rig   of the capture; null where there is none
+/// @param dims  of the capture
+/// @throws Error  what opening a file or developing a session throws
+[[nodiscard]] OpenPlate open_plate(const Rig* rig, const StackDims& dims,
+                                   const PlateChoice& choice, const PlateOptions& options = {});
+
+}  // namespace haarlight

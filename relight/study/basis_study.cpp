@@ -1,0 +1,812 @@
+#include "relight/study/basis_study.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <memory>
+#include <numeric>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "relight/basis/haar.h"
+#include "relight/study/array_binning.h"
+#include "relight/study/coefficient_coder.h"
+#include "relight/study/dyadic_transform.h"
+#include "relight/study/error_tally.h"
+#include "relight/study/pca.h"
+#include "relight/study/spherical_harmonics.h"
+#include "relight/study/study_tiles.h"
+
+namespace haarlight {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kPiece = 64;     // pixels transformed together
+constexpr std::size_t kColumns = 64;   // coefficients whose pictures are transformed together
+constexpr double kErrorAgrees = 0.01;  // an error this close to what was asked is that error
+constexpr int kMaxRounds = 7;
+constexpr double kFloorShare = 0.01;  // of the floor's energy: what quantising adds there
+
+std::size_t count(int n) { return static_cast<std::size_t>(n); }
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// One basis with or without the plate.
+struct Subject {
+  const KnownBasis* known = nullptr;
+  bool has_plate = false;
+  std::shared_ptr<const LightTransform> transform;
+  std::optional<Wavelet> image;
+  std::vector<MagnitudeHistogram> histograms;  ///< one, or where ranked one a group of patterns
+  std::vector<std::size_t> group_ends;         ///< last + 1 of each group
+  double energy = 0.0;                         ///< of what is transformed
+  double analysis_seconds = 0.0;               ///< of the last pass
+
+  [[nodiscard]] std::size_t width() const { return count(transform->n_coefficients()); }
+  [[nodiscard]] bool is_orthonormal() const {
+    return transform->is_orthonormal() && image != Wavelet::cdf53;
+  }
+};
+
+/// A basis at a size: what is tried, and the best that was found.
+struct Job {
+  std::size_t subject = 0;
+  PointKind kind = PointKind::error;
+  double asked = 0.0;
+  bool is_threshold = false;  ///< bare threshold, values unrounded, nothing packed
+  bool is_settled = false;
+  double step = 0.0;  ///< or threshold
+  std::size_t n_kept = 0;
+  std::vector<std::pair<double, double>> tried;  ///< (step, error)
+  BasisPoint point;                              ///< of the best try
+  bool has_point = false;
+};
+
+/// What one pass measures of a job.
+struct Measured {
+  explicit Measured(std::size_t n_lightings) : tally(n_lightings) {}
+  ErrorTally tally;
+  std::uint64_t n_kept = 0;
+  std::uint64_t bytes = 0;
+  std::uint64_t gain_bytes = 0;
+  double code_seconds = 0.0;
+  double decode_seconds = 0.0;
+};
+
+class Study {
+ public:
+  Study(const StudyCapture& capture, const BasisStudyOptions& options)
+      : capture_(capture), options_(options), tiles_(capture, options) {
+    dims_ = capture.stack->dims();
+    HAARLIGHT_EXPECTS(capture.lights.size() == count(dims_.n_lights), "every light's place");
+    HAARLIGHT_EXPECTS(!capture.lightings.empty(), "a lighting");
+    const auto n_lightings = static_cast<Eigen::Index>(capture.lightings.size());
+    weights_.resize(dims_.n_lights, n_lightings);
+    for (Eigen::Index i = 0; i < n_lightings; ++i) {
+      const Eigen::VectorXd& w = capture.lightings[static_cast<std::size_t>(i)].weights;
+      HAARLIGHT_EXPECTS(w.size() == dims_.n_lights, "a weight a light");
+      weights_.col(i) = w;
+    }
+    n_values_ = double(tiles_.n_pixels()) * dims_.channels;
+  }
+
+  BasisStudy run() {
+    const auto start = Clock::now();
+    survey();
+    make_subjects();
+    analyse();
+    make_jobs();
+    for (int round = 1; round <= kMaxRounds; ++round) {
+      if (!run_round(round)) {
+        break;
+      }
+    }
+    BasisStudy study = collect();
+    study.seconds = seconds_since(start);
+    return study;
+  }
+
+ private:
+  /// Norms, regions, exact pictures, the array with fewer lights.
+  void survey();
+  void find_regions();
+  void make_subjects();
+  void add_subject(const KnownBasis& known, bool has_plate,
+                   std::shared_ptr<const LightTransform> transform);
+  void analyse();
+  void make_jobs();
+  bool run_round(int round);
+  void measure(const StudyTile& tile, Subject& subject, std::span<Job* const> jobs,
+               std::vector<Measured>& measured);
+  void judge(Job& job, const Measured& measured, int round);
+  [[nodiscard]] BasisStudy collect() const;
+
+  void transform_tile(const Subject& subject, const StudyTile& tile,
+                      std::vector<float>& coefficients) const;
+  [[nodiscard]] Region region_at(const TileRect& rect, std::size_t pixel) const {
+    const int x = rect.x0 + static_cast<int>(pixel) % rect.width;
+    const int y = rect.y0 + static_cast<int>(pixel) / rect.width;
+    return regions_[count(y) * count(dims_.width) + count(x)];
+  }
+  [[nodiscard]] double table_numbers(const Subject& subject, std::size_t n) const {
+    return subject.transform->table_bytes(static_cast<int>(n)) > 0
+               ? double(n) * dims_.n_lights / n_values_
+               : 0.0;
+  }
+  /// Step and number of patterns with the fewest numbers for an error.
+  void choose_for_error(const Subject& subject, Job& job) const;
+  /// Those with the smallest error for a size.
+  void choose_for_size(const Subject& subject, Job& job) const;
+  template <class Work>
+  void for_ranks(const Subject& subject, Work work) const;
+  [[nodiscard]] PictureErrors picture_errors(const ErrorTally& tally, std::size_t i) const;
+
+  const StudyCapture& capture_;
+  const BasisStudyOptions& options_;
+  StudyTiles tiles_;
+  StackDims dims_;
+  Eigen::MatrixXd weights_;  ///< (n_lights, lightings)
+  double n_values_ = 0.0;    ///< pixels studied, times channels
+  double dark_norm_ = 0.0;
+  std::vector<Region> regions_;
+  std::array<std::uint64_t, kRegions> region_pixels_{};
+  std::optional<ErrorTally> truth_;
+  std::vector<double> peaks_;  ///< a lighting
+  std::vector<BinningResult> binned_;
+  std::optional<LightCovariance> covariance_[2];  ///< without and with plate
+  std::vector<Subject> subjects_;
+  std::vector<LeftOut> left_out_;
+  std::vector<Job> jobs_;
+};
+
+bool is_wanted(const BasisStudyOptions& options, const std::string& name) {
+  return options.bases.empty() ||
+         std::find(options.bases.begin(), options.bases.end(), name) != options.bases.end();
+}
+
+void Study::find_regions() {
+  const std::size_t n_pixels = dims_.n_pixels();
+  double energy = 0.0;
+  const std::size_t n_lights = count(dims_.n_lights);
+  tiles_.for_each(false, [&](const StudyTile& tile) {
+    for (std::size_t i = 0; i < tile.lights.size(); ++i) {
+      if (!std::isfinite(tile.lights[i])) {
+        const int pixel = static_cast<int>(i / n_lights);
+        throw Error(fmt::format("light {} at pixel ({}, {}) is not a number", i % n_lights,
+                                tile.rect.x0 + pixel % tile.rect.width,
+                                tile.rect.y0 + pixel / tile.rect.width),
+                    "light stack", "capture it again, or look at its frames");
+      }
+    }
+    const RowSums sums = sum_rows(tile.lights, Eigen::MatrixXd(dims_.n_lights, 0));
+    energy += std::accumulate(sums.energy.begin(), sums.energy.end(), 0.0);
+  });
+  if (!(energy > 0.0)) {
+    throw Error("the capture is black: no basis can be compared on it", "light stack",
+                "capture with light");
+  }
+  dark_norm_ = RegionRules{}.dark * std::sqrt(energy / n_values_);
+  if (!capture_.regions.empty()) {
+    HAARLIGHT_EXPECTS(capture_.regions.size() == n_pixels, "a region a pixel");
+    regions_ = capture_.regions;
+  } else {
+    regions_.assign(n_pixels, Region::none);
+  }
+}
+
+/// Where on the plane each pixel's centre looks, or the object's centre.
+Eigen::Vector3d surface_point(const StudyCapture& capture, int x, int y) {
+  if (capture.camera && capture.plane) {
+    const CameraRay ray = ray_through(*capture.camera, x + 0.5, y + 0.5);
+    const double slope = capture.plane->n.dot(ray.direction_world);
+    const double t = -(capture.plane->n.dot(ray.origin_world) + capture.plane->d) / slope;
+    if (slope != 0.0 && std::isfinite(t) && t > 0.0) {
+      return ray.origin_world + t * ray.direction_world;
+    }
+  }
+  return capture.object_centre;
+}
+
+void Study::survey() {
+  find_regions();
+  const auto n_lights = count(dims_.n_lights);
+  const std::vector<BinChoice> choices = bin_choices(capture_.grid);
+  const Eigen::Index n_lightings = weights_.cols();
+  // Columns: the exact pictures, then what each binning changes of each lighting.
+  Eigen::MatrixXd columns(dims_.n_lights,
+                          n_lightings * static_cast<Eigen::Index>(1 + choices.size()));
+  columns.leftCols(n_lightings) = weights_;
+  for (std::size_t i = 0; i < choices.size(); ++i) {
+    for (Eigen::Index j = 0; j < n_lightings; ++j) {
+      columns.col(n_lightings * static_cast<Eigen::Index>(i + 1) + j) =
+          binned_weights(weights_.col(j), capture_.grid, choices[i]) - weights_.col(j);
+    }
+  }
+  truth_.emplace(static_cast<std::size_t>(n_lightings));
+  std::map<std::pair<int, bool>, ErrorTally> binned;  // by side and being points
+  for (const BinChoice& choice : choices) {
+    binned.try_emplace({choice.side, !choice.is_area}, static_cast<std::size_t>(n_lightings));
+  }
+  const auto picture_size = static_cast<std::size_t>(n_values_);
+  std::vector<std::vector<float>> pictures(static_cast<std::size_t>(n_lightings),
+                                           std::vector<float>(picture_size));
+  const bool needs_pca = is_wanted(options_, "pca");
+  if (needs_pca) {
+    covariance_[0].emplace(dims_.n_lights);
+    if (capture_.plate != nullptr) {
+      covariance_[1].emplace(dims_.n_lights);
+    }
+  }
+  // The regions are judged by the mean of the channels, which all come before the next tile.
+  std::vector<float> mean;
+  Progress progress("capture", tiles_.rects().size() * count(dims_.channels),
+                    options_.progress);
+  if (capture_.regions.empty()) {
+    tiles_.for_each(false, [&](const StudyTile& tile) {
+      if (tile.channel == 0) {
+        mean.assign(tile.lights.size(), 0.0F);
+      }
+      const float share = 1.0F / static_cast<float>(dims_.channels);
+      for (std::size_t i = 0; i < mean.size(); ++i) {
+        mean[i] += share * tile.lights[i];
+      }
+      if (tile.channel + 1 < dims_.channels) {
+        return;
+      }
+      parallel_for(
+          count(tile.rect.n_pixels()), kPiece, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t p = begin; p < end; ++p) {
+              const int x = tile.rect.x0 + static_cast<int>(p) % tile.rect.width;
+              const int y = tile.rect.y0 + static_cast<int>(p) / tile.rect.width;
+              const Eigen::Matrix3Xd factors =
+                  light_factors(capture_.lights, surface_point(capture_, x, y));
+              regions_[count(y) * count(dims_.width) + count(x)] =
+                  judge_pixel({mean.data() + p * n_lights, n_lights}, factors, dark_norm_)
+                      .region;
+            }
+          });
+    });
+  }
+  tiles_.for_each(needs_pca, [&](const StudyTile& tile) {
+    if (needs_pca) {
+      covariance_[0]->add(tile.lights);
+      if (covariance_[1]) {
+        covariance_[1]->add(tile.residual);
+      }
+    }
+    const RowSums sums = sum_rows(tile.lights, columns);
+    std::vector<std::vector<double>> off(choices.size(),
+                                         std::vector<double>(sums.energy.size()));
+    parallel_for(sums.energy.size(), kPiece, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t p = begin; p < end; ++p) {
+        for (std::size_t i = 0; i < choices.size(); ++i) {
+          off[i][p] = binned_energy({tile.lights.data() + p * n_lights, n_lights},
+                                    capture_.grid, choices[i]);
+        }
+      }
+    });
+    const auto n = static_cast<std::size_t>(n_lightings);
+    for (std::size_t p = 0; p < sums.energy.size(); ++p) {
+      const Region region = region_at(tile.rect, p);
+      if (tile.channel == 0) {
+        ++region_pixels_[static_cast<std::size_t>(region)];
+      }
+      const double* row = sums.pictures.data() + p * static_cast<std::size_t>(columns.cols());
+      truth_->add(region, sums.energy[p], {row, n});
+      for (std::size_t j = 0; j < n; ++j) {
+        pictures[j][tile.first + p] = static_cast<float>(row[j]);
+      }
+      for (std::size_t i = 0; i < choices.size(); ++i) {
+        binned.at({choices[i].side, !choices[i].is_area})
+            .add(region, off[i][p], {row + n * (i + 1), n}, choices[i].is_area ? 1.0 : 0.25);
+      }
+    }
+    progress.advance();
+  });
+  for (std::vector<float>& picture : pictures) {
+    for (float& value : picture) {
+      value = std::abs(value);
+    }
+    const auto at = static_cast<std::ptrdiff_t>(0.999 * double(picture.size() - 1));
+    std::nth_element(picture.begin(), picture.begin() + at, picture.end());
+    peaks_.push_back(double{picture[static_cast<std::size_t>(at)]});
+  }
+  for (const auto& [key, tally] : binned) {
+    BinningResult result;
+    result.side = key.first;
+    result.is_area = !key.second;
+    result.rows = capture_.grid.rows / key.first;
+    result.stack_error = relative_errors(tally.stack(), truth_->stack());
+    for (std::size_t i = 0; i < static_cast<std::size_t>(n_lightings); ++i) {
+      result.pictures.push_back(picture_errors(tally, i));
+    }
+    binned_.push_back(std::move(result));
+  }
+}
+
+PictureErrors Study::picture_errors(const ErrorTally& tally, std::size_t i) const {
+  PictureErrors errors;
+  errors.relative_l2 = relative_errors(tally.picture(i), truth_->picture(i));
+  for (std::size_t r = 0; r < errors.psnr_db.size(); ++r) {
+    const double n =
+        (r == 0 ? double(tiles_.n_pixels()) : double(region_pixels_[r])) * dims_.channels;
+    const double mean_square = tally.picture(i)[r] / n;
+    errors.psnr_db[r] = n > 0.0 ? 10.0 * std::log10(peaks_[i] * peaks_[i] / mean_square)
+                                : std::numeric_limits<double>::quiet_NaN();
+  }
+  return errors;
+}
+
+void Study::add_subject(const KnownBasis& known, bool has_plate,
+                        std::shared_ptr<const LightTransform> transform) {
+  Subject subject;
+  subject.known = &known;
+  subject.has_plate = has_plate;
+  subject.transform = std::move(transform);
+  if (known.name == "haar-haar") {
+    subject.image = Wavelet::haar;
+  } else if (known.name == "haar-cdf53") {
+    subject.image = Wavelet::cdf53;
+  }
+  if (subject.transform->is_ranked()) {
+    // 1, 2, 3, ... then a quarter more each: the numbers of patterns that are tried.
+    for (std::size_t end = 1; end < subject.width(); end += std::max<std::size_t>(1, end / 4)) {
+      subject.group_ends.push_back(end);
+    }
+  }
+  subject.group_ends.push_back(subject.width());
+  subject.histograms.resize(subject.group_ends.size());
+  subjects_.push_back(std::move(subject));
+}
+
+void Study::make_subjects() {
+  const LightGrid& grid = capture_.grid;
+  const bool is_haar = grid.is_grid() && grid.rows == grid.cols && is_haar_size(grid.rows);
+  for (const KnownBasis& known : known_bases()) {
+    if (!is_wanted(options_, known.name)) {
+      continue;
+    }
+    if (known.needs_grid && !grid.is_grid()) {
+      left_out_.push_back({known.title, "the lights form no grid"});
+      continue;
+    }
+    const bool is_of_haar = known.name.starts_with("haar");
+    if (is_of_haar && !is_haar) {
+      left_out_.push_back(
+          {known.title, fmt::format("{} x {} lights are no square of 2, 4, 8, ... a side",
+                                    grid.rows, grid.cols)});
+      continue;
+    }
+    std::shared_ptr<const LightTransform> transform;
+    if (known.name == "direct") {
+      transform = make_direct_transform(dims_.n_lights);
+    } else if (is_of_haar) {
+      transform = make_haar_transform(grid, known.name == "haar-standard");
+    } else if (known.name == "dct") {
+      transform = make_dct_transform(grid);
+    } else if (known.name == "cdf53") {
+      transform = make_cdf53_transform(grid);
+    } else if (known.name == "sh") {
+      transform = make_spherical_harmonics(
+          light_directions_from(capture_.lights, capture_.object_centre), options_.sh_order);
+    }
+    for (const bool has_plate : {false, true}) {
+      if (has_plate && capture_.plate == nullptr) {
+        continue;
+      }
+      if (known.name == "pca") {
+        transform = make_pca_transform(
+            principal_vectors(covariance_[has_plate ? 1 : 0]->matrix(), options_.pca_rank));
+      }
+      add_subject(known, has_plate, transform);
+    }
+  }
+  if (capture_.plate == nullptr) {
+    left_out_.push_back({"every basis with the clean plate", "there is no plate"});
+  }
+  covariance_[0].reset();
+  covariance_[1].reset();
+  if (subjects_.empty()) {
+    throw Error("no basis is left to compare: " + left_out_.front().title + ": " +
+                    left_out_.front().reason,
+                "--basis", "name others, such as direct, sh, pca");
+  }
+}
+
+void Study::transform_tile(const Subject& subject, const StudyTile& tile,
+                           std::vector<float>& coefficients) const {
+  const std::span<const float> values = tile.values(subject.has_plate);
+  const std::size_t n_pixels = count(tile.rect.n_pixels());
+  const std::size_t n_lights = count(dims_.n_lights);
+  const std::size_t width = subject.width();
+  coefficients.resize(n_pixels * width);
+  parallel_for(n_pixels, kPiece, [&](std::size_t begin, std::size_t end) {
+    subject.transform->analyse(
+        values.subspan(begin * n_lights, (end - begin) * n_lights),
+        std::span(coefficients).subspan(begin * width, (end - begin) * width));
+  });
+  if (subject.image) {
+    const DyadicTransform image(*subject.image, tile.rect.height, tile.rect.width);
+    parallel_for(width, kColumns, [&](std::size_t begin, std::size_t end) {
+      image.forward(coefficients, width, begin, end - begin);
+    });
+  }
+}
+
+void Study::analyse() {
+  Progress progress("transforms",
+                    tiles_.rects().size() * count(dims_.channels) * subjects_.size(),
+                    options_.progress);
+  std::vector<float> coefficients;
+  tiles_.for_each(true, [&](const StudyTile& tile) {
+    for (Subject& subject : subjects_) {
+      const auto start = Clock::now();
+      transform_tile(subject, tile, coefficients);
+      subject.analysis_seconds += seconds_since(start);
+      const std::size_t width = subject.width();
+      const std::size_t n_pixels = coefficients.size() / width;
+      if (subject.histograms.size() > 1) {
+        parallel_for(subject.histograms.size(), 1, [&](std::size_t begin, std::size_t end) {
+          for (std::size_t g = begin; g < end; ++g) {
+            const std::size_t first = g == 0 ? 0 : subject.group_ends[g - 1];
+            for (std::size_t p = 0; p < n_pixels; ++p) {
+              for (std::size_t i = first; i < subject.group_ends[g]; ++i) {
+                subject.histograms[g].add(double{coefficients[p * width + i]});
+              }
+            }
+          }
+        });
+      } else {
+        constexpr std::size_t kPart = 2048;  // pixels: 8 histograms a tile of 128
+        std::vector<MagnitudeHistogram> parts((n_pixels + kPart - 1) / kPart);
+        parallel_for(parts.size(), 1, [&](std::size_t begin, std::size_t end) {
+          for (std::size_t part = begin; part < end; ++part) {
+            const std::size_t last = std::min(coefficients.size(), (part + 1) * kPart * width);
+            for (std::size_t i = part * kPart * width; i < last; ++i) {
+              parts[part].add(double{coefficients[i]});
+            }
+          }
+        });
+        for (const MagnitudeHistogram& part : parts) {
+          subject.histograms.front().merge(part);
+        }
+      }
+      const RowSums sums =
+          sum_rows(tile.values(subject.has_plate), Eigen::MatrixXd(dims_.n_lights, 0));
+      subject.energy += std::accumulate(sums.energy.begin(), sums.energy.end(), 0.0);
+      progress.advance();
+    }
+  });
+}
+
+/// Calls work(n, histogram of the first n coefficients, energy missed) for the numbers of
+/// patterns that are worth trying.
+template <class Work>
+void Study::for_ranks(const Subject& subject, Work work) const {
+  const auto missed = [&](double found) {
+    return subject.transform->is_complete() ? 0.0 : std::max(0.0, subject.energy - found);
+  };
+  MagnitudeHistogram some;
+  for (std::size_t g = 0; g < subject.histograms.size(); ++g) {
+    some.merge(subject.histograms[g]);
+    const std::size_t n = subject.group_ends[g];
+    const double found = CoefficientCurve(some).energy();
+    work(n, some, n < subject.width() ? std::max(0.0, subject.energy - found) : missed(found));
+  }
+}
+
+void Study::choose_for_error(const Subject& subject, Job& job) const {
+  const double allowed = job.asked * job.asked * truth_->stack()[0];
+  double fewest = std::numeric_limits<double>::infinity();
+  job.point.is_reached = false;
+  for_ranks(subject, [&](std::size_t n, const MagnitudeHistogram& some, double missed) {
+    const CoefficientCurve curve(some);
+    const bool is_reached = missed < allowed;
+    const double left = is_reached ? allowed - missed : kFloorShare * missed;
+    const double largest =
+        std::max(1.1 * curve.threshold_for_count(1.0), std::numeric_limits<double>::min());
+    const double step =
+        job.is_threshold ? curve.threshold_for_energy(left) : some.choose_step(left, largest);
+    const double kept = curve.count_from(job.is_threshold ? step : kDeadZone * step);
+    const double numbers = kept / n_values_ + table_numbers(subject, n);
+    // Where nothing reaches it, the transform that comes closest: the last.
+    if (is_reached ? numbers < fewest : !job.point.is_reached) {
+      fewest = is_reached ? numbers : fewest;
+      job.point.is_reached = is_reached;
+      job.step = step;
+      job.n_kept = n;
+    }
+  });
+}
+
+void Study::choose_for_size(const Subject& subject, Job& job) const {
+  double least = std::numeric_limits<double>::infinity();
+  job.point.is_reached = false;
+  for_ranks(subject, [&](std::size_t n, const MagnitudeHistogram& some, double missed) {
+    const double budget = (job.asked - table_numbers(subject, n)) * n_values_;
+    if (budget < 1.0) {
+      return;
+    }
+    const CoefficientCurve curve(some);
+    double threshold = curve.threshold_for_count(budget);
+    if (threshold == 0.0) {  // all of them: a step that hardly rounds
+      threshold = 1e-4 * curve.threshold_for_count(0.5 * curve.count_from(0.0));
+    }
+    const double step = std::max(threshold / kDeadZone, std::numeric_limits<double>::min());
+    const double error = missed + some.error_energy(step);
+    if (error < least) {
+      least = error;
+      job.point.is_reached = true;
+      job.step = step;
+      job.n_kept = n;
+    }
+  });
+}
+
+void Study::make_jobs() {
+  for (std::size_t i = 0; i < subjects_.size(); ++i) {
+    const Subject& subject = subjects_[i];
+    const auto add = [&](PointKind kind, double asked, bool is_threshold) {
+      Job job;
+      job.subject = i;
+      job.kind = kind;
+      job.asked = asked;
+      job.is_threshold = is_threshold;
+      kind == PointKind::error ? choose_for_error(subject, job) : choose_for_size(subject, job);
+      if (job.n_kept == 0 || !(job.step > 0.0)) {
+        job.is_settled = true;  // a size below the tables' own
+        job.point.is_reached = false;
+      }
+      if (kind == PointKind::error && !is_threshold && job.point.is_reached &&
+          subject.is_orthonormal()) {
+        Job bare = job;
+        bare.is_threshold = true;
+        choose_for_error(subject, bare);
+        double kept = 0.0;
+        for_ranks(subject, [&](std::size_t n, const MagnitudeHistogram& some, double) {
+          kept = n == bare.n_kept ? CoefficientCurve(some).count_from(bare.step) : kept;
+        });
+        job.point.threshold_numbers = kept / n_values_ + table_numbers(subject, bare.n_kept);
+      }
+      jobs_.push_back(std::move(job));
+    };
+    for (const double error : options_.errors) {
+      add(PointKind::error, error, false);
+      if (!subject.is_orthonormal()) {
+        add(PointKind::error, error, true);
+      }
+    }
+    for (const double size : options_.sizes) {
+      add(PointKind::size, size, false);
+    }
+  }
+}
+
+void Study::measure(const StudyTile& tile, Subject& subject, std::span<Job* const> jobs,
+                    std::vector<Measured>& measured) {
+  std::vector<float> coefficients;
+  auto start = Clock::now();
+  transform_tile(subject, tile, coefficients);
+  const double analysis = seconds_since(start);
+  const std::span<const float> values = tile.values(subject.has_plate);
+  const std::size_t n_pixels = count(tile.rect.n_pixels());
+  const std::size_t n_lights = count(dims_.n_lights);
+  const std::size_t width = subject.width();
+  std::optional<DyadicTransform> image;
+  std::span<const int> order;
+  if (subject.image) {
+    image.emplace(*subject.image, tile.rect.height, tile.rect.width);
+    order = image->order();
+  }
+  std::vector<float> kept;
+  std::vector<float> errors(n_pixels * n_lights);
+  for (std::size_t j = 0; j < jobs.size(); ++j) {
+    const Job& job = *jobs[j];
+    Measured& found = measured[j];
+    start = Clock::now();
+    kept = coefficients;
+    if (job.is_threshold) {
+      found.n_kept += threshold_values(kept, width, job.n_kept, static_cast<float>(job.step));
+    } else {
+      const auto step = static_cast<float>(job.step);
+      found.n_kept += quantise_values(kept, width, job.n_kept, step);
+      found.bytes += packed_bytes(kept, width, job.n_kept, step, order);
+      if (subject.has_plate) {
+        found.gain_bytes += packed_half_bytes(tile.gains);
+      }
+    }
+    found.code_seconds += analysis + seconds_since(start);
+    start = Clock::now();
+    if (image) {
+      parallel_for(width, kColumns, [&](std::size_t begin, std::size_t end) {
+        image->inverse(kept, width, begin, end - begin);
+      });
+    }
+    parallel_for(n_pixels, kPiece, [&](std::size_t begin, std::size_t end) {
+      const std::span<float> rows =
+          std::span(errors).subspan(begin * n_lights, (end - begin) * n_lights);
+      subject.transform->synthesise(
+          std::span<const float>(kept).subspan(begin * width, (end - begin) * width), rows);
+      for (std::size_t i = 0; i < rows.size(); ++i) {
+        rows[i] -= values[begin * n_lights + i];
+      }
+    });
+    const RowSums sums = sum_rows(errors, weights_);
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      found.tally.add(region_at(tile.rect, p), sums.energy[p],
+                      {sums.pictures.data() + p * static_cast<std::size_t>(weights_.cols()),
+                       static_cast<std::size_t>(weights_.cols())});
+    }
+    found.decode_seconds += seconds_since(start);
+  }
+}
+
+bool Study::run_round(int round) {
+  std::vector<std::vector<Job*>> of_subject(subjects_.size());
+  std::vector<std::vector<Measured>> measured(subjects_.size());
+  std::size_t n_jobs = 0;
+  for (Job& job : jobs_) {
+    if (!job.is_settled) {
+      of_subject[job.subject].push_back(&job);
+      measured[job.subject].emplace_back(capture_.lightings.size());
+      ++n_jobs;
+    }
+  }
+  if (n_jobs == 0) {
+    return false;
+  }
+  Progress progress(fmt::format("coding, round {}", round),
+                    tiles_.rects().size() * count(dims_.channels) * n_jobs, options_.progress);
+  tiles_.for_each(true, [&](const StudyTile& tile) {
+    for (std::size_t i = 0; i < subjects_.size(); ++i) {
+      if (!of_subject[i].empty()) {
+        measure(tile, subjects_[i], of_subject[i], measured[i]);
+        progress.advance(of_subject[i].size());
+      }
+    }
+  });
+  for (std::size_t i = 0; i < subjects_.size(); ++i) {
+    for (std::size_t j = 0; j < of_subject[i].size(); ++j) {
+      judge(*of_subject[i][j], measured[i][j], round);
+    }
+  }
+  return true;
+}
+
+void Study::judge(Job& job, const Measured& measured, int round) {
+  const Subject& subject = subjects_[job.subject];
+  const ByRegion errors = relative_errors(measured.tally.stack(), truth_->stack());
+  const double error = errors[0];
+  const bool must_agree = job.kind == PointKind::error && job.point.is_reached;
+  const auto is_fine = [&](double e) { return e <= job.asked * (1.0 + kErrorAgrees); };
+  // The best: the coarsest that keeps the error; failing that, the finest.
+  const bool is_better =
+      !job.has_point || !must_agree ||
+      (is_fine(error) ? !is_fine(job.point.stack_error[0]) || error > job.point.stack_error[0]
+                      : error < job.point.stack_error[0]);
+  if (is_better) {
+    BasisPoint& point = job.point;
+    job.has_point = true;
+    point.kind = job.kind;
+    point.asked = job.asked;
+    point.step = job.step;
+    point.n_patterns = static_cast<int>(job.n_kept);
+    point.coefficients = double(measured.n_kept) / n_values_;
+    point.table_numbers = table_numbers(subject, job.n_kept);
+    point.table_bytes = subject.transform->table_bytes(point.n_patterns);
+    point.gain_bytes = measured.gain_bytes;
+    point.bytes = measured.bytes + point.gain_bytes + point.table_bytes;
+    point.stack_error = errors;
+    point.pictures.clear();
+    for (std::size_t i = 0; i < capture_.lightings.size(); ++i) {
+      point.pictures.push_back(picture_errors(measured.tally, i));
+    }
+    point.code_seconds = measured.code_seconds;
+    point.decode_seconds = measured.decode_seconds;
+  }
+  if (!must_agree || std::abs(error / job.asked - 1.0) <= kErrorAgrees || round >= kMaxRounds) {
+    job.is_settled = true;
+    return;
+  }
+  // Error over step is nearly a power: the line through the last two tries, in logarithms.
+  double slope = 1.0;
+  if (!job.tried.empty()) {
+    const auto& [step, before] = job.tried.back();
+    const double run = std::log(job.step / step);
+    const double rise = std::log(error / before);
+    slope = run != 0.0 && rise / run > 0.2 ? std::min(rise / run, 2.0) : 1.0;
+  }
+  job.tried.emplace_back(job.step, error);
+  const double factor = std::pow(job.asked / std::max(error, 1e-30), 1.0 / slope);
+  job.step *= std::clamp(factor, 0.25, 4.0);
+}
+
+BasisStudy Study::collect() const {
+  BasisStudy study;
+  study.dims = dims_;
+  study.tile = tiles_.tile();
+  study.n_tiles = tiles_.n_tiles();
+  study.n_tiles_studied = static_cast<int>(tiles_.rects().size());
+  study.n_pixels = tiles_.n_pixels();
+  study.region_pixels = region_pixels_;
+  study.regions = regions_;
+  for (const StudyLighting& lighting : capture_.lightings) {
+    study.lightings.push_back(lighting.name);
+  }
+  for (std::size_t i = 0; i < subjects_.size(); ++i) {
+    const Subject& subject = subjects_[i];
+    BasisResult result;
+    result.name = subject.known->name;
+    result.title = subject.known->title + (subject.has_plate ? " + plate" : "");
+    result.has_plate = subject.has_plate;
+    result.n_patterns = subject.transform->n_coefficients();
+    double missed = 0.0;
+    for_ranks(subject, [&](std::size_t, const MagnitudeHistogram&, double m) { missed = m; });
+    result.floor_error = std::sqrt(missed / truth_->stack()[0]);
+    for (const Job& job : jobs_) {
+      if (job.subject != i) {
+        continue;
+      }
+      if (job.is_threshold) {  // belongs to the point before it
+        if (!result.points.empty() && job.has_point && job.point.is_reached) {
+          result.points.back().threshold_numbers = job.point.numbers();
+        }
+      } else {
+        BasisPoint point = job.point;
+        point.kind = job.kind;
+        point.asked = job.asked;
+        if (job.has_point && job.kind == PointKind::error && point.is_reached) {
+          point.is_reached = point.stack_error[0] <= job.asked * (1.0 + kErrorAgrees);
+        }
+        if (job.has_point) {
+          result.points.push_back(std::move(point));
+        }
+      }
+    }
+    study.results.push_back(std::move(result));
+  }
+  study.left_out = left_out_;
+  study.binned = binned_;
+  return study;
+}
+
+}  // namespace
+
+const std::vector<KnownBasis>& known_bases() {
+  static const std::vector<KnownBasis> all = {
+      {"haar", "Haar", true},
+      {"haar-standard", "Haar, standard", true},
+      {"haar-haar", "Haar x Haar of the image", true},
+      {"haar-cdf53", "Haar x CDF 5/3 of the image", true},
+      {"dct", "DCT", true},
+      {"cdf53", "CDF 5/3", true},
+      {"sh", "spherical harmonics", false},
+      {"pca", "PCA", false},
+      {"direct", "the lights themselves", false},
+  };
+  return all;
+}
+
+BasisStudy study_bases(const StudyCapture& capture, const BasisStudyOptions& options) {
+  HAARLIGHT_EXPECTS(capture.stack != nullptr, "a capture");
+  for (const std::string& name : options.bases) {
+    const auto& all = known_bases();
+    if (std::none_of(all.begin(), all.end(),
+                     [&](const KnownBasis& known) { return known.name == name; })) {
+      throw Error("no basis is called " + name, "--basis", "see haarlight bases --help",
+                  ExitCode::usage);
+    }
+  }
+  return Study(capture, options).run();
+}
+
+}  // namespace haarlight

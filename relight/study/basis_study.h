@@ -1,0 +1,130 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/progress.h"
+#include "relight/basis/stack_source.h"
+#include "relight/study/capture_regions.h"
+#include "relight/study/light_transform.h"
+#include "relight/study/study_lightings.h"
+
+/// @file
+/// Bases side by side on one capture: how many coefficients and bytes each needs for an error,
+/// and how far off it is at a size, over the stack, in pictures under several lightings, and in
+/// each kind of region. Method and definitions: docs/numerics/bases.md.
+
+namespace haarlight {
+
+/// What is compared on. Borrows its sources.
+struct StudyCapture {
+  const StackSource* stack = nullptr;
+  const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no basis with plate
+  LightGrid grid;
+  std::vector<StudyLight> lights;
+  Eigen::Vector3d object_centre = Eigen::Vector3d::Zero();
+  std::optional<CameraModel> camera;  ///< with a plane: where a pixel's surface is taken to be
+  std::optional<ShadowPlane> plane;
+  std::vector<StudyLighting> lightings;
+  std::vector<Region> regions;  ///< a pixel; empty: by judge_pixel()
+};
+
+struct BasisStudyOptions {
+  std::vector<std::string> bases;  ///< names of known_bases(); empty: all
+  std::vector<double> errors = {0.03, 0.01, 0.003};
+  std::vector<double> sizes = {4.0, 16.0, 64.0};  ///< numbers a pixel and channel
+  int sh_order = 15;
+  int pca_rank = 512;  ///< the most vectors that are tried
+  int n_tiles = 0;     ///< study so many tiles, spread over the picture; 0: all
+  std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
+  ProgressStyle progress = ProgressStyle::none;
+};
+
+struct KnownBasis {
+  std::string name;   ///< as on the command line
+  std::string title;  ///< as in tables
+  bool needs_grid = false;
+};
+/// In the order of the tables. Each is compared with and without the plate.
+[[nodiscard]] const std::vector<KnownBasis>& known_bases();
+
+/// [0] over all pixels, [r] over those of Region r. NaN where there are none.
+using ByRegion = std::array<double, kRegions>;
+
+/// Of one lighting's picture.
+struct PictureErrors {
+  ByRegion relative_l2{};
+  ByRegion psnr_db{};  ///< peak: 99.9th percentile of the whole exact picture
+};
+
+enum class PointKind { error, size };
+
+/// One basis coded once.
+struct BasisPoint {
+  PointKind kind = PointKind::error;
+  double asked = 0.0;  ///< relative L2 of the stack, or numbers a pixel
+  bool is_reached = true;
+  double step = 0.0;
+  int n_patterns = 0;          ///< light patterns used: of PCA the vectors kept
+  double coefficients = 0.0;   ///< other than 0, a pixel and channel
+  double table_numbers = 0.0;  ///< of the patterns that must be stored, a pixel and channel
+  std::uint64_t bytes = 0;     ///< coefficients, gains and tables, packed
+  std::uint64_t gain_bytes = 0;
+  std::uint64_t table_bytes = 0;
+  /// Kind error: numbers a pixel (tables too) that a bare threshold keeps for the same error,
+  /// the values themselves unrounded. Negative: not to be reached.
+  double threshold_numbers = -1.0;
+  ByRegion stack_error{};               ///< relative L2
+  std::vector<PictureErrors> pictures;  ///< a lighting
+  double code_seconds = 0.0;            ///< transform, quantise, pack; wall clock, one run
+  double decode_seconds = 0.0;          ///< back to the lights, measured against the capture
+  [[nodiscard]] double numbers() const { return coefficients + table_numbers; }
+};
+
+struct BasisResult {
+  std::string name;
+  std::string title;  ///< with " + plate" where one is taken off
+  bool has_plate = false;
+  int n_patterns = 0;        ///< of the transform
+  double floor_error = 0.0;  ///< relative L2 that no size goes below; 0 for complete bases
+  std::vector<BasisPoint> points;
+};
+
+struct LeftOut {
+  std::string title;
+  std::string reason;
+};
+
+/// The array with bins of side x side lights.
+struct BinningResult {
+  int side = 2;            ///< lights of a bin, a side
+  int rows = 0;            ///< of bins, a face
+  bool is_area = true;     ///< false: one light of the bin's middle in place of all
+  ByRegion stack_error{};  ///< over every light by itself
+  std::vector<PictureErrors> pictures;
+};
+
+struct BasisStudy {
+  StackDims dims;
+  int tile = 0;
+  int n_tiles = 0;
+  int n_tiles_studied = 0;
+  std::uint64_t n_pixels = 0;                           ///< studied
+  std::array<std::uint64_t, kRegions> region_pixels{};  ///< [0]: none
+  std::vector<Region> regions;  ///< of the whole picture; none where it was not studied
+  std::vector<std::string> lightings;
+  std::vector<BasisResult> results;
+  std::vector<LeftOut> left_out;
+  std::vector<BinningResult> binned;
+  double seconds = 0.0;
+};
+
+/// @throws Error  a black capture, NaN or infinity (names light and pixel), a plate of another
+///                shape, an unknown basis, too little memory
+[[nodiscard]] BasisStudy study_bases(const StudyCapture& capture,
+                                     const BasisStudyOptions& options);
+
+}  // namespace haarlight

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/camera_model.h"
+#include "core/image.h"
+#include "core/rig.h"
+
+/// @file
+/// Which pixels of a capture show highlights, attached shadows, cast shadows or none of them,
+/// from the capture itself: a matte surface b = albedo x normal is fitted to every pixel's
+/// lights, T_k ~ b . f_k, leaving out those that contradict it, and the lights that contradict
+/// it tell why. The rule and how well it does: docs/numerics/bases.md, "Regions".
+
+namespace haarlight {
+
+enum class Region : std::uint8_t {
+  none,      ///< too dark or too few lights to tell
+  specular,  ///< more light than a matte surface can send
+  diffuse,   ///< matte under every light
+  attached,  ///< turned away from some lights
+  cast,      ///< hidden from some lights that it faces
+};
+inline constexpr int kRegions = 5;
+[[nodiscard]] std::string_view to_string(Region region) noexcept;
+
+/// Where the lights are; what the fit's f_k and the harmonics' directions are made from.
+struct StudyLight {
+  bool is_position = false;
+  Eigen::Vector3d place = Eigen::Vector3d::UnitZ();  ///< mm in world, or unit direction to it
+  Eigen::Vector3d emits = Eigen::Vector3d::Zero();   ///< unit; 0: the same to all sides
+  double lobe_mu = 1.0;
+  double strength = 1.0;
+};
+
+/// The lights of a rig: strength is the emitter's area.
+[[nodiscard]] std::vector<StudyLight> study_lights(const Rig& rig);
+/// Unit directions from a point to the lights.
+[[nodiscard]] std::vector<Eigen::Vector3d> light_directions_from(
+    const std::vector<StudyLight>& lights, const Eigen::Vector3d& point);
+/// f_k at a point: irradiance on a surface facing the light, times the direction to it.
+[[nodiscard]] Eigen::Matrix3Xd light_factors(const std::vector<StudyLight>& lights,
+                                             const Eigen::Vector3d& point);
+
+/// One pixel's fit and verdict.
+struct PixelVerdict {
+  Region region = Region::none;
+  Eigen::Vector3d matte = Eigen::Vector3d::Zero();  ///< b
+  double excess = 0.0;                              ///< share of the light above matte
+  double attached = 0.0;                            ///< share of the lights behind the surface
+  double cast = 0.0;                                ///< share of the lights hidden
+};
+
+/// Rules of the verdict, in its order: dark, specular, then the larger of attached and cast.
+struct RegionRules {
+  double dark = 0.01;      ///< norm of the pixel, of the capture's rms norm
+  double excess = 0.03;    ///< specular from this share of light on
+  double shadowed = 0.02;  ///< attached or cast from this share of lights on
+};
+
+/// @param values     (n_lights) of the pixel, mean of its channels
+/// @param factors    light_factors() at its place
+/// @param dark_norm  RegionRules::dark times the capture's rms norm
+[[nodiscard]] PixelVerdict judge_pixel(std::span<const float> values,
+                                       const Eigen::Matrix3Xd& factors, double dark_norm,
+                                       const RegionRules& rules = {});
+
+/// Regions as people paint them: red specular, green diffuse, blue attached, yellow cast, black
+/// none; (height, width, 3), values 0 or 1.
+[[nodiscard]] Image<float> paint_regions(std::span<const Region> regions, int width,
+                                         int height);
+/// The reverse, each channel on from 0.5 up. @throws Error  another size; other colours
+[[nodiscard]] std::vector<Region> read_region_picture(const std::filesystem::path& file,
+                                                      int width, int height);
+
+}  // namespace haarlight

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "relight/study/capture_regions.h"
+#include "relight/study/light_transform.h"
+
+/// @file
+/// The lightings that bases are judged under: one light, four and nine side by side, a smooth
+/// lobe, and a sky of high frequency. Definitions: docs/numerics/bases.md, "Lightings".
+
+namespace haarlight {
+
+struct StudyLighting {
+  std::string name;
+  Eigen::VectorXd weights;  ///< drive of each light
+};
+
+/// On a grid: light (13/32 of the rows, 19/32 of the columns) of the first face, and its
+/// neighbours; elsewhere the light 13/32 through the list and the nearest ones by direction.
+/// Sets of more lights than there are are left out.
+[[nodiscard]] std::vector<StudyLighting> default_lightings(
+    const std::vector<Eigen::Vector3d>& directions, const LightGrid& grid);
+
+/// A JSON object: name -> a number a light; rows of a face may be nested lists.
+/// @throws Error  not such an object, another number of lights, a number that is not finite
+[[nodiscard]] std::vector<StudyLighting> lightings_from_json(const std::filesystem::path& file,
+                                                             int n_lights);
+
+}  // namespace haarlight

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/tradeoff.h"
+#include "relight/study/basis_study.h"
+
+/// @file
+/// A comparison of bases as people and programs read it: tables, figures, JSON, records.
+
+namespace haarlight {
+
+/// Equal error and equal size over the whole capture.
+[[nodiscard]] std::string summary_tables(const BasisStudy& study);
+/// The regions apart under each lighting, and the array with fewer lights.
+[[nodiscard]] std::string region_tables(const BasisStudy& study);
+[[nodiscard]] std::string binning_table(const BasisStudy& study);
+
+/// Every figure of the study. Keys: docs/numerics/bases.md, "bases.json".
+[[nodiscard]] std::string study_json(const BasisStudy& study, const std::string& name);
+
+/// One record for each basis coded once and each picture (and the stack),
+/// docs/tradeoff.schema.json.
+/// @param command  that made it
+[[nodiscard]] std::vector<TradeoffRecord> study_records(const BasisStudy& study,
+                                                        const std::string& command,
+                                                        int n_threads);
+
+struct StudyFigure {
+  std::string file;  ///< name with .svg
+  std::string svg;
+};
+[[nodiscard]] std::vector<StudyFigure> study_figures(const BasisStudy& study);
+
+}  // namespace haarlight
