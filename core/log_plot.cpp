@@ -97,7 +97,7 @@ struct Axis {
   [[nodiscard]] std::vector<double> ticks() const {
     std::vector<double> found;
     const bool has_parts = high - low < 2.5;
-    for (double decade = std::floor(low); decade <= high; decade += 1.0) {
+    for (int decade = static_cast<int>(std::floor(low)); decade <= high; ++decade) {
       for (const double part : {1.0, 2.0, 5.0}) {
         const double value = part * std::pow(10.0, decade);
         if ((part == 1.0 || has_parts) && std::log10(value) >= low &&
@@ -219,15 +219,16 @@ std::string draw_log_panels(const std::string& title, const std::vector<PlotPane
       "<text x='20' y='26' font-size='16' font-weight='600'>{2}</text>\n",
       width, height, escaped(title));
   for (std::size_t i = 0; i < panels.size(); ++i) {
-    const auto column = static_cast<double>(i % static_cast<std::size_t>(columns));
-    const auto row = static_cast<double>(i / static_cast<std::size_t>(columns));
-    out += draw_panel(panels[i], column * kWidth, kTitle + row * kHeight) + "\n";
+    const std::size_t column = i % static_cast<std::size_t>(columns);
+    const std::size_t row = i / static_cast<std::size_t>(columns);
+    out +=
+        draw_panel(panels[i], double(column) * kWidth, kTitle + double(row) * kHeight) + "\n";
   }
   for (std::size_t i = 0; i < legend.size(); ++i) {
-    const auto column = static_cast<double>(i % static_cast<std::size_t>(in_row));
-    const auto row = static_cast<double>(i / static_cast<std::size_t>(in_row));
-    const double x = 20.0 + column * kEntry;
-    const double y = kTitle + rows * kHeight + 10.0 + row * kLegendRow;
+    const std::size_t column = i % static_cast<std::size_t>(in_row);
+    const std::size_t row = i / static_cast<std::size_t>(in_row);
+    const double x = 20.0 + double(column) * kEntry;
+    const double y = kTitle + rows * kHeight + 10.0 + double(row) * kLegendRow;
     out += fmt::format(
         "<path d='M{:.1f} {:.1f}h30' fill='none' stroke='{}' stroke-width='1.6'{}/>{}"
         "<text x='{:.1f}' y='{:.1f}'>{}</text>\n",

@@ -29,7 +29,7 @@ struct BasesArguments {
   std::string plate;
   std::string lightings;
   std::string regions;
-  int n_tiles = 0;
+  int n_tiles = 8;
   int sh_order = 15;
   int pca_rank = 512;
   std::string transfer;
@@ -70,8 +70,8 @@ void take_rig(OpenCapture& capture) {
   }
 }
 
-LightGrid grid_of(const Rig& rig) {
-  LightGrid grid;
+ArrayGrid grid_of(const Rig& rig) {
+  ArrayGrid grid;
   for (const Face& face : rig.faces) {
     if (face.rows != rig.faces.front().rows || face.cols != rig.faces.front().cols) {
       return {};
@@ -168,6 +168,31 @@ OpenCapture open_capture(const BasesArguments& arguments, const CommonOptions& c
   return capture;
 }
 
+/// The command with what changes its results, as a person would type it.
+std::string command_line(const BasesArguments& arguments, const BasisStudyOptions& options) {
+  std::string line = fmt::format(
+      "haarlight bases {} -o {} --tiles {} --sh-order {} --pca-rank {}", arguments.input,
+      arguments.output, options.n_tiles, options.sh_order, options.pca_rank);
+  for (const std::string& basis : options.bases) {
+    line += " --basis " + basis;
+  }
+  for (const double error : options.errors) {
+    line += fmt::format(" --error {:g}", error);
+  }
+  for (const double size : options.sizes) {
+    line += fmt::format(" --size {:g}", size);
+  }
+  for (const auto& [name, value] :
+       {std::pair{"--plate", arguments.plate}, std::pair{"--lightings", arguments.lightings},
+        std::pair{"--regions", arguments.regions},
+        std::pair{"--transfer", arguments.transfer}}) {
+    if (!value.empty()) {
+      line += fmt::format(" {} {}", name, value);
+    }
+  }
+  return line;
+}
+
 ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
                    Report& report) {
   require_absent(arguments.output, common.force);
@@ -200,9 +225,7 @@ ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
                             ? common.threads
                             : static_cast<int>(std::thread::hardware_concurrency());
   write("records.json",
-        tradeoff_json(study_records(
-            study, fmt::format("haarlight bases {} -o {}", arguments.input, arguments.output),
-            n_threads)));
+        tradeoff_json(study_records(study, command_line(arguments, options), n_threads)));
   for (const StudyFigure& figure : study_figures(study)) {
     write(figure.file, figure.svg);
   }
@@ -266,8 +289,8 @@ void add_bases(Command root, Invocation& invocation) {
               "attached, yellow cast shadow, black none (default: judged from the capture)",
               {.type = "MASK.png"});
   verb.option("--tiles", &arguments->n_tiles,
-              "Study so many tiles, spread over the picture (default: all)",
-              {.bounds = Bounds{1.0, 1e9}});
+              "Study so many tiles of 128 pixels a side, spread over the picture; 0: all",
+              {.bounds = Bounds{0.0, 1e9}, .shows_default = true});
   verb.option("--sh-order", &arguments->sh_order, "Highest order of the spherical harmonics",
               {.bounds = Bounds{0.0, 40.0}, .shows_default = true});
   verb.option("--pca-rank", &arguments->pca_rank, "The most vectors of PCA that are tried",

@@ -8,7 +8,7 @@ namespace {
 
 /// Calls work(first light of the bin) for every bin of every face.
 template <class Work>
-void for_bins(const LightGrid& grid, int side, Work work) {
+void for_bins(const ArrayGrid& grid, int side, Work work) {
   for (int face = 0; face < grid.n_faces; ++face) {
     for (int y = 0; y < grid.rows; y += side) {
       for (int x = 0; x < grid.cols; x += side) {
@@ -20,7 +20,7 @@ void for_bins(const LightGrid& grid, int side, Work work) {
 
 }  // namespace
 
-std::vector<BinChoice> bin_choices(const LightGrid& grid) {
+std::vector<BinChoice> bin_choices(const ArrayGrid& grid) {
   std::vector<BinChoice> choices;
   for (const int side : {2, 4}) {
     if (!grid.is_grid() || grid.rows % side != 0 || grid.cols % side != 0 ||
@@ -37,7 +37,7 @@ std::vector<BinChoice> bin_choices(const LightGrid& grid) {
   return choices;
 }
 
-Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights, const LightGrid& grid,
+Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights, const ArrayGrid& grid,
                                const BinChoice& choice) {
   HAARLIGHT_EXPECTS(weights.size() == grid.n_face() * grid.n_faces, "a weight a light");
   Eigen::VectorXd binned = Eigen::VectorXd::Zero(weights.size());
@@ -61,7 +61,7 @@ Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights, const LightGrid& 
   return binned;
 }
 
-double binned_energy(std::span<const float> lights, const LightGrid& grid,
+double binned_energy(std::span<const float> lights, const ArrayGrid& grid,
                      const BinChoice& choice) {
   HAARLIGHT_EXPECTS(lights.size() == static_cast<std::size_t>(grid.n_face() * grid.n_faces),
                     "a value a light");

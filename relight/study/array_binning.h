@@ -27,17 +27,17 @@ struct BinChoice {
 
 /// Sides 2 and 4, where they divide the grid and leave at least 2 bins a side; the area first,
 /// then each of the four lights around the bin's middle.
-[[nodiscard]] std::vector<BinChoice> bin_choices(const LightGrid& grid);
+[[nodiscard]] std::vector<BinChoice> bin_choices(const ArrayGrid& grid);
 
 /// What the lights burn at when the array is binned: the mean of the bin, or the bin's sum at
 /// one light.
 /// @param weights  (n_lights)
 [[nodiscard]] Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights,
-                                             const LightGrid& grid, const BinChoice& choice);
+                                             const ArrayGrid& grid, const BinChoice& choice);
 
 /// Squares of what a pixel's lights are off by when each stands in its bin.
 /// @param lights  (n_lights)
-[[nodiscard]] double binned_energy(std::span<const float> lights, const LightGrid& grid,
+[[nodiscard]] double binned_energy(std::span<const float> lights, const ArrayGrid& grid,
                                    const BinChoice& choice);
 
 }  // namespace haarlight

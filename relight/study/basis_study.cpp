@@ -139,8 +139,12 @@ class Study {
   }
   [[nodiscard]] double table_numbers(const Subject& subject, std::size_t n) const {
     return subject.transform->table_bytes(static_cast<int>(n)) > 0
-               ? double(n) * dims_.n_lights / n_values_
+               ? double(n) * dims_.n_lights / (double(dims_.n_pixels()) * dims_.channels)
                : 0.0;
+  }
+  /// Of the capture's pixels: tables serve all of them.
+  [[nodiscard]] double studied_share() const {
+    return double(tiles_.n_pixels()) / double(dims_.n_pixels());
   }
   /// Step and number of patterns with the fewest numbers for an error.
   void choose_for_error(const Subject& subject, Job& job) const;
@@ -369,7 +373,7 @@ void Study::add_subject(const KnownBasis& known, bool has_plate,
 }
 
 void Study::make_subjects() {
-  const LightGrid& grid = capture_.grid;
+  const ArrayGrid& grid = capture_.grid;
   const bool is_haar = grid.is_grid() && grid.rows == grid.cols && is_haar_size(grid.rows);
   for (const KnownBasis& known : known_bases()) {
     if (!is_wanted(options_, known.name)) {
@@ -634,8 +638,9 @@ void Study::measure(const StudyTile& tile, Subject& subject, std::span<Job* cons
     parallel_for(n_pixels, kPiece, [&](std::size_t begin, std::size_t end) {
       const std::span<float> rows =
           std::span(errors).subspan(begin * n_lights, (end - begin) * n_lights);
-      subject.transform->synthesise(
-          std::span<const float>(kept).subspan(begin * width, (end - begin) * width), rows);
+      subject.transform->synthesise_first(
+          std::span<const float>(kept).subspan(begin * width, (end - begin) * width),
+          static_cast<int>(job.n_kept), rows);
       for (std::size_t i = 0; i < rows.size(); ++i) {
         rows[i] -= values[begin * n_lights + i];
       }
@@ -702,7 +707,8 @@ void Study::judge(Job& job, const Measured& measured, int round) {
     point.n_patterns = static_cast<int>(job.n_kept);
     point.coefficients = double(measured.n_kept) / n_values_;
     point.table_numbers = table_numbers(subject, job.n_kept);
-    point.table_bytes = subject.transform->table_bytes(point.n_patterns);
+    point.table_bytes = static_cast<std::uint64_t>(
+        std::ceil(studied_share() * double(subject.transform->table_bytes(point.n_patterns))));
     point.gain_bytes = measured.gain_bytes;
     point.bytes = measured.bytes + point.gain_bytes + point.table_bytes;
     point.stack_error = errors;

@@ -23,7 +23,7 @@ namespace haarlight {
 struct StudyCapture {
   const StackSource* stack = nullptr;
   const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no basis with plate
-  LightGrid grid;
+  ArrayGrid grid;
   std::vector<StudyLight> lights;
   Eigen::Vector3d object_centre = Eigen::Vector3d::Zero();
   std::optional<CameraModel> camera;  ///< with a plane: where a pixel's surface is taken to be
@@ -70,8 +70,8 @@ struct BasisPoint {
   double step = 0.0;
   int n_patterns = 0;          ///< light patterns used: of PCA the vectors kept
   double coefficients = 0.0;   ///< other than 0, a pixel and channel
-  double table_numbers = 0.0;  ///< of the patterns that must be stored, a pixel and channel
-  std::uint64_t bytes = 0;     ///< coefficients, gains and tables, packed
+  double table_numbers = 0.0;  ///< of the patterns that must be stored, a pixel of the capture
+  std::uint64_t bytes = 0;     ///< of the pixels studied: coefficients, gains, tables' share
   std::uint64_t gain_bytes = 0;
   std::uint64_t table_bytes = 0;
   /// Kind error: numbers a pixel (tables too) that a bare threshold keeps for the same error,

@@ -169,7 +169,7 @@ PixelVerdict judge_pixel(std::span<const float> values, const Eigen::Matrix3Xd& 
   int n_cast = 0;
   for (std::size_t k = 0; k < values.size(); ++k) {
     const double m = std::max(0.0, model[static_cast<Eigen::Index>(k)]);
-    const double value = double{values[k]};
+    const auto value = double{values[k]};
     above += std::max(0.0, value - kAbove * m);
     if (model[static_cast<Eigen::Index>(k)] <= 0.0) {
       ++n_attached;

@@ -174,14 +174,18 @@ double CoefficientCurve::threshold_for_energy(double allowed) const {
 }
 
 double CoefficientCurve::threshold_for_count(double n) const {
-  double kept = 0.0;
-  for (auto bin = bins_.rbegin(); bin != bins_.rend(); ++bin) {
-    if (kept + bin->count > n) {
-      return bin->upper - (bin->upper - bin->lower) * (n - kept) / bin->count;
-    }
-    kept += bin->count;
+  double above = std::accumulate(bins_.begin(), bins_.end(), 0.0,
+                                 [](double sum, const Bin& bin) { return sum + bin.count; });
+  if (above <= n) {
+    return 0.0;
   }
-  return 0.0;
+  for (const Bin& bin : bins_) {
+    above -= bin.count;
+    if (above <= n) {
+      return bin.upper - (bin.upper - bin.lower) * (n - above) / bin.count;
+    }
+  }
+  return largest();
 }
 
 double CoefficientCurve::count_from(double threshold) const {

@@ -37,7 +37,7 @@ class DirectTransform final : public LightTransform {
 /// A transform of each face by itself, in place.
 class FaceTransform : public LightTransform {
  public:
-  explicit FaceTransform(const LightGrid& grid) : grid_(grid) {
+  explicit FaceTransform(const ArrayGrid& grid) : grid_(grid) {
     HAARLIGHT_EXPECTS(grid.rows > 0 && grid.cols > 0 && grid.n_faces > 0, "a grid of lights");
   }
   [[nodiscard]] int n_lights() const override { return grid_.n_face() * grid_.n_faces; }
@@ -54,7 +54,7 @@ class FaceTransform : public LightTransform {
  protected:
   virtual void forward(std::span<float> face) const = 0;
   virtual void inverse(std::span<float> face) const = 0;
-  [[nodiscard]] const LightGrid& grid() const { return grid_; }
+  [[nodiscard]] const ArrayGrid& grid() const { return grid_; }
 
  private:
   template <class Work>
@@ -66,12 +66,12 @@ class FaceTransform : public LightTransform {
     }
   }
 
-  LightGrid grid_;
+  ArrayGrid grid_;
 };
 
 class NonstandardHaar final : public FaceTransform {
  public:
-  explicit NonstandardHaar(const LightGrid& grid) : FaceTransform(grid) {
+  explicit NonstandardHaar(const ArrayGrid& grid) : FaceTransform(grid) {
     HAARLIGHT_EXPECTS(grid.rows == grid.cols && is_haar_size(grid.rows), "a Haar grid");
   }
 
@@ -109,7 +109,7 @@ void unhaar_line(float* x, std::size_t stride, int n, std::vector<float>& old) {
 
 class StandardHaar final : public FaceTransform {
  public:
-  explicit StandardHaar(const LightGrid& grid) : FaceTransform(grid) {
+  explicit StandardHaar(const ArrayGrid& grid) : FaceTransform(grid) {
     HAARLIGHT_EXPECTS(is_power_of_two(grid.rows) && is_power_of_two(grid.cols), "a Haar grid");
   }
 
@@ -149,7 +149,7 @@ Matrix dct_matrix(int n) {
 
 class Dct final : public FaceTransform {
  public:
-  explicit Dct(const LightGrid& grid)
+  explicit Dct(const ArrayGrid& grid)
       : FaceTransform(grid),
         over_rows_(dct_matrix(grid.rows)),
         over_cols_(dct_matrix(grid.cols)) {}
@@ -173,7 +173,7 @@ class Dct final : public FaceTransform {
 
 class Cdf53 final : public FaceTransform {
  public:
-  explicit Cdf53(const LightGrid& grid)
+  explicit Cdf53(const ArrayGrid& grid)
       : FaceTransform(grid), lifting_(Wavelet::cdf53, grid.rows, grid.cols) {}
   [[nodiscard]] bool is_orthonormal() const override { return n_lights() == 1; }
 
@@ -192,18 +192,18 @@ std::unique_ptr<LightTransform> make_direct_transform(int n_lights) {
   return std::make_unique<DirectTransform>(n_lights);
 }
 
-std::unique_ptr<LightTransform> make_haar_transform(const LightGrid& grid, bool is_standard) {
+std::unique_ptr<LightTransform> make_haar_transform(const ArrayGrid& grid, bool is_standard) {
   if (is_standard) {
     return std::make_unique<StandardHaar>(grid);
   }
   return std::make_unique<NonstandardHaar>(grid);
 }
 
-std::unique_ptr<LightTransform> make_dct_transform(const LightGrid& grid) {
+std::unique_ptr<LightTransform> make_dct_transform(const ArrayGrid& grid) {
   return std::make_unique<Dct>(grid);
 }
 
-std::unique_ptr<LightTransform> make_cdf53_transform(const LightGrid& grid) {
+std::unique_ptr<LightTransform> make_cdf53_transform(const ArrayGrid& grid) {
   return std::make_unique<Cdf53>(grid);
 }
 

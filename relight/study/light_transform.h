@@ -14,7 +14,7 @@
 namespace haarlight {
 
 /// Lights in rows x cols grids, faces one after the other; rows = 0: in no grid.
-struct LightGrid {
+struct ArrayGrid {
   int rows = 0;
   int cols = 0;
   int n_faces = 0;
@@ -49,6 +49,11 @@ class LightTransform {
   /// The inverse of analyse(), or the projection where it has none.
   virtual void synthesise(std::span<const float> coefficients,
                           std::span<float> lights) const = 0;
+  /// The same where all but the first `n` coefficients of a pixel are 0.
+  virtual void synthesise_first(std::span<const float> coefficients, int /*n*/,
+                                std::span<float> lights) const {
+    synthesise(coefficients, lights);
+  }
 };
 
 /// The lights themselves: what no transform at all costs.
@@ -56,13 +61,13 @@ class LightTransform {
 
 /// 2-D Haar, nonstandard (haar.h) or standard: every row through all levels, then every column.
 /// @throws ContractViolation  rows or cols no power of two; nonstandard: rows != cols
-[[nodiscard]] std::unique_ptr<LightTransform> make_haar_transform(const LightGrid& grid,
+[[nodiscard]] std::unique_ptr<LightTransform> make_haar_transform(const ArrayGrid& grid,
                                                                   bool is_standard);
 
 /// Orthonormal 2-D DCT-II of each face [Ahmed74]: any number of rows and columns.
-[[nodiscard]] std::unique_ptr<LightTransform> make_dct_transform(const LightGrid& grid);
+[[nodiscard]] std::unique_ptr<LightTransform> make_dct_transform(const ArrayGrid& grid);
 
 /// CDF 5/3 over each face by lifting (dyadic_transform.h). Biorthogonal.
-[[nodiscard]] std::unique_ptr<LightTransform> make_cdf53_transform(const LightGrid& grid);
+[[nodiscard]] std::unique_ptr<LightTransform> make_cdf53_transform(const ArrayGrid& grid);
 
 }  // namespace haarlight

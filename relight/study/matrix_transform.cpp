@@ -28,13 +28,20 @@ void MatrixTransform::analyse(std::span<const float> lights,
 
 void MatrixTransform::synthesise(std::span<const float> coefficients,
                                  std::span<float> lights) const {
+  synthesise_first(coefficients, n_coefficients(), lights);
+}
+
+void MatrixTransform::synthesise_first(std::span<const float> coefficients, int n_first,
+                                       std::span<float> lights) const {
   const Eigen::Index n = static_cast<Eigen::Index>(lights.size()) / patterns_.cols();
-  HAARLIGHT_EXPECTS(n * patterns_.cols() == static_cast<Eigen::Index>(lights.size()) &&
-                        n * patterns_.rows() == static_cast<Eigen::Index>(coefficients.size()),
-                    "whole pixels");
+  HAARLIGHT_EXPECTS(
+      n * patterns_.cols() == static_cast<Eigen::Index>(lights.size()) &&
+          n * patterns_.rows() == static_cast<Eigen::Index>(coefficients.size()) &&
+          n_first >= 0 && n_first <= n_coefficients(),
+      "whole pixels");
   const Eigen::Map<const Matrix> from(coefficients.data(), n, patterns_.rows());
   Eigen::Map<Matrix> to(lights.data(), n, patterns_.cols());
-  to.noalias() = from * patterns_;
+  to.noalias() = from.leftCols(n_first) * patterns_.topRows(n_first);
 }
 
 }  // namespace haarlight

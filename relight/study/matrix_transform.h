@@ -25,6 +25,8 @@ class MatrixTransform : public LightTransform {
   [[nodiscard]] bool is_complete() const override { return n_lights() == n_coefficients(); }
   void analyse(std::span<const float> lights, std::span<float> coefficients) const override;
   void synthesise(std::span<const float> coefficients, std::span<float> lights) const override;
+  void synthesise_first(std::span<const float> coefficients, int n,
+                        std::span<float> lights) const override;
 
  private:
   Matrix analysis_;

@@ -22,7 +22,7 @@ constexpr double kSunShare = 0.01;  // of the lights, in the sky of high frequen
 constexpr double kSun = 60.0;
 constexpr double kSky0 = 0.2;
 
-std::vector<int> side_by_side(const LightGrid& grid, int side) {
+std::vector<int> side_by_side(const ArrayGrid& grid, int side) {
   std::vector<int> lights;
   if (grid.rows < side || grid.cols < side) {
     return lights;
@@ -65,7 +65,7 @@ void read_numbers(const nlohmann::json& value, std::vector<double>& out) {
 }  // namespace
 
 std::vector<StudyLighting> default_lightings(const std::vector<Eigen::Vector3d>& directions,
-                                             const LightGrid& grid) {
+                                             const ArrayGrid& grid) {
   const auto n = static_cast<Eigen::Index>(directions.size());
   HAARLIGHT_EXPECTS(n > 0, "lights");
   const int one =

@@ -24,7 +24,7 @@ struct StudyLighting {
 /// neighbours; elsewhere the light 13/32 through the list and the nearest ones by direction.
 /// Sets of more lights than there are are left out.
 [[nodiscard]] std::vector<StudyLighting> default_lightings(
-    const std::vector<Eigen::Vector3d>& directions, const LightGrid& grid);
+    const std::vector<Eigen::Vector3d>& directions, const ArrayGrid& grid);
 
 /// A JSON object: name -> a number a light; rows of a face may be nested lists.
 /// @throws Error  not such an object, another number of lights, a number that is not finite

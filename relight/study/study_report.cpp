@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -128,6 +129,25 @@ std::string summary_table(const BasisStudy& study, PointKind kind, double asked)
   return point_title(kind, asked) + "\n" + table.text() + "\n";
 }
 
+constexpr double kByteBudgets[] = {4.0, 8.0, 16.0, 32.0, 64.0};  // a pixel
+
+std::string equal_bytes_table(const BasisStudy& study) {
+  std::vector<std::string> head = {"error in %"};
+  for (const double budget : kByteBudgets) {
+    head.push_back(fmt::format("{:g} bytes", budget));
+  }
+  Table table(head);
+  for (const BasisResult& result : study.results) {
+    std::vector<std::string> row = {result.title};
+    for (const double budget : kByteBudgets) {
+      row.push_back(percent(error_at_bytes(result, budget, study.n_pixels)));
+    }
+    table.add(row);
+  }
+  return "Equal bytes a pixel: between the points above, straight in logarithms\n" +
+         table.text() + "\n";
+}
+
 /// The middle of what was asked.
 double middle(const std::vector<double>& asked) { return asked[asked.size() / 2]; }
 
@@ -208,6 +228,25 @@ PlotPanel basis_panel(const BasisStudy& study, const std::string& title,
 
 }  // namespace
 
+double error_at_bytes(const BasisResult& result, double bytes_a_pixel, std::uint64_t n_pixels) {
+  std::vector<std::pair<double, double>> points;  // logarithms of bytes and error
+  for (const BasisPoint& point : result.points) {
+    if (point.bytes > 0 && point.stack_error[0] > 0.0) {
+      points.emplace_back(std::log(double(point.bytes)), std::log(point.stack_error[0]));
+    }
+  }
+  std::sort(points.begin(), points.end());
+  const double at = std::log(bytes_a_pixel * double(n_pixels));
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    const auto& [x0, y0] = points[i];
+    const auto& [x1, y1] = points[i + 1];
+    if (at >= x0 && at <= x1 && x1 > x0) {
+      return std::exp(y0 + (y1 - y0) * (at - x0) / (x1 - x0));
+    }
+  }
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
 std::string summary_tables(const BasisStudy& study) {
   std::string out = fmt::format(
       "{} x {} pixels, {} channel(s), {} lights; {} of {} tiles of {} studied ({} pixels)\n",
@@ -230,7 +269,7 @@ std::string summary_tables(const BasisStudy& study) {
       out += summary_table(study, kind, asked);
     }
   }
-  return out;
+  return out + equal_bytes_table(study);
 }
 
 std::string region_tables(const BasisStudy& study) {
@@ -316,11 +355,17 @@ std::string study_json(const BasisStudy& study, const std::string& name) {
            {"code_seconds", point.code_seconds},
            {"decode_seconds", point.decode_seconds}});
     }
+    Json equal_bytes = Json::object();
+    for (const double budget : kByteBudgets) {
+      equal_bytes[fmt::format("{:g}", budget)] =
+          number(error_at_bytes(result, budget, study.n_pixels));
+    }
     json["bases"].push_back({{"name", result.name},
                              {"title", result.title},
                              {"has_plate", result.has_plate},
                              {"patterns", result.n_patterns},
                              {"floor_relative_l2", result.floor_error},
+                             {"error_at_bytes_a_pixel_between_points", std::move(equal_bytes)},
                              {"points", std::move(points)}});
   }
   json["fewer_lights"] = Json::array();

@@ -13,6 +13,10 @@ namespace haarlight {
 
 /// Equal error and equal size over the whole capture.
 [[nodiscard]] std::string summary_tables(const BasisStudy& study);
+/// The error that a basis has at so many bytes a pixel: between its points, straight in
+/// logarithms; NaN outside of them.
+[[nodiscard]] double error_at_bytes(const BasisResult& result, double bytes_a_pixel,
+                                    std::uint64_t n_pixels);
 /// The regions apart under each lighting, and the array with fewer lights.
 [[nodiscard]] std::string region_tables(const BasisStudy& study);
 [[nodiscard]] std::string binning_table(const BasisStudy& study);

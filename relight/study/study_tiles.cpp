@@ -41,9 +41,12 @@ StudyTiles::StudyTiles(const StudyCapture& capture, const BasisStudyOptions& opt
       plate_ = read_all(*capture.plate, bytes);
     }
   }
-  // Lights and residual of all channels, the plate; coefficients, their copy, errors.
+  // Values as read, lights and residual of all channels, the plate; coefficients, their copy,
+  // errors.
+  const std::size_t n_plate =
+      capture.plate != nullptr ? count(capture.plate->dims().channels) : 0;
   const std::uint64_t pixel_bytes =
-      count(dims.n_lights) * sizeof(float) * (3 * count(dims.channels) + 3);
+      count(dims.n_lights) * sizeof(float) * (3 * count(dims.channels) + n_plate + 3);
   tile_ = kLargestTile;
   while (tile_ >= kSmallestTile &&
          pixel_bytes * count(tile_) * count(tile_) > options.memory_bytes / 2) {

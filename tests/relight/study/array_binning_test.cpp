@@ -9,7 +9,7 @@
 namespace haarlight {
 namespace {
 
-constexpr LightGrid kGrid{8, 8, 2};
+constexpr ArrayGrid kGrid{8, 8, 2};
 
 TEST(ArrayBinning, AnArrayOf32GoesTo16And8) {
   const std::vector<BinChoice> choices = bin_choices({32, 32, 1});

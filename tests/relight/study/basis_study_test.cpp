@@ -253,13 +253,13 @@ TEST(BasisStudy, DoesNotDependOnThreads) {
 }
 
 TEST(BasisStudy, WorksTileByTileInLittleMemory) {
-  // 8 pixels a side: per pixel 256 lights x 4 bytes x 6 buffers; twice 64 of them.
+  // 8 pixels a side: per pixel 256 lights x 4 bytes x 7 buffers; twice 64 of them.
   const StudyCapture capture = made_capture(make_stack(kScene), &make_stack(kEmpty));
   BasisStudyOptions options;
   options.bases = {"haar", "dct"};
   options.errors = {0.01};
   options.sizes = {};
-  options.memory_bytes = 800000;
+  options.memory_bytes = 1000000;
   const BasisStudy tiled = study_bases(capture, options);
   EXPECT_EQ(tiled.tile, 8);
   EXPECT_EQ(tiled.n_tiles, 9);
@@ -278,7 +278,7 @@ TEST(BasisStudy, StudiesSomeTilesAndSaysSo) {
   BasisStudyOptions options;
   options.bases = {"haar"};
   options.errors = {0.01};
-  options.memory_bytes = 800000;
+  options.memory_bytes = 1000000;
   options.n_tiles = 2;
   const BasisStudy some = study_bases(capture, options);
   EXPECT_EQ(some.n_tiles_studied, 2);

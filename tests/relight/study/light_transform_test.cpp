@@ -45,7 +45,7 @@ Eigen::MatrixXd patterns(const LightTransform& transform) {
   return all;
 }
 
-std::vector<std::unique_ptr<LightTransform>> complete_transforms(const LightGrid& grid,
+std::vector<std::unique_ptr<LightTransform>> complete_transforms(const ArrayGrid& grid,
                                                                  bool is_haar) {
   std::vector<std::unique_ptr<LightTransform>> all;
   all.push_back(make_direct_transform(grid.n_face() * grid.n_faces));
@@ -60,9 +60,9 @@ std::vector<std::unique_ptr<LightTransform>> complete_transforms(const LightGrid
 
 TEST(LightTransform, AllCoefficientsGiveTheLightsBack) {
   for (const auto& [grid, is_haar] :
-       {std::pair{LightGrid{8, 8, 2}, true}, std::pair{LightGrid{32, 32, 1}, true},
-        std::pair{LightGrid{5, 7, 3}, false}, std::pair{LightGrid{1, 1, 1}, true},
-        std::pair{LightGrid{1, 6, 1}, false}}) {
+       {std::pair{ArrayGrid{8, 8, 2}, true}, std::pair{ArrayGrid{32, 32, 1}, true},
+        std::pair{ArrayGrid{5, 7, 3}, false}, std::pair{ArrayGrid{1, 1, 1}, true},
+        std::pair{ArrayGrid{1, 6, 1}, false}}) {
     for (const auto& transform : complete_transforms(grid, is_haar)) {
       const std::size_t n = static_cast<std::size_t>(transform->n_lights());
       EXPECT_TRUE(transform->is_complete());
@@ -80,7 +80,7 @@ TEST(LightTransform, AllCoefficientsGiveTheLightsBack) {
 }
 
 TEST(LightTransform, PatternsOfOrthonormalTransformsAreOrthonormal) {
-  const LightGrid grid{8, 8, 2};
+  const ArrayGrid grid{8, 8, 2};
   for (const auto& transform : complete_transforms(grid, true)) {
     const Eigen::MatrixXd gram = patterns(*transform).transpose() * patterns(*transform);
     if (transform->is_orthonormal()) {

@@ -1,5 +1,6 @@
 #include "relight/study/pca.h"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -93,6 +94,25 @@ TEST(PcaTransform, OfFullRankGivesTheLightsBackThoughItsVectorsAreRounded) {
   transform->synthesise(coefficients, back);
   for (std::size_t i = 0; i < rows.size(); ++i) {
     EXPECT_NEAR(back[i], rows[i], 2e-5);
+  }
+}
+
+TEST(PcaTransform, OfItsFirstVectorsIsThatOfTheOthersAtNothing) {
+  const std::vector<float> rows = made_rows(50, 20);
+  LightCovariance covariance(20);
+  covariance.add(rows);
+  const auto transform = make_pca_transform(principal_vectors(covariance.matrix(), 6));
+  std::vector<float> coefficients(50 * 6);
+  transform->analyse(rows, coefficients);
+  std::vector<float> first(rows.size());
+  transform->synthesise_first(coefficients, 2, first);
+  for (std::size_t p = 0; p < 50; ++p) {
+    std::fill_n(coefficients.begin() + static_cast<std::ptrdiff_t>(6 * p + 2), 4, 0.0F);
+  }
+  std::vector<float> cut(rows.size());
+  transform->synthesise(coefficients, cut);
+  for (std::size_t i = 0; i < cut.size(); ++i) {
+    EXPECT_NEAR(first[i], cut[i], 1e-6);
   }
 }
 

@@ -1,8 +1,10 @@
 #include "relight/study/study_report.h"
 
+#include <cmath>
 #include <cstdio>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -95,6 +97,20 @@ TEST(StudyReport, RecordsHaveTheSharedForm) {
     EXPECT_EQ(record["conditions"]["bytes_are"], "compressed size, tables and gains too");
     EXPECT_TRUE(record["error"].is_number());
   }
+}
+
+TEST(StudyReport, ErrorAtBytesIsAStraightLineInLogarithms) {
+  BasisResult result;
+  for (const auto& [bytes, error] : {std::pair{1600U, 0.01}, std::pair{100U, 0.04}}) {
+    BasisPoint point;
+    point.bytes = bytes;
+    point.stack_error[0] = error;
+    result.points.push_back(point);
+  }
+  EXPECT_NEAR(error_at_bytes(result, 40.0, 10), 0.02, 1e-12);  // a power of -1/2
+  EXPECT_NEAR(error_at_bytes(result, 160.0, 10), 0.01, 1e-12);
+  EXPECT_TRUE(std::isnan(error_at_bytes(result, 9.0, 10)));
+  EXPECT_TRUE(std::isnan(error_at_bytes({}, 9.0, 10)));
 }
 
 TEST(StudyReport, FiguresAreWholeSvg) {
