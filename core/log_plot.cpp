@@ -14,8 +14,8 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kWidth = 400.0;  // of a panel
-constexpr double kHeight = 320.0;
+constexpr double kWidth = 460.0;  // of a panel
+constexpr double kHeight = 380.0;
 constexpr double kLeft = 66.0;
 constexpr double kRight = 14.0;
 constexpr double kTop = 34.0;
@@ -208,7 +208,7 @@ std::string draw_log_panels(const std::string& title, const std::vector<PlotPane
   const int used = std::min(columns, static_cast<int>(panels.size()));
   const int rows = (static_cast<int>(panels.size()) + columns - 1) / columns;
   const double width = used * kWidth;
-  constexpr double kEntry = 260.0;
+  constexpr double kEntry = 290.0;
   const int in_row = std::max(1, static_cast<int>((width - 20.0) / kEntry));
   const int legend_rows = (static_cast<int>(legend.size()) + in_row - 1) / in_row;
   const double height = kTitle + rows * kHeight + legend_rows * kLegendRow + 16.0;

@@ -48,8 +48,8 @@ struct Subject {
   std::optional<Wavelet> image;
   std::vector<MagnitudeHistogram> histograms;  ///< one, or where ranked one a group of patterns
   std::vector<std::size_t> group_ends;         ///< last + 1 of each group
-  double energy = 0.0;                         ///< of what is transformed
-  double analysis_seconds = 0.0;               ///< of the last pass
+  double missed = 0.0;            ///< energy that all patterns together miss; measured
+  double analysis_seconds = 0.0;  ///< of the last pass
 
   [[nodiscard]] std::size_t width() const { return count(transform->n_coefficients()); }
   [[nodiscard]] bool is_orthonormal() const {
@@ -132,6 +132,8 @@ class Study {
 
   void transform_tile(const Subject& subject, const StudyTile& tile,
                       std::vector<float>& coefficients) const;
+  [[nodiscard]] double missed_energy(const Subject& subject, const StudyTile& tile,
+                                     std::span<const float> coefficients) const;
   [[nodiscard]] Region region_at(const TileRect& rect, std::size_t pixel) const {
     const int x = rect.x0 + static_cast<int>(pixel) % rect.width;
     const int y = rect.y0 + static_cast<int>(pixel) / rect.width;
@@ -446,6 +448,27 @@ void Study::transform_tile(const Subject& subject, const StudyTile& tile,
   }
 }
 
+/// What is left of a tile when all coefficients have been taken off. Not a difference of
+/// energies: rounded patterns are not orthonormal to that many digits.
+double Study::missed_energy(const Subject& subject, const StudyTile& tile,
+                            std::span<const float> coefficients) const {
+  const std::span<const float> values = tile.values(subject.has_plate);
+  const std::size_t n_lights = count(dims_.n_lights);
+  const std::size_t width = subject.width();
+  std::vector<float> rest(values.size());
+  parallel_for(values.size() / n_lights, kPiece, [&](std::size_t begin, std::size_t end) {
+    const std::span<float> rows =
+        std::span(rest).subspan(begin * n_lights, (end - begin) * n_lights);
+    subject.transform->synthesise(coefficients.subspan(begin * width, (end - begin) * width),
+                                  rows);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      rows[i] = values[begin * n_lights + i] - rows[i];
+    }
+  });
+  const RowSums sums = sum_rows(rest, Eigen::MatrixXd(dims_.n_lights, 0));
+  return std::accumulate(sums.energy.begin(), sums.energy.end(), 0.0);
+}
+
 void Study::analyse() {
   Progress progress("transforms",
                     tiles_.rects().size() * count(dims_.channels) * subjects_.size(),
@@ -484,9 +507,9 @@ void Study::analyse() {
           subject.histograms.front().merge(part);
         }
       }
-      const RowSums sums =
-          sum_rows(tile.values(subject.has_plate), Eigen::MatrixXd(dims_.n_lights, 0));
-      subject.energy += std::accumulate(sums.energy.begin(), sums.energy.end(), 0.0);
+      if (!subject.transform->is_complete()) {
+        subject.missed += missed_energy(subject, tile, coefficients);
+      }
       progress.advance();
     }
   });
@@ -496,15 +519,14 @@ void Study::analyse() {
 /// patterns that are worth trying.
 template <class Work>
 void Study::for_ranks(const Subject& subject, Work work) const {
-  const auto missed = [&](double found) {
-    return subject.transform->is_complete() ? 0.0 : std::max(0.0, subject.energy - found);
-  };
+  std::vector<double> missed(subject.histograms.size() + 1, subject.missed);
+  for (std::size_t g = subject.histograms.size(); g-- > 1;) {
+    missed[g] = missed[g + 1] + CoefficientCurve(subject.histograms[g]).energy();
+  }
   MagnitudeHistogram some;
   for (std::size_t g = 0; g < subject.histograms.size(); ++g) {
     some.merge(subject.histograms[g]);
-    const std::size_t n = subject.group_ends[g];
-    const double found = CoefficientCurve(some).energy();
-    work(n, some, n < subject.width() ? std::max(0.0, subject.energy - found) : missed(found));
+    work(subject.group_ends[g], some, missed[g + 1]);
   }
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include "core/error.h"
@@ -176,6 +177,25 @@ TEST(BasisStudy, CountsTheTablesOfPca) {
   EXPECT_EQ(point.table_bytes, static_cast<std::uint64_t>(point.n_patterns) * 256 * 2);
   EXPECT_DOUBLE_EQ(point.table_numbers, point.n_patterns * 256.0 / 480.0);
   EXPECT_GE(point.bytes, point.table_bytes);
+}
+
+TEST(BasisStudy, FloorOfPcaIsTheEnergyOfTheVectorsItHasNot) {
+  // Against the eigenvalues themselves: a bright capture whose first vector has nearly all
+  // energy, so that rounded vectors' energies would not tell a floor of a thousandth.
+  const StudyCapture capture = made_capture(make_stack(kScene));
+  BasisStudyOptions options;
+  options.bases = {"pca"};
+  options.errors = {0.05};
+  options.sizes = {};
+  options.pca_rank = 40;
+  const BasisStudy study = study_bases(capture, options);
+  const MemoryStack& stack = make_stack(kScene);
+  using RowsOfFloat = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::MatrixXd rows =
+      Eigen::Map<const RowsOfFloat>(stack.values().data(), 480, 256).cast<double>();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(rows.transpose() * rows);
+  const double rest = eigen.eigenvalues().head(216).sum();
+  EXPECT_NEAR(study.results[0].floor_error / std::sqrt(rest / rows.squaredNorm()), 1.0, 0.01);
 }
 
 TEST(BasisStudy, PicturesOfOneLightAreThatLightsOwn) {
