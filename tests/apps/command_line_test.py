@@ -254,6 +254,19 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(self.run_line("view object.hlb --port 70000").returncode, USAGE)
         self.assertEqual(self.run_line("view object.hlb --web absent").returncode, BAD_INPUT)
 
+    def test_bases_leaves_records_of_the_shared_schema(self):
+        done = self.run_line("bases object.hlb -o compared --error 0.05 --size 2")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertIn("left out: Haar: the lights form no grid", done.stdout)
+        place = self.folder / "compared"
+        records = json.loads((place / "records.json").read_text())
+        schema = json.loads((SOURCE / "docs/tradeoff.schema.json").read_text())
+        self.assertGreater(len(records), 10)
+        self.assertEqual(schema_problems(records, schema), [])
+        for name in ("bases.txt", "bases.json", "sizes.svg", "lightings.svg", "regions.svg",
+                     "regions.png"):
+            self.assertGreater((place / name).stat().st_size, 100, name)
+
     def test_progress_is_a_bar_on_a_terminal_unless_quiet(self):
         for line in ("develop session --force", "verify session"):
             with self.subTest(line=line):
