@@ -22,9 +22,32 @@ def inverse_haar(x):  # in place on (pixels, n, n)
             x[:, r:2 * m:2, c:2 * m:2] = value / 2
         m *= 2
 
-def plate_terms(height, width, degree):  # products of Chebyshev polynomials, (terms, pixels)
-    x, y = ([np.cos(k * np.arccos((2 * np.arange(s) + 1) / s - 1)) for k in range(degree + 1)] for s in (width, height))
-    return np.array([np.outer(b, a).ravel() for b in y for a in x])
+def inverse_s(x):  # in place on (pixels, n, n), whole numbers
+    m = 1
+    while m < x.shape[1]:
+        for axis in (1, 2):  # along y, then x
+            v = x[:, :2 * m, :2 * m].swapaxes(1, axis)
+            s, d = v[:, :m].copy(), v[:, m:].copy()
+            b = s - (d >> 1)
+            v[:, 0::2], v[:, 1::2] = b + d, b
+        m *= 2
+
+def chebyshev(size, degree):
+    x, t = (2.0 * np.arange(size) + 1.0) / size - 1.0, [np.ones(size)]
+    for k in range(1, degree + 1):
+        t.append(x if k == 1 else 2.0 * x * t[-1] - t[-2])
+    return t
+
+def plate_direction(u, vectors, height, width, degree):  # (lights, pixels): sums in this order, see "Integers"
+    x, y = chebyshev(width, degree), chebyshev(height, degree)
+    terms = [np.outer(b, a).ravel() for b in y for a in x]
+    out = np.zeros((vectors.shape[1], height * width))
+    for row, vector in zip(u.astype(float), vectors.astype(float)):
+        weight = np.zeros(height * width)
+        for number, term in zip(row, terms):
+            weight = weight + number * term
+        out = out + weight * vector[:, None]
+    return out
 
 def read_hlb(name):
     file = open(name, "rb").read()
@@ -53,17 +76,36 @@ def read_hlb(name):
                     if head["coding"] == "lossless":
                         rows = signed(numbers(inflate(packed, 4 * p * (end - begin)))).reshape(-1, p)
                         values[begin:end] = rows.cumsum(0, dtype="u4").view("<f4")
+                    elif head["coding"] == "integers":
+                        if packed:
+                            bits, at = np.frombuffer(packed[:end - begin], "u1"), end - begin
+                            low = np.zeros((end - begin, p), "i8")
+                            for row, w in enumerate(bits.astype(int)):
+                                size = (p * w + 7) // 8
+                                plain = np.unpackbits(np.frombuffer(packed[at:at + size], "u1"), bitorder="little")
+                                low[row] = plain[:p * w].reshape(p, w) @ (1 << np.arange(w))
+                                at += size
+                            high = signed(numbers(inflate(packed[at:], 4 * p * (end - begin)))).view("<i4")
+                            values[begin:end] = (high.reshape(-1, p).astype("i8") << bits[:, None].astype("i8")) + low
                     elif k:
                         both = inflate(packed, 8 * k)
                         cells = begin * p + np.cumsum(numbers(both[:4 * k]).astype("i8") + 1) - 1
                         values[order[cells // p], cells % p] = signed(numbers(both[4 * k:])).view("<i4")
+                if head["coding"] != "lossless":
+                    gains = signed(numbers(raw[p:5 * p])).cumsum(dtype="u4").view("<i4") * head["plate"]["gain_step"]
+                    plate = gains * plate_direction(numbers(raw[5 * p:]).view("<f4").reshape(rank, terms),
+                        tables[:rank * lights].reshape(rank, lights), *view.shape[:2], head["plate"]["degree"])
                 if head["coding"] == "quantised":
                     values = np.ascontiguousarray(values.T * (head["step"] / 2.0 ** raw[:p, None]))
                     if haar:
                         inverse_haar(values.reshape(-1, n, n))
-                    gain = head["plate"]["gain_step"] * signed(numbers(raw[p:5 * p])).cumsum(dtype="u4").view("<i4")
-                    u = numbers(raw[5 * p:]).view("<f4").reshape(rank, terms) @ plate_terms(*view.shape[:2], head["plate"]["degree"])
-                    values = (values + (gain * u).T @ tables[:rank * lights].reshape(rank, lights)).T
+                    values = values.T + plate
+                elif head["coding"] == "integers":
+                    values = np.ascontiguousarray(values.T.astype("i8"))
+                    if head["basis"] == "haar":
+                        inverse_s(values.reshape(-1, n, n))
+                    units = np.array(head["units"])[:, None]
+                    values = ((values.T + np.floor(plate / units + 0.5)) * units).astype("<f4")
                 view[:] = values.T.reshape(view.shape)
     return out
 

@@ -365,6 +365,23 @@ Developer::Rows Developer::rows(int y0, int y1) {
   return develop_rows(impl_->job, *impl_->radiometry, y0, y1, impl_->tally);
 }
 
+std::vector<double> Developer::steps() const {
+  const Job& job = impl_->job;
+  std::vector<double> steps;
+  if (!job.plan.is_single || job.demosaic != Demosaic::none) {
+    return steps;
+  }
+  for (const PatternGroup& group : job.plan.groups) {
+    const double step =
+        group.frames.size() == 1 ? impl_->radiometry->step_of(group.frames.front()) : 0.0;
+    if (!(step > 0.0)) {
+      return {};
+    }
+    steps.push_back(step);
+  }
+  return steps;
+}
+
 std::string Developer::record() const {
   impl_->radiometry->require_levels(impl_->tally);
   return fmt::format(

@@ -91,6 +91,11 @@ class Developer {
   /// strips of 64 rows: whole strips are read once.
   [[nodiscard]] Rows rows(int y0, int y1);
 
+  /// What one step of the camera is in each light's values, (n_lights); empty where values come
+  /// of several samples (exposures, patterns, colours from a mosaic) or of a curve. Values are
+  /// whole multiples where neither dark frames nor a flat field are applied.
+  [[nodiscard]] std::vector<double> steps() const;
+
   /// When every row was asked for: what each step did (Developed::record).
   /// @throws Error  exposures that contradict each other by more than the bound
   [[nodiscard]] std::string record() const;

@@ -25,6 +25,8 @@ class Lineariser {
   [[nodiscard]] bool is_clipped(float dn) const { return dn >= clip_; }
   /// The clip level, linear.
   [[nodiscard]] double clip() const { return (*this)(clip_); }
+  /// One step of the camera is the same everywhere.
+  [[nodiscard]] bool is_linear() const { return !is_srgb_; }
   /// White minus black: what a value of 1 share of the range is.
   [[nodiscard]] double range() const { return range_; }
 

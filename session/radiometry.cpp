@@ -183,6 +183,13 @@ Radiometry::Factors Radiometry::factors_of(const ScaledFrame& frame) const {
   return factors;
 }
 
+double Radiometry::step_of(const ScaledFrame& frame) const {
+  const Factors factors = factors_of(frame);
+  return linear_.is_linear() && factors.per_unit > 0.0
+             ? factors.electrons_per_step / factors.per_unit
+             : 0.0;
+}
+
 void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
                                RadianceRows& out) const {
   const FrameForm& form = session_->info().form;

@@ -87,6 +87,10 @@ class Radiometry {
   /// Relative variance of the flat field: of every pattern the same at a pixel.
   [[nodiscard]] double flat_variance() const { return flat_.relative_variance; }
 
+  /// What one step of the camera is in the radiance of a frame's pattern, flat field left out;
+  /// 0 where the curve is not linear.
+  [[nodiscard]] double step_of(const ScaledFrame& frame) const;
+
   /// Pixels around a band that inpainting looks at, 0 when nothing is bad.
   [[nodiscard]] bool has_bad_pixels() const { return !bad_.is_empty(); }
   [[nodiscard]] const SensorResponse& response() const { return response_; }

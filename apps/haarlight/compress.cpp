@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <limits>
 #include <optional>
 
 #include <fmt/format.h>
@@ -22,6 +23,7 @@ struct CompressArguments {
   std::string output;
   std::optional<double> max_error;
   std::optional<double> worst_pixel;
+  bool is_integer = false;
   std::string plate;
   std::string basis = "haar";
   std::string transfer;
@@ -38,6 +40,9 @@ ErrorAsked choose_error(const CompressArguments& arguments, const Session& sessi
                         Report& report) {
   constexpr double kWithoutNoise = 0.01;
   constexpr double kLeast = 1e-4;
+  if (arguments.is_integer) {
+    return {std::numeric_limits<double>::infinity(), "whole steps of the camera, exactly"};
+  }
   if (arguments.max_error) {
     return {*arguments.max_error, "as asked"};
   }
@@ -73,6 +78,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   const Session session = Session::open(arguments.session);
   const ErrorAsked asked = choose_error(arguments, session, plate, options, report);
   options.relative_l2 = asked.relative_l2;
+  options.is_integer = arguments.is_integer;
   report.add_asked("relative_l2", options.relative_l2);
   report.add_detail("relative_l2_from", asked.reason);
   const CompressSummary summary = compress_session(session, plate, arguments.output, options);
@@ -139,6 +145,8 @@ void add_compress(Command root, Invocation& invocation) {
               "Relative L2 error of the whole stack; 0 is exact, bit for bit (default: the "
               "capture's own noise, or 0.01 where nobody measured it)",
               {.bounds = Bounds{0.0, 1.0}});
+  verb.flag("--whole-steps", &arguments->is_integer,
+            "Every value as a whole number of the camera's steps, exactly (16-bit lossless)");
   verb.option("--worst-pixel", &arguments->worst_pixel,
               "Bound on every pixel's own relative error (default: none)",
               {.bounds = Bounds{}});
@@ -157,6 +165,7 @@ void add_compress(Command root, Invocation& invocation) {
       "Killed, it goes on where it was when the same command is given again.\n\n"
       "Examples:\n"
       "  haarlight compress sessions/airplane -o airplane.hlb --max-error 0.01\n"
+      "  haarlight compress sessions/airplane -o archive.hlb --whole-steps\n"
       "  haarlight compress sessions/coin -o coin.hlb --basis direct --plate none\n"
       "  mpirun -n 4 haarlight compress sessions/airplane -o airplane.hlb");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {

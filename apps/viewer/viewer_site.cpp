@@ -108,7 +108,7 @@ std::string describe(const BasisFile& basis, const ViewerConfig& config) {
       {"n_tiles", basis.n_tiles()},
       {"lights", {{"count", header.dims.n_lights}, {"grid", header.grid}}},
       {"basis", std::string(to_string(header.basis))},
-      {"coding", std::string(to_string(header.coding))},
+      {"coding", header.coding == BasisCoding::quantised ? "quantised" : "lossless"},
       {"order", basis.order()},
       {"groups", groups},
       {"step", header.step},

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <numbers>
 #include <optional>
 
 #include <fmt/format.h>
@@ -44,6 +45,7 @@ struct Arguments {
   bool has_no_plate = false;
   int repeats = 9;
   double electrons = 0.0;
+  double electrons_a_step = 0.0;
   std::vector<double> errors = {0.01, 0.001, 0.0};
 };
 
@@ -201,6 +203,36 @@ double distance(const StackSource& stack, const MemoryStack& clean) {
   return compare(all.values(), clean.values()).relative_l2;
 }
 
+/// The noisy stack as a camera's whole steps, exactly; beside it what its noise alone takes:
+/// the entropy of a rounded normal distribution, log2(sigma sqrt(2 pi e)) bits a value.
+void print_whole_steps(const Capture& capture, const Arguments& arguments,
+                       const std::filesystem::path& folder) {
+  const StackDims dims = capture.memory->dims();
+  std::vector<float> values(capture.memory->values().begin(), capture.memory->values().end());
+  const double unit = arguments.electrons_a_step / arguments.electrons;
+  double bits = 0.0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const double clean = std::max(0.0, double{capture.clean->values()[i]});
+    const double sigma =
+        std::sqrt(clean * arguments.electrons + 9.0) / arguments.electrons_a_step;
+    bits += std::log2(sigma * std::sqrt(2.0 * std::numbers::pi * std::numbers::e));
+    values[i] = static_cast<float>(std::round(double{values[i]} / unit) * unit);
+  }
+  const MemoryStack whole(dims, std::move(values));
+  CompressSource source = capture.source;
+  source.stack = &whole;
+  source.units.assign(static_cast<std::size_t>(dims.n_lights), unit);
+  CompressOptions options;
+  options.is_integer = true;
+  const CompressSummary summary = compress_stack(source, folder / "whole.hlb", options);
+  const double raw = 2.0 * static_cast<double>(whole.values().size());
+  fmt::print(
+      "whole steps of {:g} electrons: {} bytes, {:.3f} times smaller than 16 bits; the noise "
+      "alone allows {:.3f}; worst value {:.2g}\n",
+      arguments.electrons_a_step, summary.bytes, raw / double(summary.bytes), 8.0 * raw / bits,
+      summary.header.reached.worst_value);
+}
+
 std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
                          const std::filesystem::path& folder) {
   struct File {
@@ -220,6 +252,9 @@ std::vector<Row> measure(const Capture& capture, const Arguments& arguments,
     const double noise = distance(*capture.source.stack, *capture.clean);
     fmt::print("noise: {:.4g} of the stack's norm\n", noise);
     errors.insert(errors.begin(), noise);
+    if (arguments.electrons_a_step > 0.0) {
+      print_whole_steps(capture, arguments, folder);
+    }
   }
   for (const double error : errors) {
     const std::string mode = error == 0.0 ? "exact" : fmt::format("{:g} %", 100.0 * error);
@@ -317,6 +352,8 @@ int run(int argc, char** argv) {
   program.option("--repeats", &arguments.repeats, "Runs of each mode", {.shows_default = true});
   program.option("--electrons", &arguments.electrons,
                  "Noise: electrons of a lit pixel, 0 = none");
+  program.option("--electrons-a-step", &arguments.electrons_a_step,
+                 "Of the camera: compress the noisy stack as its whole steps too");
   program.option("--errors", &arguments.errors, "Errors to compress to, separated by commas",
                  {.delimiter = ','});
   program.flag("--no-plate", &arguments.has_no_plate, "Without the clean plate");

@@ -12,6 +12,7 @@
 #include "relight/basis/basis_header.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/haar_blocks.h"
+#include "relight/basis/integer_coding.h"
 #include "relight/basis/tile_plate.h"
 
 namespace haarlight {
@@ -314,14 +315,60 @@ SparseBlock BasisFile::sparse(int i_tile, int channel, int group) const {
 }
 
 std::vector<float> BasisFile::floats(int i_tile, int channel, int group) const {
-  HAARLIGHT_EXPECTS(header_.coding == BasisCoding::lossless, "a lossless file");
+  HAARLIGHT_EXPECTS(header_.coding != BasisCoding::quantised, "no quantised file");
   const TileRect rect = tile_rect(i_tile);
+  if (header_.coding == BasisCoding::integers) {
+    const std::vector<float> all = decode_integers_of(i_tile, channel);
+    const std::size_t n_pixels = count(rect.n_pixels());
+    std::vector<float> rows;
+    rows.reserve(count(group_end(group) - group_begin(group)) * n_pixels);
+    for (int k = group_begin(group); k < group_end(group); ++k) {
+      for (std::size_t p = 0; p < n_pixels; ++p) {
+        rows.push_back(all[p * count(header_.dims.n_lights) + count(k)]);
+      }
+    }
+    return rows;
+  }
   return decode_floats(block_bytes(i_tile, channel, group + 1),
                        count(group_end(group) - group_begin(group)), count(rect.n_pixels()),
                        block_name(i_tile, channel, group + 1));
 }
 
+std::vector<float> BasisFile::decode_integers_of(int i_tile, int channel) const {
+  const TileRect rect = tile_rect(i_tile);
+  const std::size_t n_pixels = count(rect.n_pixels());
+  const std::size_t n_lights = count(header_.dims.n_lights);
+  std::vector<std::int64_t> numbers(n_pixels * n_lights);  // (pixels, lights)
+  for (int g = 0; g < n_groups(); ++g) {
+    const std::vector<std::int32_t> rows = decode_integers(
+        block_bytes(i_tile, channel, g + 1), count(group_end(g) - group_begin(g)), n_pixels,
+        block_name(i_tile, channel, g + 1));
+    for (int k = group_begin(g); k < group_end(g); ++k) {
+      const std::size_t row = count(k - group_begin(g)) * n_pixels;
+      for (std::size_t p = 0; p < n_pixels; ++p) {
+        numbers[p * n_lights + count(k)] = rows[row + p];
+      }
+    }
+  }
+  const PixelBlock pixel_block = pixels(i_tile, channel);
+  IntegerPrediction prediction(header_, tables_.plate_vectors, rect, pixel_block.plate);
+  std::vector<float> out(n_pixels * n_lights);
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    const std::span<std::int64_t> row = std::span(numbers).subspan(p * n_lights, n_lights);
+    inverse_integers(header_, row);
+    const std::span<const std::int32_t> predicted = prediction.of(p, pixel_block.gain[p]);
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      const std::int64_t n = row[k] + predicted[k];
+      out[p * n_lights + k] = static_cast<float>(static_cast<double>(n) * header_.units[k]);
+    }
+  }
+  return out;
+}
+
 std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
+  if (header_.coding == BasisCoding::integers) {
+    return decode_integers_of(i_tile, channel);
+  }
   const std::size_t n_pixels = count(tile_rect(i_tile).n_pixels());
   const std::size_t n_lights = count(header_.dims.n_lights);
   std::vector<float> out(n_pixels * n_lights);

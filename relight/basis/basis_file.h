@@ -29,6 +29,7 @@ enum class BasisKind {
 enum class BasisCoding {
   quantised,  ///< multiples of a step, error as reached
   lossless,   ///< the stack's floats bit for bit, light by light
+  integers,   ///< whole multiples of each light's unit, all of them exact
 };
 [[nodiscard]] std::string_view to_string(BasisKind kind) noexcept;
 [[nodiscard]] std::string_view to_string(BasisCoding coding) noexcept;
@@ -64,6 +65,7 @@ struct BasisHeader {
   int plate_rank = 0;
   int plate_degree = 0;         ///< of the polynomials of each tile (tile_plate.h)
   double gain_step = 0.0;       ///< a pixel's gain is a multiple of it
+  std::vector<double> units;    ///< (n_lights) of BasisCoding::integers, else empty
   std::vector<int> group_ends;  ///< last + 1 of each group in the order; the last is n_lights
 
   std::string rig_toml;  ///< empty: see lights
@@ -99,10 +101,10 @@ struct BasisTables {
 };
 
 /// The order in which coefficients are stored: order[i] is a light-domain index (row * n + col
-/// within its grid, grids one after the other; the light itself for direct and lossless).
+/// within its grid, grids one after the other; the index itself for all but quantised Haar).
 [[nodiscard]] std::vector<int> coefficient_order(const BasisHeader& header);
 /// The default groups: per grid 8 x 8 coarse coefficients, then a group a level; 64 lights for
-/// direct and lossless.
+/// all but quantised Haar.
 [[nodiscard]] std::vector<int> default_group_ends(const BasisHeader& header);
 
 /// One block of the index.
@@ -149,7 +151,8 @@ class BasisFile {
   [[nodiscard]] SparseBlock sparse(int i_tile, int channel, int group) const;
   [[nodiscard]] bool is_group_empty(int i_tile, int channel, int group) const;
   [[nodiscard]] std::uint32_t group_bytes(int i_tile, int channel, int group) const;
-  /// (lights of the group, pixels) of a lossless file.
+  /// (lights of the group, pixels) of a file that is not quantised. Of integers every group
+  /// costs the whole tile.
   [[nodiscard]] std::vector<float> floats(int i_tile, int channel, int group) const;
 
   /// A tile's values (pixels, n_lights), decoded.
@@ -161,6 +164,8 @@ class BasisFile {
  private:
   BasisFile() = default;
   void parse();
+  /// (pixels, n_lights)
+  [[nodiscard]] std::vector<float> decode_integers_of(int i_tile, int channel) const;
   [[nodiscard]] const BlockEntry& entry(int i_tile, int channel, int block) const;
   [[nodiscard]] std::span<const std::byte> block_bytes(int i_tile, int channel,
                                                        int block) const;

@@ -136,6 +136,19 @@ void read_groups(BasisHeader& header, const json& list, const std::string& where
   }
 }
 
+void read_units(BasisHeader& header, const json& list, const std::string& where) {
+  if (!list.is_array() || list.size() != static_cast<std::size_t>(header.dims.n_lights)) {
+    throw_bad("header field 'units' is not a list of one number a light", where);
+  }
+  for (const json& item : list) {
+    const double unit = item.is_number() ? item.get<double>() : 0.0;
+    if (!(unit > 0.0) || !std::isfinite(unit)) {
+      throw_bad("a light's unit in the header is not above 0", where);
+    }
+    header.units.push_back(unit);
+  }
+}
+
 void check_basis(const BasisHeader& header, const std::string& where) {
   if (header.grid > 0 &&
       (!is_haar_size(header.grid) || header.dims.n_lights % (header.grid * header.grid) != 0)) {
@@ -146,8 +159,7 @@ void check_basis(const BasisHeader& header, const std::string& where) {
   if (header.basis == BasisKind::haar && header.grid == 0) {
     throw_bad("a Haar basis without a grid", where);
   }
-  if (header.coding == BasisCoding::quantised &&
-      (!std::isfinite(header.step) || !std::isfinite(header.gain_step))) {
+  if (!std::isfinite(header.step) || !std::isfinite(header.gain_step)) {
     throw_bad("the quantiser's step is not finite", where);
   }
   if (header.rig_toml.empty() &&
@@ -163,7 +175,15 @@ std::string_view to_string(BasisKind kind) noexcept {
 }
 
 std::string_view to_string(BasisCoding coding) noexcept {
-  return coding == BasisCoding::quantised ? "quantised" : "lossless";
+  switch (coding) {
+    case BasisCoding::quantised:
+      return "quantised";
+    case BasisCoding::lossless:
+      return "lossless";
+    case BasisCoding::integers:
+      return "integers";
+  }
+  return "";
 }
 
 std::string basis_header_to_json(const BasisHeader& header) {
@@ -174,7 +194,7 @@ std::string basis_header_to_json(const BasisHeader& header) {
                       {"place", {light.place.x(), light.place.y(), light.place.z()}},
                       {"power", light.relative_power}});
   }
-  const json root = {
+  json root = {
       {"format", "haarlight basis"},
       {"version", kBasisVersion},
       {"program", header.program},
@@ -213,6 +233,9 @@ std::string basis_header_to_json(const BasisHeader& header) {
       {"mean_coefficients", header.mean_coefficients},
       {"source", {{"name", header.source}, {"hash", header.source_hash}}},
   };
+  if (header.coding == BasisCoding::integers) {
+    root["units"] = header.units;
+  }
   return root.dump(1, ' ', false, json::error_handler_t::replace);
 }
 
@@ -239,12 +262,17 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   const std::string basis = top.text("basis");
   const std::string coding = top.text("coding");
   if ((basis != "haar" && basis != "direct") ||
-      (coding != "quantised" && coding != "lossless")) {
+      (coding != "quantised" && coding != "lossless" && coding != "integers")) {
     throw Error(fmt::format("basis '{}' with coding '{}' is not known here", basis, coding),
                 where, "read it with a newer haarlight");
   }
   header.basis = basis == "haar" ? BasisKind::haar : BasisKind::direct;
-  header.coding = coding == "quantised" ? BasisCoding::quantised : BasisCoding::lossless;
+  header.coding = coding == "quantised"  ? BasisCoding::quantised
+                  : coding == "lossless" ? BasisCoding::lossless
+                                         : BasisCoding::integers;
+  if (header.coding == BasisCoding::integers) {
+    read_units(header, top.at("units"), where);
+  }
   header.step = top.number("step");
   header.dead_zone = top.number("dead_zone");
   header.dark_norm = top.number("dark_norm");

@@ -55,12 +55,22 @@ std::vector<std::uint32_t> read_planes(std::span<const std::byte> raw) {
   return numbers;
 }
 
-std::vector<std::byte> deflate(std::span<const std::byte> raw) {
+/// What the bytes are like.
+enum class Content {
+  sparse,  ///< much of it repeats
+  noise,   ///< only the frequencies of bytes tell something: short repeats are chance
+};
+
+std::vector<std::byte> deflate(std::span<const std::byte> raw,
+                               Content content = Content::sparse) {
   const std::unique_ptr<ZSTD_CCtx, CompressorFree> context(ZSTD_createCCtx());
   HAARLIGHT_EXPECTS(context != nullptr, "zstd: no memory");
+  // Level 1 takes no match below 7 bytes.
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel,
+                         content == Content::noise ? 1 : kZstdLevel);
   std::vector<std::byte> packed(ZSTD_compressBound(raw.size()));
-  const std::size_t size = ZSTD_compressCCtx(context.get(), packed.data(), packed.size(),
-                                             raw.data(), raw.size(), kZstdLevel);
+  const std::size_t size =
+      ZSTD_compress2(context.get(), packed.data(), packed.size(), raw.data(), raw.size());
   HAARLIGHT_EXPECTS(ZSTD_isError(size) == 0, "zstd: compression failed");
   packed.resize(size);
   return packed;
@@ -83,6 +93,60 @@ std::vector<std::byte> inflate(std::span<const std::byte> packed, std::size_t n_
     throw_damaged("a block cannot be unpacked", where);
   }
   return raw;
+}
+
+constexpr unsigned kMostLowBits = 24;
+
+/// How many low bits of a row's numbers are noise: what is left above them has a mean
+/// magnitude of 8 to 16. Bits below a tenth of a distribution's width are as good as random.
+unsigned noise_bits(std::span<const std::int32_t> row) {
+  double sum = 0.0;
+  for (const std::int32_t v : row) {
+    sum += std::abs(static_cast<double>(v));
+  }
+  const double mean = sum / static_cast<double>(row.size());
+  return mean < 16.0 ? 0U : std::min(kMostLowBits, static_cast<unsigned>(std::ilogb(mean)) - 3U);
+}
+
+std::size_t bytes_of_bits(std::size_t n_numbers, unsigned n_bits) {
+  return (n_numbers * n_bits + 7) / 8;
+}
+
+/// The lowest bits of each number one after the other, lowest first, padded to whole bytes.
+void append_bits(std::vector<std::byte>& to, std::span<const std::int32_t> numbers,
+                 unsigned n_bits) {
+  const std::uint64_t mask = (std::uint64_t{1} << n_bits) - 1;
+  std::uint64_t held = 0;
+  unsigned n_held = 0;
+  const std::size_t end = to.size() + bytes_of_bits(numbers.size(), n_bits);
+  for (const std::int32_t v : numbers) {
+    held |= (static_cast<std::uint64_t>(static_cast<std::uint32_t>(v)) & mask) << n_held;
+    n_held += n_bits;
+    for (; n_held >= 8; n_held -= 8) {
+      to.push_back(static_cast<std::byte>(held & 0xffU));
+      held >>= 8U;
+    }
+  }
+  if (to.size() < end) {
+    to.push_back(static_cast<std::byte>(held & 0xffU));
+  }
+}
+
+/// @param bytes  as many as append_bits() made
+void read_bits(std::span<const std::byte> bytes, unsigned n_bits,
+               std::span<std::int32_t> numbers) {
+  const std::uint64_t mask = (std::uint64_t{1} << n_bits) - 1;
+  std::uint64_t held = 0;
+  unsigned n_held = 0;
+  std::size_t at = 0;
+  for (std::int32_t& v : numbers) {
+    for (; n_held < n_bits; n_held += 8) {
+      held |= std::to_integer<std::uint64_t>(bytes[at++]) << n_held;
+    }
+    v = static_cast<std::int32_t>(held & mask);
+    held >>= n_bits;
+    n_held -= n_bits;
+  }
 }
 
 }  // namespace
@@ -227,6 +291,69 @@ std::vector<float> decode_floats(std::span<const std::byte> bytes, std::size_t n
     const std::uint32_t before =
         i < n_pixels ? 0U : std::bit_cast<std::uint32_t>(values[i - n_pixels]);
     values[i] = std::bit_cast<float>(before + static_cast<std::uint32_t>(unzigzag(numbers[i])));
+  }
+  return values;
+}
+
+std::vector<std::byte> encode_integers(std::span<const std::int32_t> values,
+                                       std::size_t n_pixels) {
+  if (std::all_of(values.begin(), values.end(), [](std::int32_t v) { return v == 0; })) {
+    return {};
+  }
+  const std::size_t n_rows = values.size() / n_pixels;
+  std::vector<std::byte> head(n_rows);
+  std::vector<std::byte> low;
+  std::vector<std::uint32_t> high(values.size());
+  for (std::size_t r = 0; r < n_rows; ++r) {
+    const std::span<const std::int32_t> row = values.subspan(r * n_pixels, n_pixels);
+    const unsigned n_bits = noise_bits(row);
+    head[r] = static_cast<std::byte>(n_bits);
+    append_bits(low, row, n_bits);
+    std::transform(row.begin(), row.end(),
+                   high.begin() + static_cast<std::ptrdiff_t>(r * n_pixels),
+                   [n_bits](std::int32_t v) { return zigzag(v >> n_bits); });
+  }
+  std::vector<std::byte> raw;
+  append_planes(raw, high);
+  const std::vector<std::byte> packed = deflate(raw, Content::noise);
+  std::vector<std::byte> bytes = std::move(head);
+  bytes.insert(bytes.end(), low.begin(), low.end());
+  bytes.insert(bytes.end(), packed.begin(), packed.end());
+  return bytes;
+}
+
+std::vector<std::int32_t> decode_integers(std::span<const std::byte> bytes, std::size_t n_rows,
+                                          std::size_t n_pixels, const std::string& where) {
+  std::vector<std::int32_t> values(n_rows * n_pixels);
+  if (bytes.empty()) {
+    return values;
+  }
+  std::size_t at = n_rows;
+  for (std::size_t r = 0; r < std::min(n_rows, bytes.size()); ++r) {
+    const auto n_bits = std::to_integer<unsigned>(bytes[r]);
+    if (n_bits > kMostLowBits) {
+      throw_damaged("a row states more low bits than numbers have", where);
+    }
+    at += bytes_of_bits(n_pixels, n_bits);
+  }
+  if (at > bytes.size()) {
+    throw_damaged("a block ends before its low bits do", where);
+  }
+  const std::vector<std::uint32_t> high =
+      read_planes(inflate(bytes.subspan(at), 4 * values.size(), where));
+  at = n_rows;
+  for (std::size_t r = 0; r < n_rows; ++r) {
+    const auto n_bits = std::to_integer<unsigned>(bytes[r]);
+    const std::size_t n_bytes = bytes_of_bits(n_pixels, n_bits);
+    read_bits(bytes.subspan(at, n_bytes), n_bits,
+              std::span(values).subspan(r * n_pixels, n_pixels));
+    at += n_bytes;
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      const auto shifted = static_cast<std::uint32_t>(unzigzag(high[r * n_pixels + p]))
+                           << n_bits;
+      std::int32_t& value = values[r * n_pixels + p];
+      value = static_cast<std::int32_t>(shifted | static_cast<std::uint32_t>(value));
+    }
   }
   return values;
 }

@@ -52,6 +52,16 @@ struct PixelBlock {
                                                std::size_t n_rows, std::size_t n_pixels,
                                                const std::string& where);
 
+/// Whole numbers, (n_rows, n_pixels). Of each row as many low bits as are noise are stored as
+/// they are, the rest is packed. Empty bytes when all are zero.
+[[nodiscard]] std::vector<std::byte> encode_integers(std::span<const std::int32_t> values,
+                                                     std::size_t n_pixels);
+/// @throws Error  damaged bytes
+[[nodiscard]] std::vector<std::int32_t> decode_integers(std::span<const std::byte> bytes,
+                                                        std::size_t n_rows,
+                                                        std::size_t n_pixels,
+                                                        const std::string& where);
+
 /// XXH3, 64 bits: the checksum of every part of a basis file.
 [[nodiscard]] std::uint64_t block_checksum(std::span<const std::byte> bytes) noexcept;
 

@@ -29,7 +29,8 @@ constexpr std::string_view kRecipe =
 constexpr double kDarkFloor = 0.01;  // pixels below 1 % of the rms norm are judged against that
 constexpr double kPlateShare = 0.25;  // plate: rms that vectors and polynomials may miss, each
                                       // as a share of the target
-constexpr double kGainStep = 0.125;   // gain step, as a share of the allowed rms error a pixel
+constexpr double kIntegerPlate = 0.004;  // below the noise of any camera
+constexpr double kGainStep = 0.125;  // gain step, as a share of the allowed rms error a pixel
 // The histogram predicts the error to about 0.1 % where it has seen every row; of rows 32 apart
 // it knows the rest to 1 %.
 constexpr double kStepMargin = 0.997;
@@ -94,7 +95,15 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
           source.plate_source, "give the plate of this rig, or --plate none");
     }
   }
-  if (options.relative_l2 == 0.0 || options.worst_pixel == 0.0) {
+  if (options.is_integer) {
+    if (source.units.size() != static_cast<std::size_t>(dims.n_lights)) {
+      throw Error("the values are no whole steps of a camera", source.name,
+                  "use --max-error 0, which keeps every float");
+    }
+    header.coding = BasisCoding::integers;
+    header.units = source.units;
+    header.asked_relative_l2 = std::numeric_limits<double>::infinity();
+  } else if (options.relative_l2 == 0.0 || options.worst_pixel == 0.0) {
     header.coding = BasisCoding::lossless;
   }
   return header;
@@ -200,8 +209,12 @@ std::string job_key(const CompressSource& source, const CompressOptions& options
   if (source.key.empty()) {
     return {};
   }
+  std::string units;
+  for (const double unit : options.is_integer ? source.units : std::vector<double>()) {
+    units += fmt::format("{:x} ", std::bit_cast<std::uint64_t>(unit));
+  }
   return content_hash(fmt::format(
-      "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, HAARLIGHT_VERSION, source.key,
+      "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, HAARLIGHT_VERSION, units, source.key,
       source.plate_kind, source.plate_source, source.kind,
       std::string(to_string(options.basis)), std::bit_cast<std::uint64_t>(options.relative_l2),
       std::bit_cast<std::uint64_t>(options.worst_pixel)));
@@ -275,7 +288,9 @@ void Compressor::fit_plate() {
   if (source_.plate == nullptr || coding_.header.coding == BasisCoding::lossless) {
     return;
   }
-  const double target = kPlateShare * coding_.header.asked_relative_l2;
+  const bool is_integer = coding_.header.coding == BasisCoding::integers;
+  const double target =
+      kPlateShare * (is_integer ? kIntegerPlate : coding_.header.asked_relative_l2);
   coding_.vectors = fit_plate_vectors(*source_.plate, target);
   if (coding_.vectors.rank == 0) {
     return;  // the plate is black: nothing to take off
@@ -375,7 +390,7 @@ std::string blocks_name(int tile_row) { return fmt::format("blocks-{:05}", tile_
 std::string sums_name(int tile_row) { return fmt::format("sums-{:05}", tile_row); }
 
 void Compressor::code() {
-  const bool is_lossless = coding_.header.coding == BasisCoding::lossless;
+  const bool is_lossless = coding_.header.coding != BasisCoding::quantised;
   const std::string key = step_key();
   Progress progress(is_lossless ? "code (exact)" : "code", count(n_tile_rows()),
                     options_.progress);
@@ -534,6 +549,11 @@ CompressSummary Compressor::compress() {
   if (header.coding == BasisCoding::quantised) {
     fit_plate();
     choose_steps(sample());
+  } else if (header.coding == BasisCoding::integers) {
+    fit_plate();
+    // A light's share of the gain's rounding is an eighth of a unit.
+    header.gain_step = 0.25 * *std::min_element(header.units.begin(), header.units.end()) *
+                       std::sqrt(double(dims().n_lights));
   }
   for (int attempt = 0;; ++attempt) {
     if (attempt == kMaxAttempts) {
@@ -556,7 +576,7 @@ CompressSummary Compressor::compress() {
     }
     const TileSums sums = sum_tile_rows();
     report(sums);
-    if (header.coding == BasisCoding::lossless || summary_.is_reached()) {
+    if (header.coding != BasisCoding::quantised || summary_.is_reached()) {
       write(sums);
       break;
     }

@@ -37,6 +37,8 @@ struct CompressOptions {
   double relative_l2 = 0.01;  ///< 0: exact, the stack's floats bit for bit
   /// Bound on each pixel's own relative error (StackError::worst_pixel).
   double worst_pixel = std::numeric_limits<double>::infinity();
+  /// Instead of an error: CompressSource::units, every value's nearest multiple exactly.
+  bool is_integer = false;
   BasisKind basis = BasisKind::haar;
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   ProgressStyle progress = ProgressStyle::none;
@@ -52,6 +54,8 @@ struct CompressSource {
   const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no plate
   std::string plate_kind = "none";     ///< computed, captured, itself
   std::string plate_source;
+  /// (n_lights): a step of the camera in the stack's values; empty where they have none.
+  std::vector<double> units;
   int grid = 0;  ///< n where the lights form n x n grids, n a power of two; else 0
   std::string rig_toml;
   std::string rig_hash;
@@ -79,7 +83,8 @@ struct CompressSummary {
 /// Writes `file`, whole or not at all. Deterministic: same input, same bytes, whatever threads,
 /// ranks, memory and interruptions. With several ranks rank 0 writes the file; all return the
 /// same summary but for what each moved itself.
-/// @throws Error  a Haar basis of lights that form no grid (names --basis direct), NaN or
+/// @throws Error  integers of a stack without units, or beyond 2^24 of them; a Haar basis of
+/// lights that form no grid (names --basis direct), NaN or
 ///                infinity (names light and pixel), a plate of another shape, too little
 ///                memory, the disk full (a rerun goes on)
 [[nodiscard]] CompressSummary compress_stack(const CompressSource& source,

@@ -37,6 +37,7 @@ class DevelopedRows final : public RowSource {
       : developer_(session, options) {}
 
   [[nodiscard]] const std::string& key() const noexcept { return developer_.key(); }
+  [[nodiscard]] std::vector<double> steps() const { return developer_.steps(); }
   [[nodiscard]] StackDims dims() const override {
     const StackShape& shape = developer_.shape();
     return {shape.width, shape.height, shape.channels, shape.n_lights};
@@ -146,7 +147,7 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
   double energy = 0.0;
   double noise = 0.0;
   for (int i = 0; i < n_rows; ++i) {
-    const int y = static_cast<int>((std::int64_t{2} * i + 1) * height / (2 * n_rows));
+    const int y = static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
     const Developer::Rows rows = developer.rows(y, y + 1);
     for (std::size_t k = 0; k < rows.values.size(); ++k) {
       const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped, of no known error
@@ -177,6 +178,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   source.plate_source = plate.hash;
   source.key = content_hash(rows.key() + "\n" + plate.kind + "\n" + plate.key);
   source.grid = haar_grid(session.info());
+  source.units = rows.steps();
   // The rig speaks for the lights only when the session has all of them.
   if (session.rig() && session.rig()->n_lights() == rows.dims().n_lights) {
     source.rig_toml = session.rig()->text;

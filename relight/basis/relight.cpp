@@ -30,6 +30,7 @@ class Relighting {
                 std::vector<std::uint64_t>& bytes) const;
   void sum_quantised(int i_tile, const TileRect& rect, int channel,
                      std::vector<std::vector<double>>& sums) const;
+  void sum_integers(int i_tile, int channel, std::vector<std::vector<double>>& sums) const;
   void sum_lossless(int i_tile, const TileRect& rect, int channel,
                     std::vector<std::vector<double>>& sums) const;
   [[nodiscard]] bool is_group_needed(int channel, int group) const;
@@ -45,7 +46,10 @@ bool Relighting::is_group_needed(int channel, int group) const {
     if (queries_[q].channel != channel) {
       continue;
     }
-    const bool is_lossless = basis_.header().coding == BasisCoding::lossless;
+    const bool is_lossless = basis_.header().coding != BasisCoding::quantised;
+    if (basis_.header().coding == BasisCoding::integers && queries_[q].terms > 0) {
+      return true;  // no light comes alone
+    }
     const std::vector<double>& values = is_lossless ? lossless_weights_[q] : queries_[q].light;
     for (int place = basis_.group_begin(group); place < basis_.group_end(group); ++place) {
       if (values[count(basis_.order()[count(place)])] != 0.0) {
@@ -130,6 +134,29 @@ void Relighting::sum_lossless(int i_tile, const TileRect& rect, int channel,
   }
 }
 
+/// Integers can only be had of all lights at once.
+void Relighting::sum_integers(int i_tile, int channel,
+                              std::vector<std::vector<double>>& sums) const {
+  const bool is_wanted =
+      std::any_of(queries_.begin(), queries_.end(),
+                  [&](const LightQuery& q) { return q.channel == channel && q.terms > 0; });
+  if (!is_wanted) {
+    return;
+  }
+  const std::vector<float> values = basis_.decode_tile(i_tile, channel);
+  const std::size_t n_lights = count(basis_.header().dims.n_lights);
+  for (std::size_t q = 0; q < queries_.size(); ++q) {
+    if (queries_[q].channel != channel) {
+      continue;
+    }
+    for (std::size_t p = 0; p < sums[q].size(); ++p) {
+      for (std::size_t k = 0; k < n_lights; ++k) {
+        sums[q][p] += lossless_weights_[q][k] * double{values[p * n_lights + k]};
+      }
+    }
+  }
+}
+
 void Relighting::sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
                           std::vector<std::uint64_t>& bytes) const {
   const BasisHeader& header = basis_.header();
@@ -137,7 +164,9 @@ void Relighting::sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
   const std::size_t n_pixels = count(rect.n_pixels());
   std::vector<std::vector<double>> sums(queries_.size(), std::vector<double>(n_pixels));
   for (int c = 0; c < header.dims.channels; ++c) {
-    if (header.coding == BasisCoding::lossless) {
+    if (header.coding == BasisCoding::integers) {
+      sum_integers(i_tile, c, sums);
+    } else if (header.coding == BasisCoding::lossless) {
       sum_lossless(i_tile, rect, c, sums);
     } else {
       sum_quantised(i_tile, rect, c, sums);
@@ -160,7 +189,7 @@ void Relighting::sum_tile(int i_tile, std::vector<RelitPicture>& pictures,
 std::vector<RelitPicture> Relighting::sum() {
   const BasisHeader& header = basis_.header();
   lossless_weights_.clear();
-  if (header.coding == BasisCoding::lossless) {
+  if (header.coding != BasisCoding::quantised) {
     // sum over kept i of l_i C_i = sum_k (H^-1 l)_k T_k.
     for (const LightQuery& query : queries_) {
       std::vector<double> w = query.light;

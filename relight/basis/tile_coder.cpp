@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "relight/basis/integer_coding.h"
 #include "relight/basis/tile_plate.h"
 
 namespace haarlight {
@@ -299,6 +300,79 @@ PackedTile copy_channel(const TileCoding& coding, const TileRect& rect, int chan
   return packed;
 }
 
+/// Whole multiples of each light's unit: plate off in whole units, S-transform, packed exactly.
+PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int channel,
+                         std::span<const float> values, TileSums& sums) {
+  const BasisHeader& header = coding.header;
+  const std::size_t n_lights = count(header.dims.n_lights);
+  const std::size_t n_pixels = count(rect.n_pixels());
+  PixelRows<double> rows(coding, rect, channel);
+  PixelBlock pixels;
+  pixels.shift.resize(n_pixels);
+  pixels.gain.resize(n_pixels);
+  pixels.plate = rows.plate();
+  IntegerPrediction prediction(header, coding.vectors.vectors, rect, pixels.plate);
+  std::vector<std::int64_t> rest(n_lights);
+  std::vector<double> decoded(n_lights);
+  std::vector<double> error(n_lights);
+  std::vector<std::int32_t> stored(n_lights * n_pixels);  // (lights, pixels)
+  const std::size_t first = count(channel) * n_lights;
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    const std::span<const float> t = values.subspan(p * n_lights, n_lights);
+    add_squares(t, sums.light_energy.data() + first, sums.peak);
+    if (coding.vectors.rank > 0) {
+      pixels.gain[p] = static_cast<std::int32_t>(
+          std::clamp(std::round(rows.fit_gain(p, t) / header.gain_step), -kLargestQuantum,
+                     kLargestQuantum));
+    }
+    const std::span<const std::int32_t> predicted = prediction.of(p, pixels.gain[p]);
+    double energy = 0.0;
+    double error_energy = 0.0;
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      const double whole = std::round(double{t[k]} / header.units[k]);
+      if (!(std::abs(whole) <= kLargestInteger)) {
+        throw Error(fmt::format("light {} at pixel ({}, {}) is {:g} units, more than 2^24", k,
+                                rect.x0 + static_cast<int>(p % count(rect.width)),
+                                rect.y0 + static_cast<int>(p / count(rect.width)), whole),
+                    coding.source, "compress with --max-error 0, which keeps every float");
+      }
+      rest[k] = static_cast<std::int64_t>(whole) - predicted[k];
+      decoded[k] = double{static_cast<float>(whole * header.units[k])};
+      error[k] = decoded[k] - double{t[k]};
+      energy += double{t[k]} * double{t[k]};
+      error_energy += error[k] * error[k];
+      sums.light_error[first + k] += error[k] * error[k];
+      sums.worst_value = std::max(sums.worst_value, std::abs(error[k]));
+    }
+    if (energy > 0.0) {
+      sums.worst_pixel = std::max(sums.worst_pixel, std::sqrt(error_energy / energy));
+    }
+    forward_integers(header, rest);
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      stored[k * n_pixels + p] = static_cast<std::int32_t>(rest[k]);
+    }
+    forward_basis(header, std::span(decoded));
+    forward_basis(header, std::span(error));
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      sums.coefficient_energy[first + k] += decoded[k] * decoded[k];
+      sums.coefficient_error[first + k] += error[k] * error[k];
+    }
+  }
+  PackedTile packed;
+  packed.pixels.bytes = encode_pixels(pixels);
+  int begin = 0;
+  for (const int end : header.group_ends) {
+    packed.groups.push_back(
+        {encode_integers(
+             std::span(stored).subspan(count(begin) * n_pixels, count(end - begin) * n_pixels),
+             n_pixels),
+         0});
+    begin = end;
+  }
+  sums.n_coefficients += static_cast<double>(n_pixels * n_lights);
+  return packed;
+}
+
 bool is_float_enough(const BasisHeader& header) {
   return header.asked_relative_l2 >= kFloatIsEnough &&
          header.asked_worst_pixel >= kFloatIsEnough;
@@ -396,6 +470,8 @@ CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
     const std::span<const float> t = values.subspan(count(c) * per_channel, per_channel);
     if (header.coding == BasisCoding::lossless) {
       coded.channels.push_back(copy_channel(coding, rect, c, t, coded.sums));
+    } else if (header.coding == BasisCoding::integers) {
+      coded.channels.push_back(code_integers(coding, rect, c, t, coded.sums));
     } else if (is_float_enough(header)) {
       coded.channels.push_back(code_channel<float>(coding, rect, c, t, coded.sums));
     } else {

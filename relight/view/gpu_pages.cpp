@@ -192,7 +192,7 @@ void add_floats(const BasisFile& basis, const std::vector<float>& rows, int grou
 int page_side(const BasisHeader& header) { return (header.tile + 3) / 4 * 4; }
 
 double half_scale(const BasisHeader& header) {
-  if (header.coding != BasisCoding::lossless || !(header.peak > 0.0)) {
+  if (header.coding == BasisCoding::quantised || !(header.peak > 0.0)) {
     return 1.0;
   }
   int exponent = 0;
@@ -206,7 +206,7 @@ std::string coefficient_pages(const BasisFile& basis, int channel, int group, Ti
     throw Error(fmt::format("no group {}", group), basis.name(),
                 fmt::format("groups are numbered from 0 to {}", basis.n_groups() - 1));
   }
-  const bool is_lossless = basis.header().coding == BasisCoding::lossless;
+  const bool is_lossless = basis.header().coding != BasisCoding::quantised;
   return pack(basis, tiles, is_lossless ? 2 : 1,
               count(basis.group_end(group) - basis.group_begin(group)),
               [&](int tile, const PagePlaces& places, PageList& list) {

@@ -75,6 +75,14 @@ TEST_F(NumpyReader, ReadsLossless) {
   EXPECT_EQ(compare_with_numpy(made_source(stack, 16), {.relative_l2 = 0.0}), 0.0);
 }
 
+TEST_F(NumpyReader, ReadsWholeStepsToTheBit) {
+  const MemoryStack stack = make_stack({.width = 35, .channels = 3, .noise = 0.02});
+  const MemoryStack plate = make_stack({.width = 35, .has_sphere = false});
+  CompressSource source = made_source(stack, 16, &plate);
+  source.units.assign(256, 1.0 / 6000.0);
+  EXPECT_EQ(compare_with_numpy(source, {.is_integer = true}), 0.0);
+}
+
 TEST_F(NumpyReader, ReadsDirect) {
   const MemoryStack stack = make_stack({.width = 33, .height = 34, .grid = 8});
   const MemoryStack plate =
