@@ -53,7 +53,9 @@ WindowSums::WindowSums(ImageView<const float> visibility, ImageView<const std::u
     : width_(visibility.width()), height_(visibility.height()) {
   HAARLIGHT_EXPECTS(known.width() == width_ && known.height() == height_, "one mask a picture");
   const auto stride = static_cast<std::size_t>(width_) + 1;
-  table_.resize(stride * (static_cast<std::size_t>(height_) + 1));
+  const std::size_t n = stride * (static_cast<std::size_t>(height_) + 1);
+  visible_.resize(n);
+  Table unknown(n);
   for (int y = 0; y < height_; ++y) {
     Sum row;
     for (int x = 0; x < width_; ++x) {
@@ -64,24 +66,57 @@ WindowSums::WindowSums(ImageView<const float> visibility, ImageView<const std::u
       }
       const std::size_t at =
           (static_cast<std::size_t>(y) + 1) * stride + static_cast<std::size_t>(x) + 1;
-      table_[at] = {table_[at - stride].visible + row.visible,
-                    table_[at - stride].unknown + row.unknown};
+      visible_[at] = visible_[at - stride] + row.visible;
+      unknown[at] = unknown[at - stride] + row.unknown;
     }
+  }
+  if (unknown.back() > 0.0) {
+    unknown_ = std::make_shared<const Table>(std::move(unknown));
   }
 }
 
-WindowSums::Sum WindowSums::integral(double x, double y) const {
+WindowSums::WindowSums(std::span<const WindowSums* const> parts, std::span<const double> shares)
+    : width_(parts[0]->width_), height_(parts[0]->height_), unknown_(parts[0]->unknown_) {
+  HAARLIGHT_EXPECTS(parts.size() == shares.size(), "one share a picture");
+  const auto blend = [&](Table& out, const auto& table_of) {
+    out.assign(visible_.size(), 0.0);
+    for (std::size_t p = 0; p < parts.size(); ++p) {
+      const Table* in = table_of(*parts[p]);
+      for (std::size_t i = 0; in != nullptr && i < out.size(); ++i) {
+        out[i] += shares[p] * (*in)[i];
+      }
+    }
+  };
+  visible_.resize(parts[0]->visible_.size());
+  for (const WindowSums* part : parts) {
+    HAARLIGHT_EXPECTS(part->width_ == width_ && part->height_ == height_, "one size");
+  }
+  blend(visible_, [](const WindowSums& part) { return &part.visible_; });
+  const bool is_shared = std::all_of(parts.begin(), parts.end(), [&](const WindowSums* part) {
+    return part->unknown_ == unknown_;
+  });
+  if (!is_shared) {
+    Table unknown;
+    blend(unknown, [](const WindowSums& part) { return part.unknown_.get(); });
+    unknown_ = std::make_shared<const Table>(std::move(unknown));
+  }
+}
+
+void WindowSums::share_unknown(const WindowSums& other) {
+  if (unknown_ && other.unknown_ && *unknown_ == *other.unknown_) {
+    unknown_ = other.unknown_;
+  }
+}
+
+double WindowSums::integral(const Table& table, double x, double y) const {
   const int i = std::min(static_cast<int>(x), width_ - 1);
   const int j = std::min(static_cast<int>(y), height_ - 1);
   const double fx = x - i;
   const double fy = y - j;
   const std::size_t stride = static_cast<std::size_t>(width_) + 1;
-  const Sum* at = &table_[static_cast<std::size_t>(j) * stride + static_cast<std::size_t>(i)];
-  const auto mix = [&](double s00, double s10, double s01, double s11) {
-    return (1.0 - fy) * ((1.0 - fx) * s00 + fx * s10) + fy * ((1.0 - fx) * s01 + fx * s11);
-  };
-  return {mix(at[0].visible, at[1].visible, at[stride].visible, at[stride + 1].visible),
-          mix(at[0].unknown, at[1].unknown, at[stride].unknown, at[stride + 1].unknown)};
+  const double* at = &table[static_cast<std::size_t>(j) * stride + static_cast<std::size_t>(i)];
+  return (1.0 - fy) * ((1.0 - fx) * at[0] + fx * at[1]) +
+         fy * ((1.0 - fx) * at[stride] + fx * at[stride + 1]);
 }
 
 WindowSums::Sum WindowSums::integral(double x0, double x1, double y0, double y1) const {
@@ -92,12 +127,14 @@ WindowSums::Sum WindowSums::integral(double x0, double x1, double y0, double y1)
   if (x0 >= x1 || y0 >= y1) {
     return {};
   }
-  const Sum a = integral(x0, y0);
-  const Sum b = integral(x1, y0);
-  const Sum c = integral(x0, y1);
-  const Sum d = integral(x1, y1);
-  return {(d.visible - c.visible) - (b.visible - a.visible),
-          (d.unknown - c.unknown) - (b.unknown - a.unknown)};
+  const auto sum = [&](const Table& table) {
+    const double a = integral(table, x0, y0);
+    const double b = integral(table, x1, y0);
+    const double c = integral(table, x0, y1);
+    const double d = integral(table, x1, y1);
+    return (d - c) - (b - a);
+  };
+  return {sum(visible_), unknown_ ? sum(*unknown_) : 0.0};
 }
 
 namespace {
@@ -137,6 +174,23 @@ WindowMean WindowSums::mean(double x0, double x1, double y0, double y1) const {
   };
   const double inside = overlap(x0, x1, width_) * overlap(y0, y1, height_);
   return mean_of(sum.visible, sum.unknown, inside, (x1 - x0) * (y1 - y0));
+}
+
+bool WindowSums::is_lit(double x0, double x1, double y0, double y1) const {
+  const double left = std::clamp(std::floor(x0), 0.0, static_cast<double>(width_));
+  const double right = std::clamp(std::ceil(x1), 0.0, static_cast<double>(width_));
+  const double top = std::clamp(std::floor(y0), 0.0, static_cast<double>(height_));
+  const double bottom = std::clamp(std::ceil(y1), 0.0, static_cast<double>(height_));
+  if (left >= right || top >= bottom) {
+    return true;  // beyond the picture: lit
+  }
+  const auto at = [&](double x, double y) {
+    return visible_[static_cast<std::size_t>(y) * (static_cast<std::size_t>(width_) + 1) +
+                    static_cast<std::size_t>(x)];
+  };
+  const double sum = (at(right, bottom) - at(left, bottom)) - (at(right, top) - at(left, top));
+  constexpr double kRounding = 1e-6;  // pixels; the tables' own is below 1e-9
+  return sum >= (right - left) * (bottom - top) - kRounding;
 }
 
 WindowMean WindowSums::mean(const std::array<Eigen::Vector2d, 4>& quad) const {

@@ -1,6 +1,9 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include <Eigen/Core>
@@ -74,13 +77,22 @@ struct WindowMean {
   double outside = 0.0;  ///< share beyond the plane picture, taken as lit
 };
 
-/// Summed-area tables of one light's visibility and of what is known. Shareable between
-/// threads.
+/// Summed-area tables of one light's visibility and of what is unknown. Shareable between
+/// threads. 8 bytes a pixel; as much again for the unknown, once for all tables of one mask and
+/// not at all where everything is known.
 class WindowSums {
  public:
   /// @param visibility  (h, w, 1) in [0, 1]
   /// @param known       (h, w, 1) 1 or 0
   WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known);
+
+  /// The tables of the weighted mean of pictures: sums are linear, so no picture is needed.
+  /// @param parts   one or more, of one size
+  /// @param shares  as many; they add up to 1
+  WindowSums(std::span<const WindowSums* const> parts, std::span<const double> shares);
+
+  /// Takes over the other's table of the unknown where both are equal.
+  void share_unknown(const WindowSums& other);
 
   /// Mean over a rectangle in picture coordinates, pixels taken as squares of constant value:
   /// exact to rounding.
@@ -91,20 +103,25 @@ class WindowSums {
   /// axes.
   [[nodiscard]] WindowMean mean(const std::array<Eigen::Vector2d, 4>& quad) const;
 
+  /// True where every pixel that the rectangle touches is known and fully visible.
+  [[nodiscard]] bool is_lit(double x0, double x1, double y0, double y1) const;
+
   [[nodiscard]] int width() const noexcept { return width_; }
   [[nodiscard]] int height() const noexcept { return height_; }
 
  private:
+  using Table = std::vector<double>;
   struct Sum {
     double visible = 0.0;
     double unknown = 0.0;
   };
-  [[nodiscard]] Sum integral(double x, double y) const;
+  [[nodiscard]] double integral(const Table& table, double x, double y) const;
   [[nodiscard]] Sum integral(double x0, double x1, double y0, double y1) const;
 
   int width_ = 0;
   int height_ = 0;
-  std::vector<Sum> table_;  ///< (height + 1, width + 1)
+  Table visible_;                         ///< (height + 1, width + 1)
+  std::shared_ptr<const Table> unknown_;  ///< the same; null: everything is known
 };
 
 /// Visibility of one light at a vertex by the rule. The window is never smaller than a pixel:

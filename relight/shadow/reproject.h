@@ -1,10 +1,9 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
+#include <limits>
 #include <optional>
 #include <span>
-#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -14,7 +13,7 @@
 #include "core/progress.h"
 #include "relight/shadow/area_mean.h"
 #include "relight/shadow/plane_frame.h"
-#include "relight/shadow/visibility.h"
+#include "relight/shadow/shadow_points.h"
 #include "render/direct_light.h"
 #include "render/ray_caster.h"
 #include "render/scene.h"
@@ -42,16 +41,15 @@ struct Receiver {
 [[nodiscard]] std::vector<Receiver> find_receivers(const Scene& scene, const RayCaster& caster,
                                                    const CameraModel& camera, int n_subpixels);
 
-/// Plane picture of light k's visibility; asked for once for each light of non-zero weight, in
-/// ascending order, from one thread.
-using VisibilitySource = std::function<Visibility(int k)>;
-
 struct ReprojectOptions {
   WindowRule rule = WindowRule::corrected;
-  std::optional<HeightRange> object;  ///< over the plane
+  std::optional<HeightRange> object;  ///< over the plane; where planes are given, theirs counts
   int n_subpixels = 2;
   bool has_own_shadows = true;  ///< the scene's own shadows, by ray casting
-  /// For tables of shadow pictures. The result does not depend on it.
+  /// Of the receivers' irradiance; exact without one (shadow_points.h).
+  Tolerance tolerance{.relative_l2 = 0.0,
+                      .worst_pixel = std::numeric_limits<double>::infinity()};
+  /// For tables of shadow pictures. An exact result does not depend on it.
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
@@ -76,6 +74,7 @@ struct ReprojectReport {
   double over_object_share = 0.0;   ///< receivers over its highest point: drawn lit
   double worst_widening = 1.0;  ///< penumbra above the plane: so many times too wide at most
   VisibilityCount count;
+  PointsReport points;      ///< how the sums were made, and their error
   bool has_glossy = false;  ///< materials whose gloss was left out
 };
 
@@ -97,12 +96,15 @@ struct ReprojectResult {
                                                const VisibilitySource& visibility,
                                                const ReprojectOptions& options = {});
 
+/// The same from several planes, each with its own pictures. Heights in the report are over the
+/// first.
+[[nodiscard]] ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
+                                               std::span<const SamplingPlane> planes,
+                                               std::span<const SquareLight> lights,
+                                               std::span<const Eigen::Vector3d> weights,
+                                               const ReprojectOptions& options = {});
+
 /// Adds one receiver's share of its pixel of an RGB picture.
 void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value);
-
-/// E_k / radiance: exact near the light, four Gauss points where it is ten sides away or more
-/// (relative error below 1e-6 there; render/analytic has the exact form).
-[[nodiscard]] double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
-                                         const Eigen::Vector3d& normal);
 
 }  // namespace haarlight

@@ -54,7 +54,8 @@ class RigPlate final : public StackSource {
 class StackVisibility {
  public:
   /// Reads the stack once for g and for the pixels that show the plane.
-  /// @param wanted  the lights that will be asked for, ascending
+  /// @param wanted  the lights that will be asked for, in that order (visiting_order() of
+  ///                shadow_points.h)
   /// @throws Error  stack, plate and camera of different sizes; a black plate
   StackVisibility(const StackSource& stack, const StackSource& plate, const CameraModel& camera,
                   const PlaneFrame& frame, std::vector<int> wanted,
@@ -82,6 +83,7 @@ class StackVisibility {
   int plate_channels_ = 1;
   StackVisibilityOptions options_;
   std::vector<int> wanted_;
+  std::vector<int> places_;  ///< of each light in wanted_; -1: not wanted
   double scale_ = 0.0;
   Image<std::uint8_t> shows_plane_;
   std::optional<PlaneSampler> sampler_;

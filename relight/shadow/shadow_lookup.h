@@ -1,0 +1,97 @@
+#pragma once
+
+#include <array>
+#include <functional>
+#include <optional>
+#include <span>
+
+#include <Eigen/Core>
+
+#include "relight/shadow/area_mean.h"
+#include "relight/shadow/plane_frame.h"
+#include "relight/shadow/visibility.h"
+#include "render/scene.h"
+
+/// @file
+/// How much of a light a point sees past the object, looked up in the shadow pictures of one or
+/// several planes. The same as project_window and window_visibility (area_mean.h), but in the
+/// plane picture's own coordinates, where eq. (4) is one division: p = v + (v - l) b/(a - b)
+/// holds for columns and rows as for millimetres. Pure; safe from any thread.
+
+namespace haarlight {
+
+/// Plane picture of light k's visibility; asked for from one thread.
+using VisibilitySource = std::function<Visibility(int k)>;
+
+/// A plane that the object's shadow was captured on.
+struct SamplingPlane {
+  PlaneFrame frame;
+  VisibilitySource visibility;
+  std::optional<HeightRange> object;  ///< over this plane
+};
+
+/// A world point as a plane sees it.
+struct PlaneSpot {
+  double height = 0.0;  ///< mm over the plane
+  double x = 0.0;       ///< picture coordinates of its foot
+  double y = 0.0;
+};
+[[nodiscard]] PlaneSpot place_point(const PlaneFrame& frame, const Eigen::Vector3d& world);
+
+/// A light, or a block of lights taken as one, as a plane sees it.
+struct PlaneLight {
+  PlaneSpot centre;
+  std::array<PlaneSpot, 4> corners;
+  bool is_upright = false;  ///< parallel to the plane, sides along the picture's
+  double half_x = 0.0;      ///< half its width in picture pixels, when upright
+  double half_y = 0.0;
+};
+[[nodiscard]] PlaneLight place_light(const PlaneFrame& frame, const SquareLight& light);
+
+/// Where the vertex is, seen from the plane.
+enum class PlaneSide {
+  no_point,  ///< the ray does not meet the plane
+  on,        ///< within a hundredth of a texel of it
+  above,     ///< on the light's side
+  below,
+};
+
+struct ShadowLook {
+  PlaneSide side = PlaneSide::no_point;
+  double value = 1.0;        ///< middle of the bounds
+  double half_spread = 0.0;  ///< half their distance, that of the height range included
+  double unknown = 0.0;      ///< share of the window
+  double outside = 0.0;      ///< share of the window beyond the plane picture, taken as lit
+  double step = 0.0;  ///< from the vertex to the plane, in distances of light and vertex; < 0
+                      ///< towards the light
+  double widening = 1.0;  ///< penumbra above the plane: so many times too wide at most
+};
+
+/// What every look-up of a job shares.
+struct LookRule {
+  WindowRule window = WindowRule::corrected;
+  /// The light is a block of lights: its window spreads what the lights' own places spread,
+  /// also where the rule gives a single light none.
+  bool is_block = false;
+};
+
+[[nodiscard]] ShadowLook look_up(const PlaneFrame& frame,
+                                 const std::optional<HeightRange>& object, LookRule rule,
+                                 const PlaneLight& light, const WindowSums& sums,
+                                 const PlaneSpot& vertex);
+
+/// One answer out of several planes': between the nearest plane on each side of the vertex by
+/// the distances along the ray; where there is one side only, the nearest. Planes whose picture
+/// the ray misses are left out.
+[[nodiscard]] ShadowLook combine(std::span<const ShadowLook> looks);
+
+/// True where no window of any light within the block can hold a shadow: everything that they
+/// could touch is within the picture and lit. Blocks that are not upright: false.
+/// @param centres  the outermost lights' centres as if they were the block's corners
+/// @param light    one of its lights
+[[nodiscard]] bool is_all_lit(const PlaneFrame& frame, const std::optional<HeightRange>& object,
+                              WindowRule rule, const PlaneLight& centres,
+                              const PlaneLight& light, const WindowSums& sums,
+                              const PlaneSpot& vertex);
+
+}  // namespace haarlight

@@ -1,0 +1,814 @@
+#include "relight/shadow/shadow_points.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "core/random.h"
+#include "relight/shadow/light_tree.h"
+#include "render/analytic/polygon_light.h"
+
+// Without contraction every width gives the same bits.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define HAARLIGHT_WIDER [[gnu::target_clones("avx2", "default")]]
+#else
+#define HAARLIGHT_WIDER
+#endif
+
+namespace haarlight {
+namespace {
+
+constexpr std::size_t kGrain = 256;  // receivers a task
+/// Lights a side of a root. Fixed, so that sums have one order and lights share the tests of
+/// the scene's own shadows (render/direct_light.h) whatever the memory.
+constexpr int kRootSide = 16;
+constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
+constexpr std::size_t kChecked = 4096;   // receivers that a threshold is found on
+constexpr double kTrustedErrors = 3.0;   // standard errors
+constexpr int kFinestThreshold = 20;     // 2^-20 of the rms irradiance
+constexpr double kFarSides = 10.0;       // from here on four Gauss points serve
+
+/// A chunk of receivers, each coordinate in a row of its own.
+struct Chunk {
+  std::vector<double> px, py, pz, nx, ny, nz, fx, fy, fz;
+  std::vector<PlaneSpot> spots;  ///< [plane * size + i]
+  std::size_t size = 0;
+};
+
+HAARLIGHT_WIDER void far_irradiance(const SquareLight& light, const Chunk& chunk, double* out) {
+  const double lx = light.centre.x();
+  const double ly = light.centre.y();
+  const double lz = light.centre.z();
+  const double ex = light.emits.x();
+  const double ey = light.emits.y();
+  const double ez = light.emits.z();
+  const double side = std::max(light.width_mm, light.height_mm);
+  const double q = 0.5 / std::numbers::sqrt3;
+  const Eigen::Vector3d du = q * light.width_mm * light.u;
+  const Eigen::Vector3d dv = q * light.height_mm * light.v;
+  const std::array<Eigen::Vector3d, 4> steps{-du - dv, -du + dv, du - dv, du + dv};
+  const double scale = 0.25 * light.width_mm * light.height_mm;
+  const double least = kFarSides * kFarSides * side * side;
+  const std::size_t n = chunk.size;
+  const double* px = chunk.px.data();
+  const double* py = chunk.py.data();
+  const double* pz = chunk.pz.data();
+  const double* nx = chunk.nx.data();
+  const double* ny = chunk.ny.data();
+  const double* nz = chunk.nz.data();
+  for (std::size_t i = 0; i < n; ++i) {
+    const double x = lx - px[i];
+    const double y = ly - py[i];
+    const double z = lz - pz[i];
+    const double r2 = x * x + y * y + z * z;
+    const double over = nx[i] * x + ny[i] * y + nz[i] * z;
+    const double before = -(ex * x + ey * y + ez * z);
+    double sum = 0.0;
+    for (int s = 0; s < 4; ++s) {
+      const double sx = x + steps[static_cast<std::size_t>(s)].x();
+      const double sy = y + steps[static_cast<std::size_t>(s)].y();
+      const double sz = z + steps[static_cast<std::size_t>(s)].z();
+      const double d2 = sx * sx + sy * sy + sz * sz;
+      sum += (nx[i] * sx + ny[i] * sy + nz[i] * sz) * before / (d2 * d2);
+    }
+    const bool is_far = r2 >= least && over > side && before > side;
+    out[i] = is_far ? scale * sum : -1.0;  // -1: to be done with care
+  }
+}
+
+/// The same four points for a block, wherever it is wholly before the receiver.
+double block_irradiance(const SquareLight& light, const SurfacePoint& at) {
+  const Eigen::Vector3d to_light = light.centre - at.point;
+  const double before = -light.emits.dot(to_light);
+  const double q = 0.5 / std::numbers::sqrt3;
+  const Eigen::Vector3d du = q * light.width_mm * light.u;
+  const Eigen::Vector3d dv = q * light.height_mm * light.v;
+  double sum = 0.0;
+  for (const auto& [su, sv] : {std::pair{-1.0, -1.0}, {-1.0, 1.0}, {1.0, -1.0}, {1.0, 1.0}}) {
+    const Eigen::Vector3d to = to_light + su * du + sv * dv;
+    const double d2 = to.squaredNorm();
+    const double lobe =
+        light.lobe_mu == 1.0 ? 1.0 : std::pow(before / std::sqrt(d2), light.lobe_mu - 1.0);
+    sum += at.normal.dot(to) * lobe / (d2 * d2);
+  }
+  return 0.25 * light.width_mm * light.height_mm * before * sum;
+}
+
+bool faces(const SurfacePoint& at, const SquareLight& light) {
+  return at.flat_normal.dot(light.centre - at.point) > 0.0;
+}
+
+/// One light's irradiance at drive 1, the scene's own shadows left out.
+double leaf_irradiance(const SquareLight& light, const SurfacePoint& at) {
+  return faces(at, light) ? light.radiance * receiver_irradiance(light, at.point, at.normal)
+                          : 0.0;
+}
+
+void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, PointTotal& total) {
+  total.light += flux;
+  switch (look.side) {
+    case PlaneSide::no_point:
+      total.no_point += flux;
+      break;
+    case PlaneSide::on:
+      total.on += flux;
+      break;
+    case PlaneSide::above:
+      total.above += flux;
+      break;
+    case PlaneSide::below:
+      total.below += flux;
+      break;
+  }
+  total.unknown += look.unknown > 0.0 ? flux : 0.0;
+  total.outside += look.outside * flux;
+  total.widening = std::max(total.widening, look.widening);
+  total.unshadowed += lit;
+  total.shadowed += look.value * lit;
+  total.spread += look.half_spread * lit.cwiseAbs();
+}
+
+class Job {
+ public:
+  Job(std::span<const SurfacePoint> receivers, std::span<const SamplingPlane> planes,
+      std::span<const SquareLight> lights, std::span<const Eigen::Vector3d> weights,
+      const PointsOptions& options)
+      : receivers_(receivers),
+        planes_(planes),
+        lights_(lights),
+        weights_(weights),
+        options_(options) {
+    for (const SamplingPlane& plane : planes) {
+      // Visible and unknown; the unknown is as a rule shared, but need not be.
+      bytes_a_light_ += 16ULL * static_cast<std::uint64_t>(plane.frame.width + 1) *
+                        static_cast<std::uint64_t>(plane.frame.height + 1);
+    }
+  }
+
+  PointsResult run() {
+    PointsResult result;
+    PointsReport& report = result.report;
+    result.totals.resize(receivers_.size());
+    report.totals_bytes = result.totals.size() * sizeof(PointTotal);
+    std::vector<std::uint32_t> all(receivers_.size());
+    std::iota(all.begin(), all.end(), 0U);
+    roots_ = build_light_trees(lights_, weights_, kRootSide);
+    for (const LightRoot& root : roots_) {
+      report.n_lights += static_cast<int>(root.leaves.size());
+    }
+    double threshold = 0.0;
+    if (may_use_blocks() && choose_side(report)) {
+      threshold = find_threshold(report);
+    }
+    Progress progress("shadow", static_cast<std::size_t>(report.n_lights), options_.progress);
+    report.is_exact = threshold == 0.0;
+    n_lookups_ = 0;
+    for (const LightRoot& root : roots_) {
+      if (report.is_exact) {
+        sum_exactly(root, all, result.totals, report, &progress);
+      } else {
+        const Tables tables = load_tree(root, report, &progress);
+        sum_by_blocks(root, tables, threshold, all, result.totals);
+      }
+    }
+    if (!receivers_.empty()) {
+      report.lookups_a_point =
+          static_cast<double>(n_lookups_.load()) / static_cast<double>(receivers_.size());
+    }
+    report.block_side = report.is_exact ? 1 : side_;
+    if (report.is_exact) {
+      report.reached = {0.0, 0.0, std::numeric_limits<double>::infinity()};
+      report.relative_l2_limit = 0.0;
+      report.threshold = 0.0;
+    }
+    return result;
+  }
+
+ private:
+  using Tables = std::vector<WindowSums>;  // [node * n_planes + plane], or of leaves
+
+  // ---- which way ----
+
+  [[nodiscard]] bool may_use_blocks() const {
+    const bool is_positive =
+        std::all_of(weights_.begin(), weights_.end(),
+                    [](const Eigen::Vector3d& weight) { return weight.minCoeff() >= 0.0; });
+    return options_.tolerance.relative_l2 > 0.0 && options_.tolerance.worst_pixel > 0.0 &&
+           is_positive && receivers_.size() > 2 * kChecked && !roots_.empty();
+  }
+
+  /// The largest blocks whose tables fit. False: no block of two lights does.
+  bool choose_side(const PointsReport& report) {
+    for (side_ = kRootSide; side_ > 1; side_ /= 2) {
+      std::vector<LightRoot> roots = build_light_trees(lights_, weights_, side_);
+      std::size_t most = 0;
+      for (const LightRoot& root : roots) {
+        most = std::max(most, root.nodes.size());
+      }
+      if (most * bytes_a_light_ <= options_.memory_bytes) {
+        const bool has_blocks = static_cast<int>(roots.size()) < report.n_lights;
+        if (has_blocks) {
+          roots_ = std::move(roots);
+        }
+        return has_blocks;
+      }
+    }
+    return false;
+  }
+
+  /// Coarsest threshold whose error on the checked receivers keeps the tolerance; 0: none does.
+  double find_threshold(PointsReport& report) {
+    const std::size_t stride = receivers_.size() / kChecked;
+    std::vector<std::uint32_t> checked;
+    for (std::size_t i = 0; i < kChecked; ++i) {
+      checked.push_back(static_cast<std::uint32_t>(i * stride + hash_key(11, i) % stride));
+    }
+    const Tolerance& tolerance = options_.tolerance;
+    std::vector<double> shares;
+    for (int i = 1; i <= kFinestThreshold; ++i) {
+      const double share = std::ldexp(1.0, -i);
+      if (share <= 4.0 * tolerance.relative_l2 && share >= tolerance.relative_l2 / 256.0) {
+        shares.push_back(share);
+      }
+    }
+    const double rms = rms_unshadowed(checked);
+    if (!(rms > 0.0)) {
+      return 0.0;
+    }
+    std::vector<PointTotal> exact(kChecked);
+    std::vector<std::vector<PointTotal>> tries(shares.size(),
+                                               std::vector<PointTotal>(kChecked));
+    PointsReport ignored;
+    for (const LightRoot& root : roots_) {
+      const Tables tables = load_tree(root, ignored, nullptr);
+      sum_leaves(root, 0, root.leaves.size(), leaf_tables(root, tables), checked, exact);
+      for (std::size_t t = 0; t < shares.size(); ++t) {
+        sum_by_blocks(root, tables, rms * shares[t], checked, tries[t]);
+      }
+    }
+    report.n_checked = static_cast<std::int64_t>(kChecked);
+    for (std::size_t t = 0; t < shares.size(); ++t) {
+      if (keeps_tolerance(exact, tries[t], report)) {
+        report.threshold = shares[t];
+        return rms * shares[t];
+      }
+    }
+    return 0.0;
+  }
+
+  [[nodiscard]] double rms_unshadowed(std::span<const std::uint32_t> checked) const {
+    std::vector<double> squares(checked.size());
+    parallel_for(checked.size(), 16, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+        for (std::size_t k = 0; k < lights_.size(); ++k) {
+          if (!weights_[k].isZero(0.0)) {
+            sum += leaf_irradiance(lights_[k], receivers_[checked[i]]) * weights_[k];
+          }
+        }
+        squares[i] = sum.squaredNorm();
+      }
+    });
+    return std::sqrt(std::accumulate(squares.begin(), squares.end(), 0.0) /
+                     static_cast<double>(checked.size()));
+  }
+
+  [[nodiscard]] bool keeps_tolerance(std::span<const PointTotal> exact,
+                                     std::span<const PointTotal> found,
+                                     PointsReport& report) const {
+    const auto n = static_cast<double>(exact.size());
+    double square = 0.0;
+    double fourth = 0.0;
+    double norm = 0.0;
+    std::vector<float> a;
+    std::vector<float> b;
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      const double e2 = (found[i].shadowed - exact[i].shadowed).squaredNorm();
+      square += e2;
+      fourth += e2 * e2;
+      norm += exact[i].shadowed.squaredNorm();
+      for (Eigen::Index c = 0; c < 3; ++c) {
+        a.push_back(static_cast<float>(found[i].shadowed[c]));
+        b.push_back(static_cast<float>(exact[i].shadowed[c]));
+      }
+    }
+    const double mean = square / n;
+    const double deviation = std::sqrt(std::max(0.0, fourth / n - mean * mean) / n);
+    report.reached = compare(a, b);
+    report.relative_l2_limit =
+        norm > 0.0 ? std::sqrt((mean + kTrustedErrors * deviation) * n / norm) : 0.0;
+    return norm > 0.0 && report.relative_l2_limit <= options_.tolerance.relative_l2 &&
+           report.reached.worst_pixel <= options_.tolerance.worst_pixel;
+  }
+
+  // ---- tables ----
+
+  /// Tables of leaves first .. last of a root, one after another.
+  Tables load_leaves(const LightRoot& root, std::size_t first, std::size_t last,
+                     PointsReport& report, Progress* progress) {
+    const std::size_t n_planes = planes_.size();
+    std::vector<std::optional<WindowSums>> loaded((last - first) * n_planes);
+    std::vector<Visibility> pictures;
+    const auto make_tables = [&](std::size_t end) {
+      const std::size_t begin = end - pictures.size();
+      parallel_for(pictures.size(), 1, [&](std::size_t from, std::size_t to) {
+        for (std::size_t i = from; i < to; ++i) {
+          loaded[begin + i].emplace(pictures[i].value.view(), pictures[i].known.view());
+        }
+      });
+      for (std::size_t i = begin; i < end; ++i) {
+        if (i >= n_planes) {
+          loaded[i]->share_unknown(*loaded[i - n_planes]);
+        }
+      }
+      pictures.clear();
+    };
+    for (std::size_t i = 0; i < loaded.size(); ++i) {
+      const SamplingPlane& plane = planes_[i % n_planes];
+      const auto node = static_cast<std::size_t>(root.leaves[first + i / n_planes]);
+      Visibility picture = plane.visibility(root.nodes[node].light);
+      HAARLIGHT_EXPECTS(picture.value.width() == plane.frame.width &&
+                            picture.value.height() == plane.frame.height,
+                        "visibility in the plane's frame");
+      report.count.add(picture.count);
+      pictures.push_back(std::move(picture));
+      if (pictures.size() == kLoadAtOnce * n_planes || i + 1 == loaded.size()) {
+        make_tables(i + 1);
+      }
+      if (progress != nullptr && i % n_planes == 0) {
+        progress->advance();
+      }
+    }
+    Tables tables;
+    tables.reserve(loaded.size());
+    for (std::optional<WindowSums>& table : loaded) {
+      tables.push_back(std::move(*table));
+    }
+    report.table_bytes =
+        std::max<std::uint64_t>(report.table_bytes, (last - first) * bytes_a_light_);
+    return tables;
+  }
+
+  /// Tables of every node of a root.
+  Tables load_tree(const LightRoot& root, PointsReport& report, Progress* progress) {
+    const std::size_t n_planes = planes_.size();
+    Tables leaves = load_leaves(root, 0, root.leaves.size(), report, progress);
+    std::vector<std::optional<WindowSums>> made(root.nodes.size() * n_planes);
+    for (std::size_t i = 0; i < root.leaves.size(); ++i) {
+      for (std::size_t p = 0; p < n_planes; ++p) {
+        made[static_cast<std::size_t>(root.leaves[i]) * n_planes + p].emplace(
+            std::move(leaves[i * n_planes + p]));
+      }
+    }
+    for (std::size_t at = root.nodes.size(); at-- > 0;) {
+      const LightNode& node = root.nodes[at];
+      if (node.n_children == 0) {
+        continue;
+      }
+      parallel_for(n_planes, 1, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t p = begin; p < end; ++p) {
+          std::vector<const WindowSums*> parts;
+          std::vector<double> shares;
+          for (int c = 0; c < node.n_children; ++c) {
+            const auto child = static_cast<std::size_t>(node.first_child + c);
+            parts.push_back(&*made[child * n_planes + p]);
+            shares.push_back(root.nodes[child].share);
+          }
+          made[at * n_planes + p].emplace(parts, shares);
+        }
+      });
+    }
+    Tables tables;
+    tables.reserve(made.size());
+    for (std::optional<WindowSums>& table : made) {
+      tables.push_back(std::move(*table));
+    }
+    report.table_bytes =
+        std::max<std::uint64_t>(report.table_bytes, root.nodes.size() * bytes_a_light_);
+    return tables;
+  }
+
+  /// Where the leaves' tables are among all nodes'.
+  [[nodiscard]] std::vector<const WindowSums*> leaf_tables(const LightRoot& root,
+                                                           const Tables& tables) const {
+    std::vector<const WindowSums*> found;
+    for (const int leaf : root.leaves) {
+      for (std::size_t p = 0; p < planes_.size(); ++p) {
+        found.push_back(&tables[static_cast<std::size_t>(leaf) * planes_.size() + p]);
+      }
+    }
+    return found;
+  }
+
+  // ---- receivers ----
+
+  [[nodiscard]] Chunk gather(std::span<const std::uint32_t> which) const {
+    Chunk chunk;
+    chunk.size = which.size();
+    for (auto* row : {&chunk.px, &chunk.py, &chunk.pz, &chunk.nx, &chunk.ny, &chunk.nz,
+                      &chunk.fx, &chunk.fy, &chunk.fz}) {
+      row->resize(which.size());
+    }
+    for (std::size_t i = 0; i < which.size(); ++i) {
+      const SurfacePoint& at = receivers_[which[i]];
+      chunk.px[i] = at.point.x();
+      chunk.py[i] = at.point.y();
+      chunk.pz[i] = at.point.z();
+      chunk.nx[i] = at.normal.x();
+      chunk.ny[i] = at.normal.y();
+      chunk.nz[i] = at.normal.z();
+      chunk.fx[i] = at.flat_normal.x();
+      chunk.fy[i] = at.flat_normal.y();
+      chunk.fz[i] = at.flat_normal.z();
+    }
+    for (const SamplingPlane& plane : planes_) {
+      for (const std::uint32_t i : which) {
+        chunk.spots.push_back(place_point(plane.frame, receivers_[i].point));
+      }
+    }
+    return chunk;
+  }
+
+  [[nodiscard]] std::vector<SquareLight> leaf_lights(const LightRoot& root) const {
+    std::vector<SquareLight> lights;
+    for (const int leaf : root.leaves) {
+      lights.push_back(root.nodes[static_cast<std::size_t>(leaf)].block);
+    }
+    return lights;
+  }
+
+  /// Irradiance of every leaf at drive 1, the scene's own shadows included.
+  void own_shadows(const DirectLight& direct, std::uint32_t receiver,
+                   std::span<LightShare> shares) const {
+    const Material lambert;
+    (void)direct.evaluate(receivers_[receiver], lambert, receiver, shares);
+  }
+
+  [[nodiscard]] ShadowLook look(const LightNode& node, std::span<const PlaneLight> placed,
+                                const WindowSums* const* tables, const PlaneSpot* spots,
+                                std::size_t spot_stride) const {
+    std::array<ShadowLook, kMaxPlanes> looks;
+    for (std::size_t p = 0; p < planes_.size(); ++p) {
+      looks[p] =
+          look_up(planes_[p].frame, planes_[p].object, {options_.rule, node.n_children > 0},
+                  placed[p], *tables[p], spots[p * spot_stride]);
+    }
+    return combine({looks.data(), planes_.size()});
+  }
+
+  [[nodiscard]] std::vector<PlaneLight> place(const SquareLight& light) const {
+    std::vector<PlaneLight> placed;
+    for (const SamplingPlane& plane : planes_) {
+      placed.push_back(place_light(plane.frame, light));
+    }
+    return placed;
+  }
+
+  // ---- exact ----
+
+  void sum_exactly(const LightRoot& root, std::span<const std::uint32_t> which,
+                   std::span<PointTotal> totals, PointsReport& report, Progress* progress) {
+    const auto batch = static_cast<std::size_t>(std::max<std::uint64_t>(
+        1, options_.memory_bytes / std::max<std::uint64_t>(1, bytes_a_light_)));
+    for (std::size_t first = 0; first < root.leaves.size(); first += batch) {
+      const std::size_t last = std::min(root.leaves.size(), first + batch);
+      const Tables tables = load_leaves(root, first, last, report, progress);
+      std::vector<const WindowSums*> places;
+      for (const WindowSums& table : tables) {
+        places.push_back(&table);
+      }
+      sum_leaves(root, first, last, places, which, totals);
+    }
+  }
+
+  /// Adds leaves first .. last to the totals; `totals[i]` belongs to receiver which[i].
+  void sum_leaves(const LightRoot& root, std::size_t first, std::size_t last,
+                  std::span<const WindowSums* const> tables,
+                  std::span<const std::uint32_t> which, std::span<PointTotal> totals) {
+    std::optional<DirectLight> direct;
+    if (options_.own_shadows != nullptr) {
+      direct.emplace(*options_.own_shadows, leaf_lights(root));
+    }
+    std::vector<std::vector<PlaneLight>> placed;
+    for (std::size_t leaf = first; leaf < last; ++leaf) {
+      placed.push_back(place(root.nodes[static_cast<std::size_t>(root.leaves[leaf])].block));
+    }
+    parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      const Chunk chunk = gather(which.subspan(begin, end - begin));
+      const std::size_t n_leaves = root.leaves.size();
+      std::vector<LightShare> shares;
+      std::vector<double> own;  // [leaf - first][i]
+      if (direct) {
+        shares.resize(n_leaves);
+        own.resize((last - first) * chunk.size);
+        for (std::size_t i = 0; i < chunk.size; ++i) {
+          own_shadows(*direct, which[begin + i], shares);
+          for (std::size_t leaf = first; leaf < last; ++leaf) {
+            own[(leaf - first) * chunk.size + i] = std::numbers::pi * shares[leaf].diffuse;
+          }
+        }
+      }
+      std::vector<double> E(chunk.size);
+      std::uint64_t n_lookups = 0;
+      for (std::size_t leaf = first; leaf < last; ++leaf) {
+        const LightNode& node = root.nodes[static_cast<std::size_t>(root.leaves[leaf])];
+        const std::size_t at = leaf - first;
+        if (direct) {
+          std::copy_n(&own[at * chunk.size], chunk.size, E.begin());
+        } else {
+          irradiance(node.block, chunk, which.subspan(begin, end - begin), E);
+        }
+        for (std::size_t i = 0; i < chunk.size; ++i) {
+          if (!(E[i] > 0.0)) {
+            continue;
+          }
+          const ShadowLook found =
+              look(node, placed[at], &tables[at * planes_.size()], &chunk.spots[i], chunk.size);
+          n_lookups += planes_.size();
+          add(E[i] * node.weight, E[i] * std::abs(node.weight.mean()), found,
+              totals[begin + i]);
+        }
+      }
+      n_lookups_ += n_lookups;
+    });
+  }
+
+  /// One light at a chunk of receivers.
+  void irradiance(const SquareLight& light, const Chunk& chunk,
+                  std::span<const std::uint32_t> which, std::span<double> E) const {
+    if (light.lobe_mu == 1.0) {
+      far_irradiance(light, chunk, E.data());
+    } else {
+      std::fill(E.begin(), E.end(), -1.0);
+    }
+    for (std::size_t i = 0; i < chunk.size; ++i) {
+      const double towards = chunk.fx[i] * (light.centre.x() - chunk.px[i]) +
+                             chunk.fy[i] * (light.centre.y() - chunk.py[i]) +
+                             chunk.fz[i] * (light.centre.z() - chunk.pz[i]);
+      if (!(towards > 0.0)) {
+        E[i] = 0.0;
+      } else if (E[i] < 0.0) {
+        E[i] = leaf_irradiance(light, receivers_[which[i]]);
+      } else {
+        E[i] *= light.radiance;
+      }
+    }
+  }
+
+  // ---- blocks ----
+
+  /// What one node gives to one receiver.
+  struct Part {
+    Eigen::Vector3d lit = Eigen::Vector3d::Zero();  ///< irradiance with V = 1
+    double flux = 0.0;
+    ShadowLook look;
+    bool is_usable = false;  ///< `lit` holds; a block at the horizon has to be refined
+    bool is_lit = false;     ///< nothing below this node is in shadow
+  };
+
+  /// All that a receiver's way through a tree needs.
+  struct Walk {
+    const LightRoot& root;
+    const Tables& tables;
+    std::span<const std::vector<PlaneLight>> blocks;   ///< by node, by plane
+    std::span<const std::vector<PlaneLight>> centres;  ///< the same for LightNode::centres
+    const SurfacePoint& at;
+    const PlaneSpot* spots;
+    std::size_t spot_stride;
+    std::span<const Eigen::Vector3d> own;  ///< with own shadows: `lit` by node
+    double threshold;
+    PointTotal& total;
+    std::uint64_t n_lookups = 0;
+  };
+
+  void find_light(const Walk& walk, int at, Part& part) const {
+    const LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
+    part.is_usable = true;
+    if (!walk.own.empty()) {
+      part.lit = walk.own[static_cast<std::size_t>(at)];
+    } else if (node.n_children == 0) {
+      part.lit = leaf_irradiance(node.block, walk.at) * node.weight;
+    } else {
+      const Eigen::Vector3d to = node.centres.centre - walk.at.point;
+      const auto reach = [&](const Eigen::Vector3d& n) {
+        const SquareLight& one = lights_[static_cast<std::size_t>(
+            walk.root.nodes[static_cast<std::size_t>(node.member)].light)];
+        return 0.5 * (std::abs(n.dot(node.block.u)) * (node.centres.width_mm + one.width_mm) +
+                      std::abs(n.dot(node.block.v)) * (node.centres.height_mm + one.height_mm));
+      };
+      const double flat = walk.at.flat_normal.dot(to);
+      const double shaded = walk.at.normal.dot(to);
+      const double before = -node.block.emits.dot(to);
+      const double flat_reach = reach(walk.at.flat_normal);
+      if (before <= 0.0 || flat + flat_reach <= 0.0) {
+        part.lit = Eigen::Vector3d::Zero();
+      } else if (flat > flat_reach && shaded > reach(walk.at.normal)) {
+        part.lit = node.block.radiance * node.area_ratio *
+                   block_irradiance(node.block, walk.at) * node.weight;
+      } else {
+        part.is_usable = false;
+      }
+    }
+    part.flux = part.lit.mean();
+  }
+
+  void find_shadow(Walk& walk, int at, Part& part) const {
+    const std::size_t n_planes = planes_.size();
+    const LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
+    const auto i = static_cast<std::size_t>(at);
+    if (node.n_children > 0) {
+      part.is_lit = true;
+      for (std::size_t p = 0; p < n_planes && part.is_lit; ++p) {
+        part.is_lit =
+            is_all_lit(planes_[p].frame, planes_[p].object, options_.rule, walk.centres[i][p],
+                       walk.blocks[static_cast<std::size_t>(node.member)][p],
+                       walk.tables[i * n_planes + p], walk.spots[p * walk.spot_stride]);
+      }
+    }
+    if (part.is_usable && !(part.flux > 0.0)) {
+      return;
+    }
+    std::array<const WindowSums*, kMaxPlanes> tables{};
+    for (std::size_t p = 0; p < n_planes; ++p) {
+      tables[p] = &walk.tables[i * n_planes + p];
+    }
+    part.look = look(node, walk.blocks[i], tables.data(), walk.spots, walk.spot_stride);
+    walk.n_lookups += n_planes;
+    if (part.is_lit) {
+      part.look.value = 1.0;
+      part.look.half_spread = 0.0;
+    }
+  }
+
+  void visit(Walk& walk, int at, const Part& part) const {
+    const LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
+    if (part.is_usable && !(part.flux > 0.0)) {
+      return;  // the receiver looks away from all of it
+    }
+    if (node.n_children == 0) {
+      add(part.lit, part.flux, part.look, walk.total);
+      return;
+    }
+    std::array<Part, 4> children;
+    bool is_usable = part.is_usable;
+    Eigen::Vector3d difference = -part.look.value * part.lit;
+    for (int c = 0; c < node.n_children; ++c) {
+      Part& child = children[static_cast<std::size_t>(c)];
+      find_light(walk, node.first_child + c, child);
+      if (part.is_lit) {
+        child.is_lit = true;
+        child.look = part.look;
+      } else {
+        find_shadow(walk, node.first_child + c, child);
+      }
+      is_usable = is_usable && child.is_usable;
+      difference += child.look.value * child.lit;
+    }
+    const bool is_good = is_usable && difference.norm() <= walk.threshold;
+    for (int c = 0; c < node.n_children; ++c) {
+      const Part& child = children[static_cast<std::size_t>(c)];
+      if (is_good) {
+        add(child.lit, child.flux, child.look, walk.total);
+      } else {
+        visit(walk, node.first_child + c, child);
+      }
+    }
+  }
+
+  void sum_by_blocks(const LightRoot& root, const Tables& tables, double threshold,
+                     std::span<const std::uint32_t> which, std::span<PointTotal> totals) {
+    std::optional<DirectLight> direct;
+    if (options_.own_shadows != nullptr) {
+      direct.emplace(*options_.own_shadows, leaf_lights(root));
+    }
+    std::vector<std::vector<PlaneLight>> blocks;
+    std::vector<std::vector<PlaneLight>> centres;
+    for (const LightNode& node : root.nodes) {
+      blocks.push_back(place(node.block));
+      centres.push_back(place(node.centres));
+    }
+    parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      const Chunk chunk = gather(which.subspan(begin, end - begin));
+      std::vector<LightShare> shares(root.leaves.size());
+      std::vector<Eigen::Vector3d> own;
+      std::uint64_t n_lookups = 0;
+      for (std::size_t i = 0; i < chunk.size; ++i) {
+        const std::uint32_t receiver = which[begin + i];
+        if (direct) {
+          own_shadows(*direct, receiver, shares);
+          sum_own(root, shares, own);
+        }
+        Walk walk{root,
+                  tables,
+                  blocks,
+                  centres,
+                  receivers_[receiver],
+                  &chunk.spots[i],
+                  chunk.size,
+                  own,
+                  threshold,
+                  totals[begin + i]};
+        Part part;
+        find_light(walk, 0, part);
+        find_shadow(walk, 0, part);
+        visit(walk, 0, part);
+        n_lookups += walk.n_lookups;
+      }
+      n_lookups_ += n_lookups;
+    });
+  }
+
+  /// `lit` of every node from its leaves'.
+  static void sum_own(const LightRoot& root, std::span<const LightShare> shares,
+                      std::vector<Eigen::Vector3d>& own) {
+    own.assign(root.nodes.size(), Eigen::Vector3d::Zero());
+    for (std::size_t leaf = 0; leaf < root.leaves.size(); ++leaf) {
+      const auto at = static_cast<std::size_t>(root.leaves[leaf]);
+      own[at] = std::numbers::pi * shares[leaf].diffuse * root.nodes[at].weight;
+    }
+    for (std::size_t at = root.nodes.size(); at-- > 0;) {
+      const LightNode& node = root.nodes[at];
+      for (int c = 0; c < node.n_children; ++c) {
+        own[at] += own[static_cast<std::size_t>(node.first_child + c)];
+      }
+    }
+  }
+
+ public:
+  static constexpr std::size_t kMaxPlanes = 8;
+
+ private:
+  std::span<const SurfacePoint> receivers_;
+  std::span<const SamplingPlane> planes_;
+  std::span<const SquareLight> lights_;
+  std::span<const Eigen::Vector3d> weights_;
+  const PointsOptions& options_;
+  std::vector<LightRoot> roots_;
+  int side_ = 1;
+  std::uint64_t bytes_a_light_ = 0;
+  std::atomic<std::uint64_t> n_lookups_{0};
+};
+
+}  // namespace
+
+PointsResult shadow_at_points(std::span<const SurfacePoint> receivers,
+                              std::span<const SamplingPlane> planes,
+                              std::span<const SquareLight> lights,
+                              std::span<const Eigen::Vector3d> weights,
+                              const PointsOptions& options) {
+  HAARLIGHT_EXPECTS(lights.size() == weights.size(), "one weight a light");
+  HAARLIGHT_EXPECTS(!planes.empty() && planes.size() <= Job::kMaxPlanes, "1 to 8 planes");
+  return Job(receivers, planes, lights, weights, options).run();
+}
+
+std::vector<int> visiting_order(std::span<const SquareLight> lights,
+                                std::span<const Eigen::Vector3d> weights) {
+  std::vector<int> order;
+  for (const LightRoot& root : build_light_trees(lights, weights, kRootSide)) {
+    for (const int leaf : root.leaves) {
+      order.push_back(root.nodes[static_cast<std::size_t>(leaf)].light);
+    }
+  }
+  return order;
+}
+
+double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
+                           const Eigen::Vector3d& normal) {
+  const Eigen::Vector3d to_light = light.centre - point;
+  const double side = std::max(light.width_mm, light.height_mm);
+  const double r2 = to_light.squaredNorm();
+  const double over_surface = normal.dot(to_light);
+  const double before_light = -light.emits.dot(to_light);
+  const bool is_far =
+      r2 >= kFarSides * kFarSides * side * side && over_surface > side && before_light > side;
+  if (!is_far) {
+    return light_irradiance(light, point, normal) / light.radiance;
+  }
+  // 2 x 2 Gauss-Legendre points: error O((side/r)^4).
+  const double q = 0.5 / std::numbers::sqrt3;
+  const Eigen::Vector3d du = q * light.width_mm * light.u;
+  const Eigen::Vector3d dv = q * light.height_mm * light.v;
+  double sum = 0.0;
+  for (const double su : {-1.0, 1.0}) {
+    for (const double sv : {-1.0, 1.0}) {
+      const Eigen::Vector3d to = to_light + su * du + sv * dv;
+      const double d2 = to.squaredNorm();
+      const double cos_cos = normal.dot(to) * before_light / d2;
+      const double lobe = light.lobe_mu == 1.0
+                              ? 1.0
+                              : std::pow(before_light / std::sqrt(d2), light.lobe_mu - 1.0);
+      sum += cos_cos * lobe / d2;
+    }
+  }
+  return 0.25 * light.width_mm * light.height_mm * sum;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,633 @@
+/// @file
+/// Shadows at many points: exact sums against the plain formula, blocks of lights against exact
+/// sums, and the odd ends.
+
+#include "relight/shadow/shadow_points.h"
+
+#include <cmath>
+#include <cstring>
+#include <numbers>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "core/parallel.h"
+#include "core/random.h"
+#include "relight/shadow/light_tree.h"
+
+namespace haarlight {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kH = 900.0;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+std::vector<SquareLight> ceiling(int side, double extent = 960.0) {
+  std::vector<SquareLight> lights;
+  const double pitch = extent / side;
+  for (int row = 0; row < side; ++row) {
+    for (int col = 0; col < side; ++col) {
+      SquareLight light;
+      light.centre = {(col - 0.5 * (side - 1)) * pitch, (row - 0.5 * (side - 1)) * pitch, kH};
+      light.width_mm = light.height_mm = pitch * 28.0 / 30.0;
+      lights.push_back(light);
+    }
+  }
+  return lights;
+}
+
+PlaneFrame ground(double z = 0.0, double texel = 4.0) {
+  ShadowPlane plane;
+  plane.d = -z;
+  plane.origin = {0.0, 0.0, z};
+  plane.extent_u_mm = plane.extent_v_mm = 400.0;
+  plane.texel_mm = texel;
+  return make_plane_frame(plane);
+}
+
+/// A rectangle hovering at z = 100: a light seen past it from a parallel plane is a product of
+/// two shares.
+Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light, double noise = 0.0,
+                        std::uint64_t seed = 0) {
+  Visibility v{Image<float>(frame.height, frame.width, 1),
+               Image<std::uint8_t>(frame.height, frame.width, 1),
+               {}};
+  const double floor = frame.origin.z();
+  const auto hidden = [&](double x, double from, double to, double centre, double side) {
+    const auto at = [&](double y) { return x + (y - x) * (kH - floor) / (100.0 - floor); };
+    const double low = std::max(at(from), centre - 0.5 * side);
+    const double high = std::min(at(to), centre + 0.5 * side);
+    return std::max(0.0, high - low) / side;
+  };
+  for (int y = 0; y < frame.height; ++y) {
+    for (int x = 0; x < frame.width; ++x) {
+      const Vector3d p = frame.world_of(x + 0.5, y + 0.5);
+      double value = 1.0 - hidden(p.x(), -40.0, 25.0, light.centre.x(), light.width_mm) *
+                               hidden(p.y(), -15.0, 40.0, light.centre.y(), light.height_mm);
+      if (noise > 0.0) {
+        const auto at = static_cast<std::uint64_t>(y * frame.width + x);
+        value += noise * std::sqrt(12.0) * (uniform_unit(hash_key(seed, at)) - 0.5);
+      }
+      v.value(y, x) = static_cast<float>(std::clamp(value, 0.0, 1.0));
+      v.known(y, x) = 1;
+    }
+  }
+  return v;
+}
+
+/// Hills between -100 and 50 mm.
+std::vector<SurfacePoint> hills(int side, double extent = 300.0) {
+  std::vector<SurfacePoint> points;
+  for (int row = 0; row < side; ++row) {
+    for (int col = 0; col < side; ++col) {
+      const double x = ((col + 0.5) / side - 0.5) * extent;
+      const double y = ((row + 0.5) / side - 0.5) * extent;
+      const Vector3d normal = Vector3d(-1.5 * std::cos(x / 50.0) * std::cos(y / 50.0),
+                                       1.5 * std::sin(x / 50.0) * std::sin(y / 50.0), 1.0)
+                                  .normalized();
+      points.push_back({{x, y, -25.0 + 75.0 * std::sin(x / 50.0) * std::cos(y / 50.0)},
+                        normal,
+                        normal,
+                        Vector3d::UnitZ(),
+                        0});
+    }
+  }
+  return points;
+}
+
+enum class Kind { one, nine, smooth, rough, coloured };
+
+std::vector<Vector3d> environment(Kind kind, const std::vector<SquareLight>& lights,
+                                  std::uint64_t seed) {
+  std::vector<Vector3d> weights(lights.size(), Vector3d::Zero());
+  auto draw = [&, i = std::uint64_t{0}]() mutable {
+    return uniform_unit(hash_key(seed, 77, ++i));
+  };
+  const auto any = [&] {
+    return static_cast<std::size_t>(draw() * static_cast<double>(lights.size()));
+  };
+  const double a = 6.3 * draw();
+  const double b = 6.3 * draw();
+  switch (kind) {
+    case Kind::one:
+      weights[any()] = Vector3d(1.0, 0.5, 2.0);
+      break;
+    case Kind::nine:
+      for (int i = 0; i < 9; ++i) {
+        weights[any()] = Vector3d::Constant(0.5 + draw());
+      }
+      break;
+    case Kind::smooth:
+      for (std::size_t k = 0; k < lights.size(); ++k) {
+        weights[k].setConstant(1.2 + std::sin(a + lights[k].centre.x() / 300.0) *
+                                         std::cos(b + lights[k].centre.y() / 300.0));
+      }
+      break;
+    case Kind::rough:
+      for (Vector3d& weight : weights) {
+        weight.setConstant(std::pow(draw(), 8.0));
+      }
+      break;
+    case Kind::coloured:
+      for (Vector3d& weight : weights) {
+        weight = Vector3d(draw(), draw() * draw(), draw());
+      }
+      break;
+  }
+  return weights;
+}
+
+struct Difference {
+  double relative_l2 = 0.0;
+  double worst = 0.0;  ///< of the largest value
+};
+
+Difference compare(const PointsResult& found, const PointsResult& exact) {
+  double square = 0.0;
+  double norm = 0.0;
+  double worst = 0.0;
+  double peak = 0.0;
+  for (std::size_t i = 0; i < exact.totals.size(); ++i) {
+    const Vector3d e = found.totals[i].shadowed - exact.totals[i].shadowed;
+    square += e.squaredNorm();
+    norm += exact.totals[i].shadowed.squaredNorm();
+    worst = std::max(worst, e.cwiseAbs().maxCoeff());
+    peak = std::max(peak, exact.totals[i].shadowed.maxCoeff());
+  }
+  return {norm > 0.0 ? std::sqrt(square / norm) : 0.0, peak > 0.0 ? worst / peak : 0.0};
+}
+
+bool same_bits(const PointsResult& a, const PointsResult& b) {
+  for (std::size_t i = 0; i < a.totals.size(); ++i) {
+    if (a.totals[i].shadowed != b.totals[i].shadowed ||
+        a.totals[i].unshadowed != b.totals[i].unshadowed ||
+        a.totals[i].spread != b.totals[i].spread || a.totals[i].light != b.totals[i].light) {
+      return false;
+    }
+  }
+  return a.totals.size() == b.totals.size();
+}
+
+class ShadowPoints : public ::testing::Test {
+ protected:
+  [[nodiscard]] std::vector<SamplingPlane> planes(double noise = 0.0) const {
+    return {{frame_,
+             [this, noise](int k) {
+               return plate_shadow(frame_, lights_[static_cast<std::size_t>(k)], noise,
+                                   static_cast<std::uint64_t>(k) + 1);
+             },
+             HeightRange{100.0, 100.0}}};
+  }
+  [[nodiscard]] PointsResult run(const std::vector<SurfacePoint>& receivers,
+                                 const std::vector<Vector3d>& weights, double l2 = 0.0,
+                                 double worst = kInfinity) const {
+    PointsOptions options;
+    options.tolerance = {l2, worst};
+    return shadow_at_points(receivers, planes(), lights_, weights, options);
+  }
+
+  PlaneFrame frame_ = ground();
+  std::vector<SquareLight> lights_ = ceiling(16);
+};
+
+TEST_F(ShadowPoints, ExactSumsAreTheFormula) {
+  const std::vector<SurfacePoint> receivers = hills(12);
+  const std::vector<Vector3d> weights = environment(Kind::coloured, lights_, 3);
+  const PointsResult found = run(receivers, weights);
+  EXPECT_TRUE(found.report.is_exact);
+  EXPECT_EQ(found.report.n_lights, 256);
+  std::vector<Vector3d> sums(receivers.size(), Vector3d::Zero());
+  for (std::size_t k = 0; k < lights_.size(); ++k) {
+    const Visibility v = plate_shadow(frame_, lights_[k]);
+    const WindowSums sums_k(v.value.view(), v.known.view());
+    for (std::size_t i = 0; i < receivers.size(); ++i) {
+      const LightWindow window = project_window(frame_.plane, lights_[k], receivers[i].point);
+      const WindowMean mean =
+          window_visibility(frame_, sums_k, window, WindowRule::corrected, 100.0 / kH);
+      sums[i] += mean.value *
+                 receiver_irradiance(lights_[k], receivers[i].point, receivers[i].normal) *
+                 weights[k];
+    }
+  }
+  for (std::size_t i = 0; i < receivers.size(); ++i) {
+    EXPECT_LT((found.totals[i].shadowed - sums[i]).norm(), 1e-10 * sums[i].norm()) << i;
+  }
+}
+
+TEST_F(ShadowPoints, ToleranceZeroIsExactToTheBit) {
+  const std::vector<SurfacePoint> receivers = hills(92);
+  const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 1);
+  const PointsResult exact =
+      shadow_at_points(receivers, planes(), lights_, weights, PointsOptions{});
+  EXPECT_TRUE(same_bits(run(receivers, weights, 0.0, 0.01), exact));
+  EXPECT_TRUE(same_bits(run(receivers, weights, 0.01, 0.0), exact));
+  // A tolerance that no block can keep refines all of them.
+  const PointsResult fine = run(receivers, weights, 1e-12);
+  EXPECT_LT(compare(fine, exact).relative_l2, 1e-12);
+}
+
+TEST_F(ShadowPoints, TheErrorIsBelowTheToleranceAndMonotone) {
+  const std::vector<SurfacePoint> receivers = hills(92);
+  double lookups_smooth = 0.0;
+  for (std::uint64_t seed = 0; seed < 1; ++seed) {
+    for (const Kind kind : {Kind::one, Kind::nine, Kind::smooth, Kind::rough, Kind::coloured}) {
+      const std::vector<Vector3d> weights = environment(kind, lights_, seed);
+      const PointsResult exact = run(receivers, weights);
+      double threshold = kInfinity;
+      for (const double tolerance : {0.03, 0.01, 0.001}) {
+        const PointsResult found = run(receivers, weights, tolerance);
+        const Difference error = compare(found, exact);
+        EXPECT_LE(error.relative_l2, tolerance)
+            << static_cast<int>(kind) << " threshold " << found.report.threshold;
+        EXPECT_LE(found.report.relative_l2_limit, tolerance);
+        EXPECT_LE(found.report.threshold, threshold);
+        threshold = found.report.threshold;
+        if (kind == Kind::smooth && tolerance == 0.01) {
+          lookups_smooth = found.report.lookups_a_point;
+        }
+      }
+    }
+  }
+  EXPECT_LT(lookups_smooth, 0.5 * 256.0) << "blocks were not used";
+  RecordProperty("lookups_a_point", std::to_string(lookups_smooth));
+}
+
+TEST_F(ShadowPoints, TheErrorIsKeptOnNoisyPictures) {
+  const std::vector<SurfacePoint> receivers = hills(92);
+  const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 5);
+  const std::vector<SamplingPlane> noisy = planes(0.01);
+  PointsOptions options;
+  const PointsResult exact = shadow_at_points(receivers, noisy, lights_, weights, options);
+  options.tolerance.relative_l2 = 0.01;
+  const PointsResult found = shadow_at_points(receivers, noisy, lights_, weights, options);
+  EXPECT_LE(compare(found, exact).relative_l2, 0.01);
+  EXPECT_LT(found.report.lookups_a_point, 0.5 * 256.0);
+}
+
+TEST_F(ShadowPoints, TheWorstPointIsLimitedToo) {
+  const std::vector<SurfacePoint> receivers = hills(92);
+  const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 2);
+  const PointsResult exact = run(receivers, weights);
+  const PointsResult loose = run(receivers, weights, 0.03);
+  const PointsResult tight = run(receivers, weights, 0.03, 0.004);
+  EXPECT_LE(tight.report.reached.worst_pixel, 0.004);
+  EXPECT_LT(tight.report.threshold, loose.report.threshold);
+  // The limit was checked on 4096 receivers: at most a few in a thousand can be over it.
+  std::size_t n_over = 0;
+  double peak = 0.0;
+  for (const PointTotal& total : exact.totals) {
+    peak = std::max(peak, total.shadowed.maxCoeff());
+  }
+  for (std::size_t i = 0; i < exact.totals.size(); ++i) {
+    const Vector3d e = tight.totals[i].shadowed - exact.totals[i].shadowed;
+    n_over += e.cwiseAbs().maxCoeff() > 0.004 * peak ? 1 : 0;
+  }
+  EXPECT_LE(n_over, exact.totals.size() / 300);
+}
+
+TEST_F(ShadowPoints, DoesNotDependOnThreadsOrExactSumsOnMemory) {
+  const std::vector<SurfacePoint> receivers = hills(92);
+  const std::vector<Vector3d> weights = environment(Kind::rough, lights_, 9);
+  const auto with = [&](int threads, double tolerance, std::uint64_t memory) {
+    const ThreadLimit limit(threads);
+    PointsOptions options;
+    options.tolerance.relative_l2 = tolerance;
+    options.memory_bytes = memory;
+    return shadow_at_points(receivers, planes(), lights_, weights, options);
+  };
+  constexpr std::uint64_t kPlenty = 1U << 30U;
+  EXPECT_TRUE(same_bits(with(1, 0.0, kPlenty), with(3, 0.0, kPlenty)));
+  EXPECT_TRUE(same_bits(with(1, 0.0, kPlenty), with(2, 0.0, 1)));  // a light at a time
+  EXPECT_TRUE(same_bits(with(1, 0.01, kPlenty), with(3, 0.01, kPlenty)));
+  // Little memory: smaller blocks, the tolerance kept, the bound on the tables too.
+  const std::uint64_t table = 16 * 101 * 101;
+  const PointsResult exact = with(2, 0.0, kPlenty);
+  const PointsResult small = with(2, 0.01, 30 * table);
+  EXPECT_LE(compare(small, exact).relative_l2, 0.01);
+  EXPECT_EQ(small.report.block_side, 4);
+  EXPECT_LE(small.report.table_bytes, 30 * table);
+}
+
+TEST_F(ShadowPoints, OwnShadowsAreTheSameFactorInBothWays) {
+  Scene scene;
+  scene.materials.push_back({"grey", Vector3d::Constant(0.5), 0.0, 1.0});
+  scene.meshes.push_back(
+      make_quad({20, -200, 200}, {120, -200, 200}, {120, 200, 200}, {20, 200, 200}, 0));
+  const RayCaster caster(scene);
+  lights_ = ceiling(8);
+  for (SquareLight& light : lights_) {
+    light.width_mm = light.height_mm = 50.0;
+  }
+  const std::vector<SurfacePoint> receivers = hills(92);
+  const std::vector<Vector3d> weights = environment(Kind::smooth, lights_, 2);
+  PointsOptions options;
+  options.own_shadows = &caster;
+  const PointsResult exact = shadow_at_points(receivers, planes(), lights_, weights, options);
+  const PointsResult open = run(receivers, weights);
+  options.tolerance.relative_l2 = 0.01;
+  const PointsResult found = shadow_at_points(receivers, planes(), lights_, weights, options);
+  EXPECT_LE(compare(found, exact).relative_l2, 0.01);
+  EXPECT_GT(compare(exact, open).relative_l2, 0.1);  // the plate does throw a shadow
+}
+
+TEST_F(ShadowPoints, Extremes) {
+  const std::vector<SurfacePoint> receivers = hills(92);
+  const std::vector<Vector3d> black(lights_.size(), Vector3d::Zero());
+  const std::vector<SamplingPlane> never{
+      {frame_, [](int) -> Visibility { throw std::logic_error("nobody may ask"); }, {}}};
+  PointsOptions options;
+  options.tolerance.relative_l2 = 0.01;
+  const PointsResult dark = shadow_at_points(receivers, never, lights_, black, options);
+  EXPECT_EQ(dark.report.n_lights, 0);
+  EXPECT_EQ(dark.totals[50].shadowed, Vector3d::Zero());
+
+  const std::vector<Vector3d> one = environment(Kind::one, lights_, 4);
+  EXPECT_TRUE(same_bits(run(receivers, one, 0.01), run(receivers, one)));
+  EXPECT_TRUE(run(receivers, one, 0.01).report.is_exact);
+
+  const std::vector<SurfacePoint> single(receivers.begin() + 7, receivers.begin() + 8);
+  const std::vector<Vector3d> smooth = environment(Kind::smooth, lights_, 4);
+  EXPECT_TRUE(run(single, smooth, 0.5).report.is_exact);
+  EXPECT_TRUE(run({}, smooth, 0.01).totals.empty());
+
+  // A receiver above the lights, one that looks down, and one in the lights' own plane.
+  std::vector<SurfacePoint> odd(3, receivers[0]);
+  odd[0].point.z() = kH + 50.0;
+  odd[1].normal = odd[1].flat_normal = -Vector3d::UnitZ();
+  odd[2].point.z() = kH;
+  const PointsResult none = run(odd, smooth);
+  for (const PointTotal& total : none.totals) {
+    EXPECT_EQ(total.shadowed, Vector3d::Zero());
+  }
+
+  std::vector<Vector3d> negative = smooth;
+  negative[3] *= -1.0;
+  EXPECT_TRUE(run(receivers, negative, 0.01).report.is_exact);
+}
+
+/// Six faces round the origin, 8 x 8 lights each.
+std::vector<SquareLight> cube() {
+  std::vector<SquareLight> lights;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const double sign : {-1.0, 1.0}) {
+      const Vector3d out = sign * Vector3d::Unit(axis);
+      const Vector3d u = Vector3d::Unit((axis + 1) % 3);
+      const Vector3d v = Vector3d::Unit((axis + 2) % 3);
+      for (int row = 0; row < 8; ++row) {
+        for (int col = 0; col < 8; ++col) {
+          SquareLight light;
+          light.centre = 900.0 * out + (col - 3.5) * 120.0 * u + (row - 3.5) * 120.0 * v;
+          light.u = u;
+          light.v = v;
+          light.emits = -out;
+          light.width_mm = light.height_mm = 50.0;
+          lights.push_back(light);
+        }
+      }
+    }
+  }
+  return lights;
+}
+
+TEST_F(ShadowPoints, SixFacesKeepTheToleranceOverTwoPlanes) {
+  lights_ = cube();
+  // A floor and a wall, with blots for shadows.
+  ShadowPlane wall;
+  wall.n = Vector3d::UnitX();
+  wall.d = 150.0;
+  wall.origin = {-150.0, 0.0, 100.0};
+  wall.u = Vector3d::UnitY();
+  wall.v = Vector3d::UnitZ();
+  wall.extent_u_mm = wall.extent_v_mm = 400.0;
+  wall.texel_mm = 4.0;
+  const PlaneFrame wall_frame = make_plane_frame(wall);
+  const auto blots = [](const PlaneFrame& frame) {
+    return [&frame](int k) {
+      Visibility v{Image<float>(frame.height, frame.width, 1),
+                   Image<std::uint8_t>(frame.height, frame.width, 1),
+                   {}};
+      for (int y = 0; y < frame.height; ++y) {
+        for (int x = 0; x < frame.width; ++x) {
+          const double dx = x - 40.0 - k % 8;
+          const double dy = y - 45.0 - k / 8 % 8;
+          const double r = std::sqrt(dx * dx + dy * dy);
+          v.value(y, x) = static_cast<float>(std::clamp(0.25 * (r - 16.0), 0.0, 1.0));
+          v.known(y, x) = 1;
+        }
+      }
+      return v;
+    };
+  };
+  const std::vector<SamplingPlane> two{{frame_, blots(frame_), HeightRange{90.0, 120.0}},
+                                       {wall_frame, blots(wall_frame), std::nullopt}};
+  const std::vector<SurfacePoint> receivers = hills(92);
+  for (const Kind kind : {Kind::smooth, Kind::nine}) {
+    const std::vector<Vector3d> weights = environment(kind, lights_, 6);
+    PointsOptions options;
+    const PointsResult exact = shadow_at_points(receivers, two, lights_, weights, options);
+    options.tolerance.relative_l2 = 0.01;
+    const PointsResult found = shadow_at_points(receivers, two, lights_, weights, options);
+    EXPECT_LE(compare(found, exact).relative_l2, 0.01);
+    double no_point = 0.0;
+    double light = 0.0;
+    for (const PointTotal& total : exact.totals) {
+      EXPECT_TRUE(total.shadowed.allFinite());
+      EXPECT_TRUE((total.shadowed.array() <= total.unshadowed.array() * (1 + 1e-12)).all());
+      no_point += total.no_point;
+      light += total.light;
+    }
+    EXPECT_LT(no_point, light);
+  }
+}
+
+TEST_F(ShadowPoints, TwoPlanesMeetTheTruthOnBothAndBeatOneBetween) {
+  const PlaneFrame low = ground(-100.0, 2.0);
+  frame_ = ground(0.0, 2.0);
+  lights_ = ceiling(8);
+  const auto source = [&](const PlaneFrame& frame) {
+    return [&](int k) { return plate_shadow(frame, lights_[static_cast<std::size_t>(k)]); };
+  };
+  const SamplingPlane upper{frame_, source(frame_), HeightRange{100.0, 100.0}};
+  const SamplingPlane lower{low, source(low), HeightRange{200.0, 200.0}};
+  const std::vector<SamplingPlane> both{upper, lower};
+  std::vector<Vector3d> weights(lights_.size(), Vector3d::Zero());
+  weights[27] = Vector3d::Ones();
+  const auto flat = [](double z) {
+    std::vector<SurfacePoint> points = hills(90);
+    for (SurfacePoint& point : points) {
+      point.point.z() = z;
+      point.normal = point.flat_normal = Vector3d::UnitZ();
+    }
+    return points;
+  };
+  const auto error = [&](const std::vector<SamplingPlane>& planes, double z) {
+    const std::vector<SurfacePoint> points = flat(z);
+    PointsOptions options;
+    options.rule = WindowRule::none;
+    const PointsResult found = shadow_at_points(points, planes, lights_, weights, options);
+    const PlaneFrame there = ground(z, 0.5);
+    const Visibility truth = plate_shadow(there, lights_[27]);
+    const WindowSums sums(truth.value.view(), truth.known.view());
+    double wrong = 0.0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Eigen::Vector2d p = there.picture_of(points[i].point);
+      const double v = sums.mean(p.x() - 0.5, p.x() + 0.5, p.y() - 0.5, p.y() + 0.5).value;
+      const double got = found.totals[i].shadowed.x() / found.totals[i].unshadowed.x();
+      wrong += std::pow(got - v, 2);
+    }
+    return std::sqrt(wrong / static_cast<double>(points.size()));
+  };
+  EXPECT_NEAR(error(both, 0.0), error({upper}, 0.0), 1e-12);
+  EXPECT_NEAR(error(both, -100.0), error({lower}, -100.0), 1e-12);
+  for (const double z : {-25.0, -50.0, -75.0}) {
+    RecordProperty("both_at_" + std::to_string(static_cast<int>(-z)),
+                   std::to_string(error(both, z)));
+    EXPECT_LT(error(both, z), error({upper}, z)) << z;
+    EXPECT_LT(error(both, z), error({lower}, z)) << z;
+  }
+}
+
+// ---- the tree ----
+
+TEST(LightTree, HoldsEveryActiveLightOnceAndMomentsAgree) {
+  const std::vector<SquareLight> lights = ceiling(32);
+  for (const Kind kind : {Kind::one, Kind::nine, Kind::smooth, Kind::rough}) {
+    const std::vector<Vector3d> weights = environment(kind, lights, 8);
+    std::vector<int> seen(lights.size(), 0);
+    for (const LightRoot& root : build_light_trees(lights, weights, 8)) {
+      for (std::size_t i = 0; i < root.nodes.size(); ++i) {
+        const LightNode& node = root.nodes[i];
+        if (node.n_children == 0) {
+          ++seen[static_cast<std::size_t>(node.light)];
+          continue;
+        }
+        ASSERT_GE(node.n_children, 2);
+        Vector3d weight = Vector3d::Zero();
+        double share = 0.0;
+        Vector3d centre = Vector3d::Zero();
+        for (int c = 0; c < node.n_children; ++c) {
+          const LightNode& child = root.nodes[static_cast<std::size_t>(node.first_child + c)];
+          weight += child.weight;
+          share += child.share;
+          centre += child.share * child.block.centre;
+        }
+        EXPECT_NEAR(share, 1.0, 1e-12);
+        EXPECT_LT((weight - node.weight).norm(), 1e-12 * node.weight.norm());
+        EXPECT_LT((centre - node.block.centre).norm(), 1e-9);
+      }
+    }
+    for (std::size_t k = 0; k < lights.size(); ++k) {
+      EXPECT_EQ(seen[k], weights[k].isZero(0.0) ? 0 : 1);
+    }
+  }
+}
+
+TEST(LightTree, AFullBlockIsTheSquareOfItsLights) {
+  const std::vector<SquareLight> lights = ceiling(8);
+  const std::vector<Vector3d> weights(lights.size(), Vector3d::Ones());
+  const std::vector<LightRoot> roots = build_light_trees(lights, weights, 8);
+  ASSERT_EQ(roots.size(), 1U);
+  EXPECT_EQ(roots[0].nodes.size(), 64U + 16U + 4U + 1U);
+  const SquareLight& block = roots[0].nodes[0].block;
+  EXPECT_NEAR(block.width_mm, 960.0, 1.0);  // the last gap is missing
+  EXPECT_LT((block.centre - Vector3d(0, 0, kH)).norm(), 1e-9);
+  EXPECT_NEAR(roots[0].nodes[0].centres.width_mm, 840.0, 1e-9);
+}
+
+// ---- look-ups ----
+
+TEST(ShadowLookup, IsProjectWindowAndWindowVisibility) {
+  double worst = 0.0;
+  for (std::uint64_t i = 0; i < 3000; ++i) {
+    auto draw = [&, j = std::uint64_t{0}]() mutable {
+      return 2.0 * uniform_unit(hash_key(31, i, ++j)) - 1.0;
+    };
+    ShadowPlane plane;
+    const bool is_tilted = i % 3 != 0;
+    const Eigen::AngleAxisd turn(is_tilted ? 0.4 * draw() : 0.0,
+                                 Vector3d(draw(), draw(), 0.3).normalized());
+    plane.n = turn * Vector3d::UnitZ();
+    plane.u = turn * Vector3d::UnitX();
+    plane.v = turn * Vector3d::UnitY();
+    plane.origin = 30.0 * Vector3d(draw(), draw(), draw());
+    plane.d = -plane.n.dot(plane.origin);
+    plane.extent_u_mm = plane.extent_v_mm = 300.0;
+    plane.texel_mm = 5.0;
+    const PlaneFrame frame = make_plane_frame(plane);
+    Visibility v{Image<float>(60, 60, 1), Image<std::uint8_t>(60, 60, 1), {}};
+    for (std::size_t p = 0; p < v.value.pixels().size(); ++p) {
+      v.value.pixels()[p] = static_cast<float>(0.5 + 0.5 * draw());
+      v.known.pixels()[p] = p % 17 != i % 17 ? 1 : 0;
+    }
+    const WindowSums sums(v.value.view(), v.known.view());
+    SquareLight light;
+    light.centre = {400.0 * draw(), 400.0 * draw(), kH};
+    light.width_mm = light.height_mm = 60.0;
+    const Vector3d vertex(100.0 * draw(), 100.0 * draw(), 150.0 * draw());
+    for (const WindowRule rule : {WindowRule::none, WindowRule::plain, WindowRule::corrected}) {
+      const double object = 40.0 + 200.0 * (0.5 + 0.5 * draw());
+      const HeightRange range{object, object};
+      const ShadowLook found = look_up(frame, range, {rule, false}, place_light(frame, light),
+                                       sums, place_point(frame, vertex));
+      if (found.side == PlaneSide::above && frame.height_of(vertex) >= object) {
+        EXPECT_EQ(found.value, 1.0);
+        continue;
+      }
+      const LightWindow window = project_window(frame.plane, light, vertex);
+      const WindowMean mean =
+          window_visibility(frame, sums, window, rule, object / frame.height_of(light.centre));
+      worst = std::max(worst, std::abs(found.value - mean.value));
+      worst = std::max(worst, std::abs(found.unknown - mean.unknown));
+      worst = std::max(worst, std::abs(found.outside - mean.outside));
+    }
+  }
+  EXPECT_LT(worst, 1e-7);  // of 5 mm pixels; strips of slanted windows
+}
+
+TEST(ShadowLookup, WhereABlockIsAllLitEveryLightIs) {
+  const PlaneFrame frame = ground(0.0, 5.0);
+  const std::vector<SquareLight> lights = ceiling(8);
+  const std::vector<Vector3d> weights(lights.size(), Vector3d::Ones());
+  const LightRoot root = build_light_trees(lights, weights, 8)[0];
+  int n_lit = 0;
+  for (std::uint64_t i = 0; i < 400; ++i) {
+    auto draw = [&, j = std::uint64_t{0}]() mutable {
+      return uniform_unit(hash_key(41, i, ++j));
+    };
+    // Dark pixels here and there.
+    Visibility v{Image<float>(80, 80, 1), Image<std::uint8_t>(80, 80, 1), {}};
+    for (std::size_t p = 0; p < v.value.pixels().size(); ++p) {
+      v.value.pixels()[p] = draw() < 0.002 ? 0.0F : 1.0F;
+      v.known.pixels()[p] = 1;
+    }
+    const WindowSums sums(v.value.view(), v.known.view());
+    const HeightRange range{50.0, 120.0};
+    const Vector3d vertex(200.0 * (draw() - 0.5), 200.0 * (draw() - 0.5),
+                          250.0 * (draw() - 0.7));
+    const PlaneSpot spot = place_point(frame, vertex);
+    for (std::size_t at = 1; at < root.nodes.size(); ++at) {
+      const LightNode& node = root.nodes[at];
+      const auto rule = static_cast<WindowRule>(i % 3);
+      if (node.n_children == 0 ||
+          !is_all_lit(frame, range, rule, place_light(frame, node.centres),
+                      place_light(frame, lights[0]), sums, spot)) {
+        continue;
+      }
+      ++n_lit;
+      for (int c = 0; c < node.n_children; ++c) {
+        const LightNode& child = root.nodes[static_cast<std::size_t>(node.first_child + c)];
+        if (child.n_children == 0) {
+          EXPECT_NEAR(
+              look_up(frame, range, {rule, false}, place_light(frame, child.block), sums, spot)
+                  .value,
+              1.0, 1e-6);
+        }
+      }
+    }
+  }
+  EXPECT_GT(n_lit, 100);
+}
+
+}  // namespace
+}  // namespace haarlight
