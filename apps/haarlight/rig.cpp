@@ -1,5 +1,6 @@
 /// @file
-/// `haarlight rig doctor|commission RIG.toml`: is everything there, and what does it really do?
+/// `haarlight rig doctor|commission|predict RIG.toml`: is everything there, what does it really
+/// do, and what will it capture?
 
 #include <chrono>
 #include <csignal>
@@ -11,6 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
+#include "apps/haarlight/rig_predict.h"
 #include "apps/haarlight/verb.h"
 #include "capture/commission.h"
 #include "capture/commission_page.h"
@@ -33,6 +35,7 @@ struct RigArguments {
   bool flash_ok = false;
   bool timing_only = false;
   bool json = false;
+  PredictArguments predict;
 };
 
 /// The body of an answer from a local address; empty: nobody answers.
@@ -308,14 +311,27 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
 
 void add_rig(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RigArguments>();
-  Command verb = root.add_verb("rig", "Examine a rig, or measure what it really does");
-  verb.option(
-      "ACTION", &arguments->action,
-      "doctor: what is there, what was expected, and the cure; lights nothing\n"
-      "commission: measure delays, time stamps, noise and lights by flashing them",
-      {.type = "doctor|commission", .choices = {"doctor", "commission"}, .is_required = true});
+  Command verb =
+      root.add_verb("rig", "Examine a rig, measure what it really does, or predict it");
+  verb.option("ACTION", &arguments->action,
+              "doctor: what is there, what was expected, and the cure; lights nothing\n"
+              "commission: measure delays, time stamps, noise and lights by flashing them\n"
+              "predict: how finely shadows will be sampled, from the file alone",
+              {.type = "doctor|commission|predict",
+               .choices = {"doctor", "commission", "predict"},
+               .is_required = true});
   verb.option("RIG", &arguments->rig, "Rig file", {.type = "RIG.toml", .is_required = true});
-  verb.flag("--json", &arguments->json, "doctor: the table as JSON");
+  verb.flag("--json", &arguments->json, "doctor, predict: the table as JSON");
+  verb.option("--object-height", &arguments->predict.object_height,
+              "predict: lowest and highest point of the object over the plane, mm",
+              {.type = "LOW,HIGH", .delimiter = ',', .count = 2});
+  verb.option("--strip", &arguments->predict.strip_mm,
+              "predict: width of the strip whose ripple is told, mm", {.shows_default = true});
+  verb.option("--sun", &arguments->predict.sun_deg,
+              "predict: angular diameter of a hard sun, degrees", {.shows_default = true});
+  verb.option("--receiver", &arguments->predict.receivers,
+              "predict: heights over the plane of surfaces to draw on, mm",
+              {.type = "MM,...", .delimiter = ','});
   verb.option("--camera", &arguments->camera,
               "commission: the camera that looks (default: the first)", {.type = "ID"});
   verb.flag("--flash-ok", &arguments->flash_ok,
@@ -336,10 +352,16 @@ void add_rig(Command root, Invocation& invocation) {
       "file contradicts what was measured.\n"
       "Examples:\n"
       "  haarlight rig doctor configs/rigs/small8.toml\n"
-      "  haarlight rig commission configs/rigs/small8.toml --flash-ok");
+      "  haarlight rig commission configs/rigs/small8.toml --flash-ok\n"
+      "  haarlight rig predict configs/rigs/cube32.toml --object-height 76,128 "
+      "--receiver=-100,50");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     report.add_input(arguments->rig);
     report.add_asked("action", arguments->action);
+    if (arguments->action == "predict") {
+      run_predict(arguments->rig, arguments->predict, arguments->json, report);
+      return ExitCode::done;
+    }
     return arguments->action == "doctor" ? run_doctor(*arguments, report)
                                          : run_commission(*arguments, common, report);
   });

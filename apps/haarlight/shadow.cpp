@@ -17,8 +17,10 @@
 #include "core/rig.h"
 #include "core/tolerance.h"
 #include "relight/basis/basis_file.h"
+#include "relight/basis/relight.h"
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
+#include "relight/shadow/composite.h"
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"
 #include "relight/shadow/stack_visibility.h"
@@ -37,7 +39,12 @@ struct ShadowArguments {
   LightOptions light;
   std::string window = "corrected";
   std::vector<double> object_height;
-  std::string plane;
+  std::vector<std::string> planes;
+  std::vector<std::string> also;
+  std::optional<double> max_error;
+  std::optional<double> worst_point;
+  bool with_object = false;
+  std::optional<double> plane_albedo;
   std::string plate = "computed";
   std::string mask;
   std::vector<int> size;
@@ -87,22 +94,70 @@ Rig rig_of(const BasisFile& basis) {
   return rig;
 }
 
-std::size_t find_plane(const Rig& rig, const std::string& id, const std::string& where) {
-  if (id.empty()) {
-    return 0;
+/// The rig's planes of these names; all without names.
+std::vector<std::size_t> find_planes(const Rig& rig, const std::vector<std::string>& ids,
+                                     const std::string& where) {
+  std::vector<std::size_t> found;
+  for (std::size_t i = 0; i < rig.planes.size(); ++i) {
+    if (ids.empty() || std::find(ids.begin(), ids.end(), rig.planes[i].id) != ids.end()) {
+      found.push_back(i);
+    }
   }
-  const auto it = std::find_if(rig.planes.begin(), rig.planes.end(),
-                               [&](const ShadowPlane& plane) { return plane.id == id; });
-  if (it == rig.planes.end()) {
-    throw Error(fmt::format("the rig has no plane \"{}\"", id), where,
-                fmt::format("the first one is \"{}\"", rig.planes[0].id), ExitCode::usage);
+  for (const std::string& id : ids) {
+    if (std::none_of(rig.planes.begin(), rig.planes.end(),
+                     [&](const ShadowPlane& plane) { return plane.id == id; })) {
+      throw Error(fmt::format("the rig has no plane \"{}\"", id), where,
+                  fmt::format("the first one is \"{}\"", rig.planes[0].id), ExitCode::usage);
+    }
   }
-  return static_cast<std::size_t>(it - rig.planes.begin());
+  return found;
+}
+
+/// One capture of the object: a basis file, its rig, and the shadow pictures of its planes.
+struct Capture {
+  explicit Capture(const std::string& file)
+      : basis(BasisFile::open(file)), rig(rig_of(basis)), stack(basis) {}
+  Capture(const Capture&) = delete;
+  Capture& operator=(const Capture&) = delete;
+
+  BasisFile basis;
+  Rig rig;
+  BasisSource stack;
+  std::vector<PlaneFrame> frames;  ///< of all the rig's planes
+  std::vector<std::size_t> chosen;
+  std::vector<std::unique_ptr<StackSource>> plates;       ///< of the chosen ones
+  std::vector<std::unique_ptr<StackVisibility>> shadows;  ///< the same
+};
+
+/// Heights over another plane, where it is parallel to the one they were given over.
+std::optional<HeightRange> over_plane(const std::optional<HeightRange>& object,
+                                      const PlaneFrame& given, const PlaneFrame& other) {
+  constexpr double kParallel = 1e-6;
+  if (!object || (given.plane.n - other.plane.n).norm() > kParallel) {
+    return std::nullopt;
+  }
+  const double shift = other.plane.d - given.plane.d;
+  return HeightRange{object->low_mm + shift, object->high_mm + shift};
+}
+
+void require_same_lights(const Rig& rig, const Rig& other, const std::string& file) {
+  const std::vector<LightElement> a = light_elements(rig);
+  const std::vector<LightElement> b = light_elements(other);
+  constexpr double kMoved = 1.0;  // mm
+  bool is_same = a.size() == b.size();
+  for (std::size_t k = 0; is_same && k < a.size(); ++k) {
+    is_same = (a[k].centre - b[k].centre).norm() < kMoved;
+  }
+  if (!is_same) {
+    throw Error("its lights are not those of the first capture", file,
+                "captures are joined when only the plane has moved between them");
+  }
 }
 
 /// The scene's camera, or the capture's own where the scene has none; resized when asked.
 CameraModel view_of(const ShadowArguments& arguments, const SceneFile& scene, const Rig& rig) {
-  CameraModel camera = scene.has_camera ? scene.camera : rig.cameras[0].model;
+  CameraModel camera =
+      scene.has_camera && !arguments.with_object ? scene.camera : rig.cameras[0].model;
   if (!arguments.size.empty()) {
     const double sx = static_cast<double>(arguments.size[0]) / camera.width;
     const double sy = static_cast<double>(arguments.size[1]) / camera.height;
@@ -134,6 +189,16 @@ void add_to_report(const ReprojectReport& found, Report& report) {
   report.add_reached("unknown_share", found.unknown_share);
   report.add_reached("affected_receivers", found.affected_receivers);
   report.add_reached("spread_relative_l2", found.spread_relative);
+  const PointsReport& points = found.points;
+  report.add_reached("irradiance_relative_l2", points.reached.relative_l2);
+  report.add_reached("irradiance_relative_l2_limit", points.relative_l2_limit);
+  report.add_reached("irradiance_worst_point", points.reached.worst_pixel);
+  report.add_detail("is_exact", points.is_exact);
+  report.add_detail("checked_receivers", points.n_checked);
+  report.add_detail("lookups_a_receiver", points.lookups_a_point);
+  report.add_detail("block_side", std::int64_t{points.block_side});
+  report.add_detail("table_bytes", static_cast<std::int64_t>(points.table_bytes));
+  report.add_detail("receiver_bytes", static_cast<std::int64_t>(points.totals_bytes));
   report.add_detail("lights", std::int64_t{found.n_lights});
   report.add_detail("receivers", found.n_receivers);
   report.add_detail("on_plane_share", found.on_share);
@@ -182,6 +247,51 @@ void print_notes(const ReprojectReport& found, bool has_height) {
   }
 }
 
+/// Lays the relit object over the scene.
+void add_object(const ShadowArguments& arguments, const Capture& capture,
+                std::span<const Eigen::Vector3d> weights, const Scene& scene,
+                const std::optional<HeightRange>& object, Image<float>& picture,
+                Report& report) {
+  const CameraModel& eye = capture.rig.cameras[0].model;
+  const PlaneFrame& frame = capture.frames[capture.chosen[0]];
+  const SquareLight one = rig_lights(capture.rig)[0];
+  // To the scale of a computed plate; a captured one stands in between.
+  double plate_scale = capture.shadows[0]->scale();
+  if (arguments.plate != "computed" && arguments.plate != "falloff") {
+    const RigPlate computed(eye, frame.plane, rig_lights(capture.rig), PlateKind::squares);
+    plate_scale *= StackVisibility(*capture.plates[0], computed, eye, frame, {}, {}).scale();
+  }
+  Image<std::uint8_t> shows_object = capture.shadows[0]->shows_object();
+  for (const auto& shadow : capture.shadows) {
+    for (std::size_t i = 0; i < shows_object.pixels().size(); ++i) {
+      // What shows any of the planes is not the object; what one plate does not see may be.
+      const bool is_plane = shadow->shows_plane().pixels()[i] != 0;
+      shows_object.pixels()[i] = !is_plane && (shows_object.pixels()[i] != 0 ||
+                                               shadow->shows_object().pixels()[i] != 0)
+                                     ? 1
+                                     : 0;
+    }
+  }
+  LightWeights drives(static_cast<Eigen::Index>(weights.size()), 3);
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    drives.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
+  }
+  const RelitPicture relit = relight(capture.basis, drives);
+  CompositeOptions options;
+  options.object = object;
+  options.scale = scene_scale(plate_scale, capture.stack.dims().channels,
+                              *arguments.plane_albedo, one.width_mm * one.height_mm);
+  const CompositeCount count =
+      draw_object(picture, relit.picture, shows_object, RayCaster(scene), eye, frame, options);
+  report.add_asked("plane_albedo", *arguments.plane_albedo);
+  report.add_detail("object_pixels", count.n_object);
+  report.add_detail("object_pixels_behind_scene", count.n_hidden);
+  report.add_detail("object_scale", options.scale);
+  fmt::print(
+      "  the object covers {} pixels{}\n", count.n_object,
+      count.n_hidden > 0 ? fmt::format(", {} more are behind the scene", count.n_hidden) : "");
+}
+
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
                     Report& report) {
   for (const std::string& file :
@@ -196,12 +306,40 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
     throw Error("--truth and --truth-object go together, --difference needs both",
                 "command line", "name the object's scene and the picture", ExitCode::usage);
   }
+  if (arguments.with_object && (!arguments.plane_albedo || !arguments.size.empty())) {
+    throw Error(arguments.plane_albedo ? "--with-object is seen by the capture's camera"
+                                       : "--with-object needs --plane-albedo",
+                "command line",
+                arguments.plane_albedo
+                    ? "leave out --size"
+                    : "say how much light the captured plane reflects, for example 0.8: "
+                      "object and scene have one brightness through it",
+                ExitCode::usage);
+  }
   report.add_input(arguments.basis);
   report.add_input(arguments.scene);
-  const BasisFile basis = BasisFile::open(arguments.basis);
-  const Rig rig = rig_of(basis);
-  const std::size_t i_plane = find_plane(rig, arguments.plane, arguments.basis);
-  const PlaneFrame frame = make_plane_frame(rig.planes[i_plane]);
+  std::vector<std::unique_ptr<Capture>> captures;
+  captures.push_back(std::make_unique<Capture>(arguments.basis));
+  const Rig& rig = captures[0]->rig;
+  for (const std::string& file : arguments.also) {
+    report.add_input(file);
+    captures.push_back(std::make_unique<Capture>(file));
+    require_same_lights(rig, captures.back()->rig, file);
+  }
+  std::size_t n_planes = 0;
+  for (const auto& capture : captures) {
+    for (const ShadowPlane& plane : capture->rig.planes) {
+      capture->frames.push_back(make_plane_frame(plane));
+    }
+    capture->chosen = find_planes(capture->rig, arguments.planes, capture->basis.name());
+    n_planes += capture->chosen.size();
+  }
+  constexpr std::size_t kMaxPlanes = 8;
+  if (n_planes > kMaxPlanes) {
+    throw Error(fmt::format("{} planes; at most {} are joined", n_planes, kMaxPlanes),
+                "command line", "name some with --plane", ExitCode::usage);
+  }
+  const PlaneFrame& frame = captures[0]->frames[captures[0]->chosen[0]];
   const std::vector<Eigen::Vector3d> weights = read_weights(arguments, rig, report);
   const SceneFile scene = read_scene(arguments.scene);
   Scene object;  // read before anything is written, as every input
@@ -229,49 +367,86 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
   options.has_own_shadows = !arguments.has_no_own_shadows;
   options.memory_bytes = common.memory_bytes / 2;
   options.progress = common.progress();
+  options.tolerance.relative_l2 =
+      arguments.max_error.value_or(arguments.worst_point ? 1.0 : 0.0);
+  if (arguments.worst_point) {
+    options.tolerance.worst_pixel = *arguments.worst_point;
+    report.add_asked("irradiance_worst_point", *arguments.worst_point);
+  }
+  report.add_asked("irradiance_relative_l2", options.tolerance.relative_l2);
   report.add_asked("window", arguments.window);
 
-  std::vector<int> wanted;
-  for (std::size_t k = 0; k < weights.size(); ++k) {
-    if (!weights[k].isZero(0.0)) {
-      wanted.push_back(static_cast<int>(k));
-    }
-  }
-  const BasisSource stack(basis);
-  const CameraModel& eye = rig.cameras[0].model;
+  const std::vector<int> wanted = visiting_order(lights, weights);
   std::optional<BasisFile> plate_file;
-  std::unique_ptr<StackSource> plate;
-  if (arguments.plate == "computed") {
-    plate = std::make_unique<RigPlate>(eye, frame.plane, lights, PlateKind::squares);
-  } else if (arguments.plate == "falloff") {
-    plate = std::make_unique<RigPlate>(eye, frame.plane, lights, PlateKind::points);
-  } else {
+  if (arguments.plate != "computed" && arguments.plate != "falloff") {
     report.add_input(arguments.plate);
     plate_file = BasisFile::open(arguments.plate);
-    plate = std::make_unique<BasisSource>(*plate_file);
+    if (n_planes > 1) {
+      throw Error("a captured plate is of one plane, here are several", "--plate",
+                  "name one plane with --plane, or leave --plate out", ExitCode::usage);
+    }
   }
   report.add_detail("plate", arguments.plate);
-  StackVisibilityOptions visibility_options;
-  visibility_options.shows_plane = read_mask(arguments.mask);
-  const Image<std::uint8_t>& mask = visibility_options.shows_plane;
-  if (!mask.is_empty() && (mask.width() != eye.width || mask.height() != eye.height)) {
+  const Image<std::uint8_t> mask = read_mask(arguments.mask);
+  const CameraModel& first_eye = rig.cameras[0].model;
+  if (!mask.is_empty() &&
+      (mask.width() != first_eye.width || mask.height() != first_eye.height)) {
     throw Error(fmt::format("the mask is {} x {}, the camera {} x {}", mask.width(),
-                            mask.height(), eye.width, eye.height),
+                            mask.height(), first_eye.width, first_eye.height),
                 arguments.mask, "draw it on one of the camera's pictures");
   }
-  visibility_options.memory_bytes = common.memory_bytes / 4;
-  std::optional<StackVisibility> visibility;
-  if (!wanted.empty()) {
-    visibility.emplace(stack, *plate, eye, frame, wanted, std::move(visibility_options));
-    report.add_detail("plate_scale", visibility->scale());
-    report.add_reached("plane_known_share", visibility->known_share());
+  if (!mask.is_empty() && n_planes > 1) {
+    throw Error("a mask is of one plane, here are several", "--mask",
+                "name one plane with --plane", ExitCode::usage);
   }
-  const ReprojectResult result = reproject_shadow(
-      scene.scene, view, frame, lights, weights,
-      [&](int k) { return visibility->visibility(k); }, options);
+  std::vector<SamplingPlane> planes;
+  for (const auto& capture : captures) {
+    const CameraModel& eye = capture->rig.cameras[0].model;
+    for (const std::size_t i : capture->chosen) {
+      const PlaneFrame& here = capture->frames[i];
+      if (plate_file) {
+        capture->plates.push_back(std::make_unique<BasisSource>(*plate_file));
+      } else {
+        capture->plates.push_back(std::make_unique<RigPlate>(
+            eye, capture->frames, i, rig_lights(capture->rig),
+            arguments.plate == "falloff" ? PlateKind::points : PlateKind::squares));
+      }
+      StackVisibility* shadow = nullptr;
+      if (!wanted.empty()) {
+        StackVisibilityOptions visibility_options;
+        visibility_options.shows_plane = mask;
+        visibility_options.memory_bytes = common.memory_bytes / (4 * n_planes);
+        capture->shadows.push_back(
+            std::make_unique<StackVisibility>(capture->stack, *capture->plates.back(), eye,
+                                              here, wanted, std::move(visibility_options)));
+        shadow = capture->shadows.back().get();
+        const std::string suffix = planes.empty() ? "" : fmt::format("_{}", planes.size() + 1);
+        report.add_detail("plate_scale" + suffix, shadow->scale());
+        report.add_reached("plane_known_share" + suffix, shadow->known_share());
+      }
+      planes.push_back({here, [shadow](int k) { return shadow->visibility(k); },
+                        over_plane(options.object, frame, here)});
+    }
+  }
+  report.add_detail("planes", static_cast<std::int64_t>(planes.size()));
+  ReprojectResult result =
+      reproject_shadow(scene.scene, view, planes, lights, weights, options);
   add_to_report(result.report, report);
   fmt::print("{}: {} lights, {} receivers\n", arguments.output, result.report.n_lights,
              result.report.n_receivers);
+  if (options.tolerance.relative_l2 > 0.0) {
+    const PointsReport& points = result.report.points;
+    fmt::print(
+        "{}",
+        points.is_exact
+            ? std::string("  every light was looked up: no error\n")
+            : fmt::format("  relative error of the light received {:.2g} "
+                          "(at most {:.2g}), worst point {:.2g}, on {} receivers "
+                          "checked; {:.0f} look-ups each instead of {}\n",
+                          points.reached.relative_l2, points.relative_l2_limit,
+                          points.reached.worst_pixel, points.n_checked, points.lookups_a_point,
+                          static_cast<std::size_t>(points.n_lights) * planes.size()));
+  }
   if (arguments.plate != "computed" && !plate_file) {
     fmt::print("  no clean plate: a fitted cos^4/r^2 takes its place\n");
   }
@@ -284,8 +459,7 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
           ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayShare)
           : 1.0);
   report.add_detail("exposure", exposure);
-  write_image(arguments.output, result.picture.view(), exposure);
-  std::uint64_t bytes = fs::file_size(arguments.output);
+  std::uint64_t bytes = 0;
   if (!arguments.spread.empty()) {
     write_image(arguments.spread, result.spread.view(), exposure);
     bytes += fs::file_size(arguments.spread);
@@ -322,7 +496,12 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
       bytes += fs::file_size(arguments.difference);
     }
   }
-  report.set_bytes(bytes);
+  if (arguments.with_object && !wanted.empty()) {
+    add_object(arguments, *captures[0], weights, scene.scene, options.object, result.picture,
+               report);
+  }
+  write_image(arguments.output, result.picture.view(), exposure);
+  report.set_bytes(bytes + fs::file_size(arguments.output));
   return ExitCode::done;
 }
 
@@ -344,8 +523,24 @@ void add_shadow(Command root, Invocation& invocation) {
   verb.option("--object-height", &arguments->object_height,
               "Lowest and highest point of the object over the plane, mm",
               {.type = "LOW,HIGH", .delimiter = ',', .count = 2});
-  verb.option("--plane", &arguments->plane, "The rig's plane to use (default: the first)",
+  verb.option("--plane", &arguments->planes,
+              "The rig's planes to use (default: all); between planes it interpolates",
               {.type = "ID"});
+  verb.option("--also", &arguments->also,
+              "Further captures of the object, the plane moved between them",
+              {.type = "BASIS.hlb"});
+  verb.option("--max-error", &arguments->max_error,
+              "Relative L2 error of the light that the scene receives: blocks of lights are "
+              "taken together (default: exact)",
+              {.bounds = Bounds{0.0, 1.0}});
+  verb.option("--worst-point", &arguments->worst_point,
+              "The same for the worst point, as a share of the brightest",
+              {.bounds = Bounds{0.0, 1.0}});
+  verb.flag("--with-object", &arguments->with_object,
+            "Lay the relit object itself over the scene, seen by the capture's camera");
+  verb.option("--plane-albedo", &arguments->plane_albedo,
+              "What the captured plane reflects: brings the object to the scene's brightness",
+              {.bounds = Bounds{0.001, 1.0}});
   verb.option("--plate", &arguments->plate,
               "Clean plate: a captured one, computed from the rig, or falloff (cos^4/r^2)",
               {.type = "FILE.hlb|computed|falloff", .shows_default = true});
@@ -375,7 +570,9 @@ void add_shadow(Command root, Invocation& invocation) {
       "  haarlight shadow airplane.hlb --scene configs/scenes/stairs.toml \\\n"
       "      --cubemap apartment.hdr --object-height 76,128 -o shadow.exr\n"
       "  haarlight shadow airplane.hlb --scene configs/scenes/stairs.toml --light 528 \\\n"
-      "      --truth-object configs/scenes/airplane.toml --truth truth.png -o shadow.png");
+      "      --truth-object configs/scenes/airplane.toml --truth truth.png -o shadow.png\n"
+      "  haarlight shadow airplane.hlb --scene configs/scenes/stairs.toml --max-error 0.01 \\\n"
+      "      --cubemap apartment.hdr --with-object --plane-albedo 0.8 -o together.png");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_shadow(*arguments, common, report);
   });

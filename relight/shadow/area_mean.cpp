@@ -108,17 +108,6 @@ void WindowSums::share_unknown(const WindowSums& other) {
   }
 }
 
-double WindowSums::integral(const Table& table, double x, double y) const {
-  const int i = std::min(static_cast<int>(x), width_ - 1);
-  const int j = std::min(static_cast<int>(y), height_ - 1);
-  const double fx = x - i;
-  const double fy = y - j;
-  const std::size_t stride = static_cast<std::size_t>(width_) + 1;
-  const double* at = &table[static_cast<std::size_t>(j) * stride + static_cast<std::size_t>(i)];
-  return (1.0 - fy) * ((1.0 - fx) * at[0] + fx * at[1]) +
-         fy * ((1.0 - fx) * at[stride] + fx * at[stride + 1]);
-}
-
 WindowSums::Sum WindowSums::integral(double x0, double x1, double y0, double y1) const {
   x0 = std::clamp(x0, 0.0, static_cast<double>(width_));
   x1 = std::clamp(x1, 0.0, static_cast<double>(width_));
@@ -127,12 +116,28 @@ WindowSums::Sum WindowSums::integral(double x0, double x1, double y0, double y1)
   if (x0 >= x1 || y0 >= y1) {
     return {};
   }
+  // Within a pixel the tables are bilinear.
+  const int left = std::min(static_cast<int>(x0), width_ - 1);
+  const int right = std::min(static_cast<int>(x1), width_ - 1);
+  const int top = std::min(static_cast<int>(y0), height_ - 1);
+  const int bottom = std::min(static_cast<int>(y1), height_ - 1);
+  const double f_left = x0 - left;
+  const double f_right = x1 - right;
+  const double f_top = y0 - top;
+  const double f_bottom = y1 - bottom;
+  const std::size_t stride = static_cast<std::size_t>(width_) + 1;
   const auto sum = [&](const Table& table) {
-    const double a = integral(table, x0, y0);
-    const double b = integral(table, x1, y0);
-    const double c = integral(table, x0, y1);
-    const double d = integral(table, x1, y1);
-    return (d - c) - (b - a);
+    const auto between = [&](const double* row) {
+      const double* a = row + left;
+      const double* b = row + right;
+      return (b[0] + f_right * (b[1] - b[0])) - (a[0] + f_left * (a[1] - a[0]));
+    };
+    const double* upper = table.data() + static_cast<std::size_t>(top) * stride;
+    const double* lower = table.data() + static_cast<std::size_t>(bottom) * stride;
+    const double u0 = between(upper);
+    const double l0 = between(lower);
+    return (l0 + f_bottom * (between(lower + stride) - l0)) -
+           (u0 + f_top * (between(upper + stride) - u0));
   };
   return {sum(visible_), unknown_ ? sum(*unknown_) : 0.0};
 }

@@ -115,7 +115,6 @@ class WindowSums {
     double visible = 0.0;
     double unknown = 0.0;
   };
-  [[nodiscard]] double integral(const Table& table, double x, double y) const;
   [[nodiscard]] Sum integral(double x0, double x1, double y0, double y1) const;
 
   int width_ = 0;

@@ -70,7 +70,10 @@ HAARLIGHT_WIDER void far_irradiance(const SquareLight& light, const Chunk& chunk
     const double z = lz - pz[i];
     const double r2 = x * x + y * y + z * z;
     const double over = nx[i] * x + ny[i] * y + nz[i] * z;
-    const double before = -(ex * x + ey * y + ez * z);
+    const double before = std::max(-(ex * x + ey * y + ez * z), 0.0);
+    const double along_u = nx[i] * du.x() + ny[i] * du.y() + nz[i] * du.z();
+    const double along_v = nx[i] * dv.x() + ny[i] * dv.y() + nz[i] * dv.z();
+    const double reach = std::numbers::sqrt3 * (std::abs(along_u) + std::abs(along_v));
     double sum = 0.0;
     for (int s = 0; s < 4; ++s) {
       const double sx = x + steps[static_cast<std::size_t>(s)].x();
@@ -79,8 +82,8 @@ HAARLIGHT_WIDER void far_irradiance(const SquareLight& light, const Chunk& chunk
       const double d2 = sx * sx + sy * sy + sz * sz;
       sum += (nx[i] * sx + ny[i] * sy + nz[i] * sz) * before / (d2 * d2);
     }
-    const bool is_far = r2 >= least && over > side && before > side;
-    out[i] = is_far ? scale * sum : -1.0;  // -1: to be done with care
+    const double far = r2 >= least && over >= reach ? scale * sum : -1.0;
+    out[i] = before > 0.0 && over + reach > 0.0 ? far : 0.0;  // -1: to be done with care
   }
 }
 
@@ -455,6 +458,11 @@ class Job {
   [[nodiscard]] ShadowLook look(const LightNode& node, std::span<const PlaneLight> placed,
                                 const WindowSums* const* tables, const PlaneSpot* spots,
                                 std::size_t spot_stride) const {
+    const LookRule rule{options_.rule, node.n_children > 0};
+    if (planes_.size() == 1) {
+      return look_up(planes_[0].frame, planes_[0].object, rule, placed[0], *tables[0],
+                     spots[0]);
+    }
     std::array<ShadowLook, kMaxPlanes> looks;
     for (std::size_t p = 0; p < planes_.size(); ++p) {
       looks[p] =
@@ -787,9 +795,12 @@ double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& poin
   const double r2 = to_light.squaredNorm();
   const double over_surface = normal.dot(to_light);
   const double before_light = -light.emits.dot(to_light);
-  const bool is_far =
-      r2 >= kFarSides * kFarSides * side * side && over_surface > side && before_light > side;
-  if (!is_far) {
+  const double reach = 0.5 * (std::abs(normal.dot(light.u)) * light.width_mm +
+                              std::abs(normal.dot(light.v)) * light.height_mm);
+  if (before_light <= 0.0 || over_surface + reach <= 0.0) {
+    return 0.0;  // behind the light, or below the receiver's horizon
+  }
+  if (r2 < kFarSides * kFarSides * side * side || over_surface < reach) {
     return light_irradiance(light, point, normal) / light.radiance;
   }
   // 2 x 2 Gauss-Legendre points: error O((side/r)^4).

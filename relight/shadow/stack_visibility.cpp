@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <limits>
 #include <mutex>
 #include <utility>
 
@@ -52,6 +53,39 @@ RigPlate::RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight>
       lights_(lights.begin(), lights.end()),
       kind_(kind) {}
 
+RigPlate::RigPlate(CameraModel camera, std::span<const PlaneFrame> planes, std::size_t which,
+                   std::span<const SquareLight> lights, PlateKind kind)
+    : RigPlate(std::move(camera), planes[which].plane, lights, kind) {
+  if (planes.size() > 1) {
+    planes_.assign(planes.begin(), planes.end());
+    which_ = which;
+  }
+}
+
+namespace {
+
+/// Distance along a ray to a plane's picture; infinity where it misses.
+double distance_to(const PlaneFrame& frame, const CameraRay& ray) {
+  const double t = -frame.height_of(ray.origin_world) / frame.plane.n.dot(ray.direction_world);
+  if (!(t > 0.0)) {
+    return std::numeric_limits<double>::infinity();
+  }
+  const Eigen::Vector2d at = frame.picture_of(ray.origin_world + t * ray.direction_world);
+  const bool is_inside =
+      at.x() >= 0.0 && at.y() >= 0.0 && at.x() <= frame.width && at.y() <= frame.height;
+  return is_inside ? t : std::numeric_limits<double>::infinity();
+}
+
+/// Whether this plane's picture is the first that a ray meets.
+bool is_first(std::span<const PlaneFrame> planes, std::size_t which, const CameraRay& ray) {
+  const double own = distance_to(planes[which], ray);
+  return own < std::numeric_limits<double>::infinity() &&
+         std::all_of(planes.begin(), planes.end(),
+                     [&](const PlaneFrame& frame) { return distance_to(frame, ray) >= own; });
+}
+
+}  // namespace
+
 StackDims RigPlate::dims() const {
   return {camera_.width, camera_.height, 1, static_cast<int>(lights_.size())};
 }
@@ -63,7 +97,8 @@ void RigPlate::read_tile(const TileRect& rect, std::span<float> out) const {
       const CameraRay ray = ray_through(camera_, x + 0.5, y + 0.5);
       const double towards = plane_.n.dot(ray.direction_world);
       const double t = -(plane_.n.dot(ray.origin_world) + plane_.d) / towards;
-      const bool is_seen = towards != 0.0 && t > 0.0;
+      const bool is_seen =
+          towards != 0.0 && t > 0.0 && (planes_.empty() || is_first(planes_, which_, ray));
       const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
       const Eigen::Vector3d normal = towards < 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
       for (const SquareLight& light : lights_) {
@@ -115,6 +150,10 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
                           options_.shows_plane.height() == dims_.height,
                       "a mask of the capture's size");
     shows_plane_ = options_.shows_plane;
+    shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
+    for (std::size_t i = 0; i < shows_plane_.pixels().size(); ++i) {
+      shows_object_.pixels()[i] = shows_plane_.pixels()[i] == 0 ? 1 : 0;
+    }
   }
   sampler_.emplace(camera, frame, shows_plane_.view());
 }
@@ -172,6 +211,7 @@ void StackVisibility::fit_scale() {
 
 void StackVisibility::find_plane() {
   Image<std::uint8_t> found(dims_.height, dims_.width, 1);
+  shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
   for_each_tile([&](const TileRect& rect, std::span<const float> t, std::span<const float> b) {
     std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
     std::vector<float> b_row(t_row.size());
@@ -185,6 +225,9 @@ void StackVisibility::find_plane() {
       const int x = rect.x0 + static_cast<int>(p) % rect.width;
       const int y = rect.y0 + static_cast<int>(p) / rect.width;
       found(y, x) = haarlight::shows_plane(t_row, b_row, options_.test) ? 1 : 0;
+      const bool is_lit =
+          std::any_of(b_row.begin(), b_row.end(), [](float value) { return value > 0.0F; });
+      shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
     }
   });
   shows_plane_ = grow_hidden(found.view());

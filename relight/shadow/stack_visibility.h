@@ -40,6 +40,10 @@ class RigPlate final : public StackSource {
  public:
   RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight> lights,
            PlateKind kind);
+  /// Of one of several planes: dark at pixels that see another plane's picture before this
+  /// one's, or nothing of this one's.
+  RigPlate(CameraModel camera, std::span<const PlaneFrame> planes, std::size_t which,
+           std::span<const SquareLight> lights, PlateKind kind);
   [[nodiscard]] StackDims dims() const override;
   void read_tile(const TileRect& rect, std::span<float> out) const override;
 
@@ -48,6 +52,8 @@ class RigPlate final : public StackSource {
   Plane plane_;
   std::vector<SquareLight> lights_;
   PlateKind kind_;
+  std::vector<PlaneFrame> planes_;  ///< all of the rig's, when there are several
+  std::size_t which_ = 0;
 };
 
 /// One thread. Borrows stack and plate.
@@ -67,8 +73,12 @@ class StackVisibility {
   [[nodiscard]] double scale() const noexcept { return scale_; }
   /// Share of the plane picture that is known.
   [[nodiscard]] double known_share() const { return sampler_->known_share(); }
-  /// (h, w, 1) of the camera.
+  /// (h, w, 1) of the camera; a rim of a pixel is left out where it was found.
   [[nodiscard]] const Image<std::uint8_t>& shows_plane() const noexcept { return shows_plane_; }
+  /// (h, w, 1): 1 where the plate is lit and the camera sees something else, without a rim.
+  [[nodiscard]] const Image<std::uint8_t>& shows_object() const noexcept {
+    return shows_object_;
+  }
 
  private:
   void fit_scale();
@@ -86,6 +96,7 @@ class StackVisibility {
   std::vector<int> places_;  ///< of each light in wanted_; -1: not wanted
   double scale_ = 0.0;
   Image<std::uint8_t> shows_plane_;
+  Image<std::uint8_t> shows_object_;
   std::optional<PlaneSampler> sampler_;
 
   std::size_t first_ = 0;  ///< place in wanted_ of the first one loaded
