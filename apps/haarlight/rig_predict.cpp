@@ -1,5 +1,7 @@
 #include "apps/haarlight/rig_predict.h"
 
+#include <cmath>
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -94,9 +96,10 @@ void print_edge(const EdgePrediction& edge, const PredictArguments& arguments) {
     line("on a surface",
          receiver.height_mm >= edge.height_mm
              ? fmt::format("at {:+g} mm: over this edge, lit", receiver.height_mm)
-             : fmt::format("at {:+g} mm: penumbra {:.2f} mm, drawn {:.2f} mm ({:+.0f} %)",
-                           receiver.height_mm, receiver.penumbra_mm, receiver.drawn_mm,
-                           100.0 * (receiver.drawn_mm / receiver.penumbra_mm - 1.0)));
+             : fmt::format(
+                   "at {:+g} mm: penumbra {:.2f} mm, drawn {:.2f} mm ({:+.0f} %)",
+                   receiver.height_mm, receiver.penumbra_mm, receiver.drawn_mm,
+                   std::round(100.0 * (receiver.drawn_mm / receiver.penumbra_mm - 1.0)) + 0.0));
   }
 }
 

@@ -155,8 +155,8 @@ TEST(RigPredict, RippleIsThatOfThePictures) {
     const std::size_t k = row * 32 + 16;
     weights[k].setConstant(1e-4 * std::pow(lights[k].centre.squaredNorm() / 810000.0, 2));
   }
-  const Profile found = profile(empty, full, strip_camera({0.0, -40.0, 0.0}, 330), lights,
-                                weights, {Vector3d::UnitZ(), 0.0}, Vector3d::UnitY());
+  const Profile found = profile(empty, full, strip_camera({0.0, 0.0, 0.0}, 120, 12000.0),
+                                lights, weights, {Vector3d::UnitZ(), 0.0}, Vector3d::UnitY());
   // Over whole periods: the depth's mean, and its two levels.
   const double period = shadow_spacing(30.0, kHeight, 900.0);
   std::vector<double> depth;
