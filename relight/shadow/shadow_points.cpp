@@ -7,21 +7,11 @@
 #include <numbers>
 #include <numeric>
 
-#include <fmt/format.h>
-
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "relight/shadow/light_tree.h"
-#include "render/analytic/polygon_light.h"
-
-// Without contraction every width gives the same bits.
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define HAARLIGHT_WIDER [[gnu::target_clones("avx2", "default")]]
-#else
-#define HAARLIGHT_WIDER
-#endif
+#include "relight/shadow/receiver_light.h"
 
 namespace haarlight {
 namespace {
@@ -31,79 +21,8 @@ constexpr std::size_t kGrain = 256;  // receivers a task
 /// the scene's own shadows (render/direct_light.h) whatever the memory.
 constexpr int kRootSide = 16;
 constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
-constexpr std::size_t kChecked = 4096;   // receivers that a threshold is found on
 constexpr double kTrustedErrors = 3.0;   // standard errors
 constexpr int kFinestThreshold = 20;     // 2^-20 of the rms irradiance
-constexpr double kFarSides = 10.0;       // from here on four Gauss points serve
-
-/// A chunk of receivers, each coordinate in a row of its own.
-struct Chunk {
-  std::vector<double> px, py, pz, nx, ny, nz, fx, fy, fz;
-  std::vector<PlaneSpot> spots;  ///< [plane * size + i]
-  std::size_t size = 0;
-};
-
-HAARLIGHT_WIDER void far_irradiance(const SquareLight& light, const Chunk& chunk, double* out) {
-  const double lx = light.centre.x();
-  const double ly = light.centre.y();
-  const double lz = light.centre.z();
-  const double ex = light.emits.x();
-  const double ey = light.emits.y();
-  const double ez = light.emits.z();
-  const double side = std::max(light.width_mm, light.height_mm);
-  const double q = 0.5 / std::numbers::sqrt3;
-  const Eigen::Vector3d du = q * light.width_mm * light.u;
-  const Eigen::Vector3d dv = q * light.height_mm * light.v;
-  const std::array<Eigen::Vector3d, 4> steps{-du - dv, -du + dv, du - dv, du + dv};
-  const double scale = 0.25 * light.width_mm * light.height_mm;
-  const double least = kFarSides * kFarSides * side * side;
-  const std::size_t n = chunk.size;
-  const double* px = chunk.px.data();
-  const double* py = chunk.py.data();
-  const double* pz = chunk.pz.data();
-  const double* nx = chunk.nx.data();
-  const double* ny = chunk.ny.data();
-  const double* nz = chunk.nz.data();
-  for (std::size_t i = 0; i < n; ++i) {
-    const double x = lx - px[i];
-    const double y = ly - py[i];
-    const double z = lz - pz[i];
-    const double r2 = x * x + y * y + z * z;
-    const double over = nx[i] * x + ny[i] * y + nz[i] * z;
-    const double before = std::max(-(ex * x + ey * y + ez * z), 0.0);
-    const double along_u = nx[i] * du.x() + ny[i] * du.y() + nz[i] * du.z();
-    const double along_v = nx[i] * dv.x() + ny[i] * dv.y() + nz[i] * dv.z();
-    const double reach = std::numbers::sqrt3 * (std::abs(along_u) + std::abs(along_v));
-    double sum = 0.0;
-    for (int s = 0; s < 4; ++s) {
-      const double sx = x + steps[static_cast<std::size_t>(s)].x();
-      const double sy = y + steps[static_cast<std::size_t>(s)].y();
-      const double sz = z + steps[static_cast<std::size_t>(s)].z();
-      const double d2 = sx * sx + sy * sy + sz * sz;
-      sum += (nx[i] * sx + ny[i] * sy + nz[i] * sz) * before / (d2 * d2);
-    }
-    const double far = r2 >= least && over >= reach ? scale * sum : -1.0;
-    out[i] = before > 0.0 && over + reach > 0.0 ? far : 0.0;  // -1: to be done with care
-  }
-}
-
-/// The same four points for a block, wherever it is wholly before the receiver.
-double block_irradiance(const SquareLight& light, const SurfacePoint& at) {
-  const Eigen::Vector3d to_light = light.centre - at.point;
-  const double before = -light.emits.dot(to_light);
-  const double q = 0.5 / std::numbers::sqrt3;
-  const Eigen::Vector3d du = q * light.width_mm * light.u;
-  const Eigen::Vector3d dv = q * light.height_mm * light.v;
-  double sum = 0.0;
-  for (const auto& [su, sv] : {std::pair{-1.0, -1.0}, {-1.0, 1.0}, {1.0, -1.0}, {1.0, 1.0}}) {
-    const Eigen::Vector3d to = to_light + su * du + sv * dv;
-    const double d2 = to.squaredNorm();
-    const double lobe =
-        light.lobe_mu == 1.0 ? 1.0 : std::pow(before / std::sqrt(d2), light.lobe_mu - 1.0);
-    sum += at.normal.dot(to) * lobe / (d2 * d2);
-  }
-  return 0.25 * light.width_mm * light.height_mm * before * sum;
-}
 
 bool faces(const SurfacePoint& at, const SquareLight& light) {
   return at.flat_normal.dot(light.centre - at.point) > 0.0;
@@ -138,6 +57,13 @@ void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, PointT
   total.shadowed += look.value * lit;
   total.spread += look.half_spread * lit.cwiseAbs();
 }
+
+/// A chunk of receivers and what the planes see of them.
+struct Chunk {
+  PointRows rows;
+  std::vector<PlaneSpot> spots;  ///< [plane * size + i]
+  std::size_t size = 0;
+};
 
 class Job {
  public:
@@ -205,7 +131,12 @@ class Job {
         std::all_of(weights_.begin(), weights_.end(),
                     [](const Eigen::Vector3d& weight) { return weight.minCoeff() >= 0.0; });
     return options_.tolerance.relative_l2 > 0.0 && options_.tolerance.worst_pixel > 0.0 &&
-           is_positive && receivers_.size() > 2 * kChecked && !roots_.empty();
+           is_positive && options_.n_checked > 0 && receivers_.size() > 2 * n_checked() &&
+           !roots_.empty();
+  }
+
+  [[nodiscard]] std::size_t n_checked() const {
+    return static_cast<std::size_t>(options_.n_checked);
   }
 
   /// The largest blocks whose tables fit. False: no block of two lights does.
@@ -229,9 +160,9 @@ class Job {
 
   /// Coarsest threshold whose error on the checked receivers keeps the tolerance; 0: none does.
   double find_threshold(PointsReport& report) {
-    const std::size_t stride = receivers_.size() / kChecked;
+    const std::size_t stride = receivers_.size() / n_checked();
     std::vector<std::uint32_t> checked;
-    for (std::size_t i = 0; i < kChecked; ++i) {
+    for (std::size_t i = 0; i < n_checked(); ++i) {
       checked.push_back(static_cast<std::uint32_t>(i * stride + hash_key(11, i) % stride));
     }
     const Tolerance& tolerance = options_.tolerance;
@@ -246,9 +177,9 @@ class Job {
     if (!(rms > 0.0)) {
       return 0.0;
     }
-    std::vector<PointTotal> exact(kChecked);
+    std::vector<PointTotal> exact(n_checked());
     std::vector<std::vector<PointTotal>> tries(shares.size(),
-                                               std::vector<PointTotal>(kChecked));
+                                               std::vector<PointTotal>(n_checked()));
     PointsReport ignored;
     for (const LightRoot& root : roots_) {
       const Tables tables = load_tree(root, ignored, nullptr);
@@ -257,7 +188,7 @@ class Job {
         sum_by_blocks(root, tables, rms * shares[t], checked, tries[t]);
       }
     }
-    report.n_checked = static_cast<std::int64_t>(kChecked);
+    report.n_checked = static_cast<std::int64_t>(n_checked());
     for (std::size_t t = 0; t < shares.size(); ++t) {
       if (keeps_tolerance(exact, tries[t], report)) {
         report.threshold = shares[t];
@@ -416,21 +347,9 @@ class Job {
   [[nodiscard]] Chunk gather(std::span<const std::uint32_t> which) const {
     Chunk chunk;
     chunk.size = which.size();
-    for (auto* row : {&chunk.px, &chunk.py, &chunk.pz, &chunk.nx, &chunk.ny, &chunk.nz,
-                      &chunk.fx, &chunk.fy, &chunk.fz}) {
-      row->resize(which.size());
-    }
-    for (std::size_t i = 0; i < which.size(); ++i) {
-      const SurfacePoint& at = receivers_[which[i]];
-      chunk.px[i] = at.point.x();
-      chunk.py[i] = at.point.y();
-      chunk.pz[i] = at.point.z();
-      chunk.nx[i] = at.normal.x();
-      chunk.ny[i] = at.normal.y();
-      chunk.nz[i] = at.normal.z();
-      chunk.fx[i] = at.flat_normal.x();
-      chunk.fy[i] = at.flat_normal.y();
-      chunk.fz[i] = at.flat_normal.z();
+    chunk.rows.reserve(which.size());
+    for (const std::uint32_t i : which) {
+      chunk.rows.add(receivers_[i]);
     }
     for (const SamplingPlane& plane : planes_) {
       for (const std::uint32_t i : which) {
@@ -552,19 +471,14 @@ class Job {
   /// One light at a chunk of receivers.
   void irradiance(const SquareLight& light, const Chunk& chunk,
                   std::span<const std::uint32_t> which, std::span<double> E) const {
-    if (light.lobe_mu == 1.0) {
-      far_irradiance(light, chunk, E.data());
-    } else {
-      std::fill(E.begin(), E.end(), -1.0);
-    }
+    irradiance_far(light, chunk.rows, E);
     for (std::size_t i = 0; i < chunk.size; ++i) {
-      const double towards = chunk.fx[i] * (light.centre.x() - chunk.px[i]) +
-                             chunk.fy[i] * (light.centre.y() - chunk.py[i]) +
-                             chunk.fz[i] * (light.centre.z() - chunk.pz[i]);
+      const SurfacePoint& at = receivers_[which[i]];
+      const double towards = at.flat_normal.dot(light.centre - at.point);
       if (!(towards > 0.0)) {
         E[i] = 0.0;
       } else if (E[i] < 0.0) {
-        E[i] = leaf_irradiance(light, receivers_[which[i]]);
+        E[i] = leaf_irradiance(light, at);
       } else {
         E[i] *= light.radiance;
       }
@@ -786,40 +700,6 @@ std::vector<int> visiting_order(std::span<const SquareLight> lights,
     }
   }
   return order;
-}
-
-double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
-                           const Eigen::Vector3d& normal) {
-  const Eigen::Vector3d to_light = light.centre - point;
-  const double side = std::max(light.width_mm, light.height_mm);
-  const double r2 = to_light.squaredNorm();
-  const double over_surface = normal.dot(to_light);
-  const double before_light = -light.emits.dot(to_light);
-  const double reach = 0.5 * (std::abs(normal.dot(light.u)) * light.width_mm +
-                              std::abs(normal.dot(light.v)) * light.height_mm);
-  if (before_light <= 0.0 || over_surface + reach <= 0.0) {
-    return 0.0;  // behind the light, or below the receiver's horizon
-  }
-  if (r2 < kFarSides * kFarSides * side * side || over_surface < reach) {
-    return light_irradiance(light, point, normal) / light.radiance;
-  }
-  // 2 x 2 Gauss-Legendre points: error O((side/r)^4).
-  const double q = 0.5 / std::numbers::sqrt3;
-  const Eigen::Vector3d du = q * light.width_mm * light.u;
-  const Eigen::Vector3d dv = q * light.height_mm * light.v;
-  double sum = 0.0;
-  for (const double su : {-1.0, 1.0}) {
-    for (const double sv : {-1.0, 1.0}) {
-      const Eigen::Vector3d to = to_light + su * du + sv * dv;
-      const double d2 = to.squaredNorm();
-      const double cos_cos = normal.dot(to) * before_light / d2;
-      const double lobe = light.lobe_mu == 1.0
-                              ? 1.0
-                              : std::pow(before_light / std::sqrt(d2), light.lobe_mu - 1.0);
-      sum += cos_cos * lobe / d2;
-    }
-  }
-  return 0.25 * light.width_mm * light.height_mm * sum;
 }
 
 }  // namespace haarlight

@@ -33,6 +33,9 @@ struct PointsOptions {
   /// colour as a share of the largest value. 0 (the L2 error): exact. Infinity: no limit.
   Tolerance tolerance{.relative_l2 = 0.0,
                       .worst_pixel = std::numeric_limits<double>::infinity()};
+  /// Receivers that are computed exactly to find the threshold; twice as many or fewer in all
+  /// are computed exactly altogether.
+  int n_checked = 4096;
   /// The scene's own shadows on the receivers; null: none.
   const RayCaster* own_shadows = nullptr;
   /// For tables of shadow pictures; at least one light's are held. Exact results do not depend
@@ -92,10 +95,5 @@ struct PointsResult {
 /// The lights of non-zero weight in the order in which their pictures are asked for.
 [[nodiscard]] std::vector<int> visiting_order(std::span<const SquareLight> lights,
                                               std::span<const Eigen::Vector3d> weights);
-
-/// E_k / radiance: exact near the light, four Gauss points where it is ten sides away or more
-/// (relative error below 1e-6 there; render/analytic has the exact form).
-[[nodiscard]] double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
-                                         const Eigen::Vector3d& normal);
 
 }  // namespace haarlight

@@ -11,7 +11,7 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/shadow/reproject.h"
+#include "relight/shadow/receiver_light.h"
 
 namespace haarlight {
 namespace {

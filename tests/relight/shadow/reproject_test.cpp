@@ -8,6 +8,7 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
+#include "relight/shadow/receiver_light.h"
 #include "relight/shadow/shadow_truth.h"
 #include "render/analytic/polygon_light.h"
 #include "render/picture.h"

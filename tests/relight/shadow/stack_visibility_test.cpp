@@ -8,6 +8,7 @@
 
 #include "core/error.h"
 #include "core/random.h"
+#include "relight/shadow/receiver_light.h"
 #include "relight/shadow/reproject.h"
 #include "render/picture.h"
 
