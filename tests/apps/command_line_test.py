@@ -40,7 +40,8 @@ ABSENT = {
     "reshoot": ["1 --token-file absent"],
     "cameras": [],
     "advise": ["absent.toml --signal 800", "{rig} --signal 800 --cubemap absent.hdr"],
-    "rig": ["doctor absent.toml", "commission absent.toml --flash-ok"],
+    "rig": ["doctor absent.toml", "commission absent.toml --flash-ok",
+            "predict absent.toml --object-height 10,20"],
     "preview": ["1 --token-file absent"],
     "shot": ["1 --token-file absent"],
     "sessions": ["--token-file absent"],
@@ -62,6 +63,7 @@ ABSENT = {
                "plate.hlb --scene absent.toml --light 0 -o new.png",
                "plate.hlb --scene {scene} --cubemap absent.hdr -o new.png",
                "plate.hlb --scene {scene} --light 0 --plate absent.hlb -o new.png",
+               "plate.hlb --also absent.hlb --scene {scene} --light 0 -o new.png",
                "plate.hlb --scene {scene} --light 0 --mask absent.png -o new.png",
                "plate.hlb --scene {scene} --light 0 --truth-object absent.toml --truth t.png -o new.png"],
 }
@@ -86,6 +88,7 @@ WRITES = {
     "relight": ["object.hlb --light 0 -o taken.png"],
     "bases": ["object.hlb -o taken/ --error 0.1 --size 2", "session -o taken/ --basis pca --error 0.1"],
     "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
+               "plate.hlb --scene {scene} --light 3 --size 16x12 --max-error 0.01 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png --spread taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 -o new.png "
                "--truth-object {scene} --truth taken.png",
@@ -337,6 +340,61 @@ class CommandLine(unittest.TestCase):
         self.assertIn("light 64 does not exist", far.stderr)
         self.assertEqual(self.run_line("check session").returncode, BAD_INPUT)
         self.assertEqual(self.run_line("check {rig} --as car").returncode, USAGE)
+
+    def test_rig_predict_tells_the_numbers_of_the_rig(self):
+        cube = str(SOURCE / "configs/rigs/cube32.toml")
+        shown = self.run_line(f"rig predict {cube} --object-height 150,150 --receiver=-100 --json")
+        self.assertEqual((shown.returncode, shown.stderr), (DONE, ""))
+        plane = json.loads(shown.stdout)["planes"][0]
+        edge = plane["edges"][0]
+        self.assertAlmostEqual(edge["spacing_mm"]["middle"], 6.0)
+        self.assertAlmostEqual(edge["penumbra_mm"]["middle"], 5.6)
+        self.assertAlmostEqual(edge["largest_pixel_mm"], 2.8)
+        self.assertAlmostEqual(edge["receivers"][0]["penumbra_mm"], 28 * 250 / 750)
+        text = self.run_line(f"rig predict {cube} --object-height 76,128")
+        for words in ("shadow spacing", "penumbra", "ripple", "hard sun", "largest camera pixel"):
+            self.assertIn(words, text.stdout)
+        for line, words in (("", "--object-height"), ("--object-height 20,10", "above its lowest"),
+                            ("--object-height=-5,10", "under the plane"),
+                            ("--object-height 5,10 --strip 0", "--strip"),
+                            ("--object-height 5,10 --sun 95", "--sun"),
+                            ("--object-height 5,10 --receiver 900", "--receiver")):
+            with self.subTest(line=line):
+                wrong = self.run_line(f"rig predict {cube} {line}")
+                self.assertEqual(wrong.returncode, USAGE, wrong.stderr)
+                self.assertIn(words, wrong.stderr)
+                self.assertIn("\n  cure: ", wrong.stderr)
+        high = self.run_line(f"rig predict {cube} --object-height 5,950")
+        self.assertEqual(high.returncode, BAD_INPUT)
+        self.assertIn("no face is above", high.stderr)
+
+    def test_shadow_keeps_an_error_and_joins_captures(self):
+        start = "shadow plate.hlb --scene {scene} --cubemap {room} --no-own-shadows --size 80x60"
+        exact = self.run_line(f"{start} -o exact.exr --report exact.json")
+        self.assertEqual(exact.returncode, DONE, exact.stderr)
+        fast = self.run_line(f"{start} --max-error 0.01 -o fast.exr --report fast.json")
+        self.assertEqual(fast.returncode, DONE, fast.stderr)
+        self.assertIn("look-ups each instead of 64", fast.stdout)
+        read = lambda name: json.loads((self.folder / name).read_text())
+        self.assertTrue(read("exact.json")["details"]["is_exact"])
+        self.assertFalse(read("fast.json")["details"]["is_exact"])
+        self.assertLessEqual(read("fast.json")["reached"]["irradiance_relative_l2_limit"], 0.01)
+        both = self.run_line(f"{start} --also plate.hlb -o both.exr --report both.json")
+        self.assertEqual(both.returncode, DONE, both.stderr)
+        self.assertEqual(read("both.json")["details"]["planes"], 2)
+        together = self.run_line("shadow plate.hlb --scene {scene} --light 3 --with-object "
+                                 "--plane-albedo 0.8 -o together.exr")
+        self.assertEqual(together.returncode, DONE, together.stderr)
+        self.assertIn("the object covers", together.stdout)
+        for line, words in (("--max-error 2", "--max-error"), ("--plane wall", 'no plane "wall"'),
+                            ("--with-object", "--plane-albedo"),
+                            ("--with-object --plane-albedo 0.8 --size 8x8", "--size"),
+                            ("--with-object --plane-albedo 0", "--plane-albedo")):
+            with self.subTest(line=line):
+                wrong = self.run_line("shadow plate.hlb --scene {scene} --light 3 -o no.exr " + line)
+                self.assertEqual(wrong.returncode, USAGE, wrong.stderr)
+                self.assertIn(words, wrong.stderr)
+        self.assertFalse((self.folder / "no.exr").exists())
 
     def test_the_validator_refuses_broken_reports(self):
         schema = {"type": "object", "required": ["a"], "additionalProperties": False,
