@@ -114,9 +114,8 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
   const Window at{*step, vertex.x + (vertex.x - light.centre.x) * *step,
                   vertex.y + (vertex.y - light.centre.y) * *step};
   const bool is_below = look.side == PlaneSide::below;
-  const bool is_windowed =
-      (rule.window == WindowRule::plain && !is_on) ||
-      (is_below && (rule.window == WindowRule::corrected || rule.is_block));
+  const bool is_windowed = !is_on && (rule.window == WindowRule::plain || rule.is_block ||
+                                      (is_below && rule.window == WindowRule::corrected));
   WindowMean mean;
   if (!is_windowed) {
     mean = mean_round(sums, at.x, at.y, 0.0, 0.0);

@@ -70,8 +70,8 @@ struct ShadowLook {
 /// What every look-up of a job shares.
 struct LookRule {
   WindowRule window = WindowRule::corrected;
-  /// The light is a block of lights: its window spreads what the lights' own places spread,
-  /// also where the rule gives a single light none.
+  /// The light is a block of lights: it has a window also where the rule gives a single light
+  /// none, so that no shadow of any member falls between its look-ups.
   bool is_block = false;
 };
 

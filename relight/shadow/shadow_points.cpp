@@ -21,8 +21,10 @@ constexpr std::size_t kGrain = 256;  // receivers a task
 /// the scene's own shadows (render/direct_light.h) whatever the memory.
 constexpr int kRootSide = 16;
 constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
-constexpr double kTrustedErrors = 3.0;   // standard errors
-constexpr int kFinestThreshold = 20;     // 2^-20 of the rms irradiance
+/// With fewer lights blocks cost more than they save, and their errors are rare and large.
+constexpr int kFewLights = 32;
+constexpr double kTrustedErrors = 3.0;  // standard errors
+constexpr int kFinestThreshold = 20;    // 2^-20 of the rms irradiance
 
 bool faces(const SurfacePoint& at, const SquareLight& light) {
   return at.flat_normal.dot(light.centre - at.point) > 0.0;
@@ -94,7 +96,7 @@ class Job {
       report.n_lights += static_cast<int>(root.leaves.size());
     }
     double threshold = 0.0;
-    if (may_use_blocks() && choose_side(report)) {
+    if (may_use_blocks() && report.n_lights >= kFewLights && choose_side(report)) {
       threshold = find_threshold(report);
     }
     Progress progress("shadow", static_cast<std::size_t>(report.n_lights), options_.progress);

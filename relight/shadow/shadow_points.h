@@ -84,7 +84,7 @@ struct PointsResult {
 /// @param planes   one or more; each one's pictures are asked for light by light from this
 ///                 thread, once each, twice with a tolerance, in the order of visiting_order()
 /// @param weights  one RGB drive a light; zero ones are not asked for. With a drive below zero
-///                 everything is exact.
+///                 or fewer than 32 lights everything is exact.
 /// The result does not depend on the number of threads.
 [[nodiscard]] PointsResult shadow_at_points(std::span<const SurfacePoint> receivers,
                                             std::span<const SamplingPlane> planes,

@@ -95,8 +95,9 @@ TEST_F(ShadowPoints, ToleranceZeroIsExactToTheBit) {
 TEST_F(ShadowPoints, TheErrorIsBelowTheToleranceAndMonotone) {
   const std::vector<SurfacePoint> receivers = hills(40);
   double lookups_smooth = 0.0;
-  for (const std::uint64_t seed : {0U, 1U}) {
-    for (const Kind kind : {Kind::one, Kind::nine, Kind::smooth, Kind::rough, Kind::coloured}) {
+  for (const std::uint64_t seed : {1U}) {
+    for (const Kind kind :
+         {Kind::one, Kind::nine, Kind::sparse, Kind::smooth, Kind::rough, Kind::coloured}) {
       const std::vector<Vector3d> weights = environment(kind, lights_, seed);
       const PointsResult exact = run(receivers, weights);
       double threshold = kInfinity;

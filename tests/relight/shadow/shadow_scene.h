@@ -93,7 +93,7 @@ inline std::vector<SurfacePoint> hills(int side, double extent = 300.0) {
   return points;
 }
 
-enum class Kind { one, nine, smooth, rough, coloured };
+enum class Kind { one, nine, sparse, smooth, rough, coloured };
 
 inline std::vector<Vector3d> environment(Kind kind, const std::vector<SquareLight>& lights,
                                          std::uint64_t seed) {
@@ -112,6 +112,11 @@ inline std::vector<Vector3d> environment(Kind kind, const std::vector<SquareLigh
       break;
     case Kind::nine:
       for (int i = 0; i < 9; ++i) {
+        weights[any()] = Vector3d::Constant(0.5 + draw());
+      }
+      break;
+    case Kind::sparse:  // forty lights here and there
+      for (int i = 0; i < 40; ++i) {
         weights[any()] = Vector3d::Constant(0.5 + draw());
       }
       break;

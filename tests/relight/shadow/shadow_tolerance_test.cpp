@@ -21,8 +21,8 @@ TEST(ShadowTolerance, IsKeptOnRandomEnvironments) {
   const std::vector<SurfacePoint> receivers = hills(100);
   double worst = 0.0;
   double worst_point_over = 0.0;
-  for (std::uint64_t i = 0; i < 40; ++i) {
-    const auto kind = static_cast<Kind>(i % 5);
+  for (std::uint64_t i = 0; i < 42; ++i) {
+    const auto kind = static_cast<Kind>(i % 6);
     const double tolerance = std::pow(10.0, -1.0 - 2.0 * uniform_unit(hash_key(3, i)));
     const double noise = i % 3 == 0 ? 0.01 : 0.0;
     const std::vector<Vector3d> weights = environment(kind, lights, 100 + i);
