@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include "core/error.h"
 #include "render/direct_light.h"
@@ -19,8 +21,8 @@ struct Square {
 class Builder {
  public:
   Builder(std::span<const SquareLight> lights, std::span<const Eigen::Vector3d> weights,
-          const LightGrid& grid)
-      : lights_(lights), weights_(weights), grid_(grid) {}
+          LightGrid grid)
+      : lights_(lights), weights_(weights), grid_(std::move(grid)) {}
 
   LightRoot build(const Square& square) {
     LightRoot root;
