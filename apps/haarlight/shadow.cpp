@@ -117,8 +117,11 @@ std::vector<std::size_t> find_planes(const Rig& rig, const std::vector<std::stri
 struct Capture {
   explicit Capture(const std::string& file)
       : basis(BasisFile::open(file)), rig(rig_of(basis)), stack(basis) {}
+  ~Capture() = default;
   Capture(const Capture&) = delete;
   Capture& operator=(const Capture&) = delete;
+  Capture(Capture&&) = delete;  // the source refers to the file
+  Capture& operator=(Capture&&) = delete;
 
   BasisFile basis;
   Rig rig;
