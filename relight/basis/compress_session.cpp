@@ -147,7 +147,8 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
   double energy = 0.0;
   double noise = 0.0;
   for (int i = 0; i < n_rows; ++i) {
-    const int y = static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
+    const int y =
+        static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
     const Developer::Rows rows = developer.rows(y, y + 1);
     for (std::size_t k = 0; k < rows.values.size(); ++k) {
       const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped, of no known error
