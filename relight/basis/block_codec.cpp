@@ -105,7 +105,8 @@ unsigned noise_bits(std::span<const std::int32_t> row) {
     sum += std::abs(static_cast<double>(v));
   }
   const double mean = sum / static_cast<double>(row.size());
-  return mean < 16.0 ? 0U : std::min(kMostLowBits, static_cast<unsigned>(std::ilogb(mean)) - 3U);
+  return mean < 16.0 ? 0U
+                     : std::min(kMostLowBits, static_cast<unsigned>(std::ilogb(mean)) - 3U);
 }
 
 std::size_t bytes_of_bits(std::size_t n_numbers, unsigned n_bits) {
