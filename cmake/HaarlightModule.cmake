@@ -3,10 +3,11 @@
 #   folder; headers default to the sources' names with .h, where they exist. Its headers are
 #   compiled alone by the target all_verify_interface_header_sets.
 #
-# haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...] [NO_TSAN])
+# haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...] [NO_TSAN] [TOGETHER])
 #   A GoogleTest program NAME whose tests ctest finds. Labels: unit (default), golden, property,
 #   slow (release build only), soak (./check --full only). NO_TSAN: no thread of its own
-#   beyond core/parallel.h's loops; left out of the tsan build.
+#   beyond core/parallel.h's loops; left out of the tsan build. TOGETHER: one test for ctest,
+#   where the program's tests share what is dear to make.
 #
 # haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
 #   With clang and HAARLIGHT_FUZZ a libFuzzer program; in every other build a program that replays
@@ -39,7 +40,7 @@ function(haarlight_add_module)
 endfunction()
 
 function(haarlight_add_test)
-  cmake_parse_arguments(ARG "NO_TSAN" "NAME" "SOURCES;DEPS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "NO_TSAN;TOGETHER" "NAME" "SOURCES;DEPS;LABELS" ${ARGN})
   if(HAARLIGHT_TSAN AND ARG_NO_TSAN)
     return()
   endif()
@@ -53,9 +54,14 @@ function(haarlight_add_test)
   if(NOT ARG_LABELS)
     set(ARG_LABELS unit)
   endif()
-  gtest_discover_tests(${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
-                       DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
-                       PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
+  if(ARG_TOGETHER)
+    add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
+    set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
+  else()
+    gtest_discover_tests(${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
+                         DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
+                         PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
+  endif()
   if("slow" IN_LIST ARG_LABELS OR "soak" IN_LIST ARG_LABELS)
     add_dependencies(slow_tests ${ARG_NAME})
   else()

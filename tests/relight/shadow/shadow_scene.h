@@ -6,6 +6,8 @@
 #include <limits>
 #include <vector>
 
+#include <gtest/gtest.h>
+
 #include "core/random.h"
 #include "relight/shadow/shadow_points.h"
 
@@ -170,5 +172,34 @@ inline bool same_bits(const PointsResult& a, const PointsResult& b) {
   }
   return a.totals.size() == b.totals.size();
 }
+
+/// Fewer receivers than a job would check.
+inline PointsOptions few() {
+  PointsOptions options;
+  options.n_checked = 512;
+  return options;
+}
+
+class ShadowPoints : public ::testing::Test {
+ protected:
+  [[nodiscard]] std::vector<SamplingPlane> planes(double noise = 0.0) const {
+    return {{frame_,
+             [this, noise](int k) {
+               return plate_shadow(frame_, lights_[static_cast<std::size_t>(k)], noise,
+                                   static_cast<std::uint64_t>(k) + 1);
+             },
+             HeightRange{100.0, 100.0}}};
+  }
+  [[nodiscard]] PointsResult run(const std::vector<SurfacePoint>& receivers,
+                                 const std::vector<Vector3d>& weights, double l2 = 0.0,
+                                 double worst = kInfinity) const {
+    PointsOptions options = few();
+    options.tolerance = {l2, worst};
+    return shadow_at_points(receivers, planes(), lights_, weights, options);
+  }
+
+  PlaneFrame frame_ = ground();
+  std::vector<SquareLight> lights_ = ceiling(16);
+};
 
 }  // namespace haarlight::shadow_scene
