@@ -43,7 +43,8 @@ template <class Transform>
 void for_each_grid(const BasisHeader& header, std::span<std::int64_t> numbers,
                    Transform transform) {
   if (header.basis == BasisKind::haar) {
-    const auto per_grid = static_cast<std::size_t>(header.grid * header.grid);
+    const auto side = static_cast<std::size_t>(header.grid);
+    const std::size_t per_grid = side * side;
     for (std::size_t g = 0; g < numbers.size(); g += per_grid) {
       transform(numbers.subspan(g, per_grid), header.grid);
     }

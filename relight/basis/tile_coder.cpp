@@ -176,7 +176,7 @@ std::vector<int> places_of(const BasisHeader& header) {
 }
 
 void add_squares(std::span<const float> t, double* energies, double& peak) {
-  float largest = static_cast<float>(peak);
+  auto largest = static_cast<float>(peak);
   for (std::size_t k = 0; k < t.size(); ++k) {
     energies[k] += double{t[k]} * double{t[k]};
     largest = std::max(largest, std::abs(t[k]));
