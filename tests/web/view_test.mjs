@@ -394,7 +394,9 @@ await suite.test('the first picture does not wait for the finest coefficients', 
     await until(() => page.evaluate(() => window.haarlightView?.engine?.status().isWhole &&
       window.haarlightView.basis.isLoaded[0].filter(Boolean).length === 1), 'a picture of the first group');
     const early = await page.evaluate(() => window.haarlightView.engine.status());
-    expect(early.bound > 0 && /loading/.test(await textOf(page, '#loading')), 'what is missing is in the bound');
+    expect(early.bound > 0, 'what is missing is in the bound');
+    // Words are told five times a second.
+    await until(async () => /loading/.test(await textOf(page, '#loading')), 'the word that something is missing');
     open();
     await settled(page);
     const whole = await page.evaluate(() => window.haarlightView.engine.status());
