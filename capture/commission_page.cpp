@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "core/markup.h"
 #include "core/report.h"
 
 namespace haarlight {
@@ -18,29 +19,6 @@ constexpr double kRight = 16.0;
 constexpr double kTop = 12.0;
 constexpr double kBottom = 44.0;
 constexpr std::size_t kMaxDots = 1200;
-
-std::string escaped(std::string_view text) {
-  std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '&':
-        out += "&amp;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  }
-  return out;
-}
 
 /// Axes with ticks; maps data to the picture.
 class Plot {

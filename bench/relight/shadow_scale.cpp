@@ -269,6 +269,7 @@ class Study {
       record.conditions.pixels = static_cast<long long>(points.size());
       record.conditions.repeats = repeats;
       record.conditions.command = arguments_.command;
+      record.conditions.more.emplace_back("bytes_are", "held in memory");
       records_.push_back(record);
       times_[{light.name + (is_noisy ? " noisy" : ""), modes[m].name}].push_back(
           {lights.size(), points.size(), record.seconds});
@@ -449,6 +450,7 @@ void Study::penumbras() {
       record.conditions.lights = 1;
       record.conditions.repeats = 1;
       record.conditions.command = arguments_.command;
+      record.conditions.more.emplace_back("bytes_are", "held in memory");
       records_.push_back(record);
     }
   }

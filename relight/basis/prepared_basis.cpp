@@ -322,7 +322,7 @@ PreparedBasis::Chunk PreparedBasis::make_chunk(std::vector<const LightQuery*> qu
   chunk.light.assign(2 * n_lights * chunk.width, 0.0F);
   for (std::size_t q = 0; q < chunk.queries.size(); ++q) {
     const LightQuery& query = *chunk.queries[q];
-    // One unit for what the coefficients' and the plate's whole numbers are multiplied with.
+    // One unit for what coefficients and gains are multiplied with.
     const int exponent = unit_exponent(factors_of(query));
     chunk.exponents.push_back(exponent);
     for (std::size_t i = 0; i < n_lights; ++i) {
