@@ -219,6 +219,37 @@ await suite.test('an environment, and turned', async () =>
     await until(async () => /--cubemap room\.hdr --rotate -130 /.test(await page.locator('#command').textContent()), 'the command');
   }));
 
+await suite.test('between the angles asked ahead an environment turns evenly', async () =>
+  viewing(made('haar', ...kFiles.haar), async page => {
+    await page.locator('#environment-file').setInputFiles(kRoom);
+    await until(() => page.evaluate(() => window.haarlightView.environment?.turntable.isFull), 'weights of every angle', 60);
+    const worst = await page.evaluate(async () => {
+      const {id, turntable} = window.haarlightView.environment;
+      const ask = async (degrees, quality) => {
+        for (;;) {
+          const answer = await fetch(`/v1/environments/${id}/weights?rotate=${degrees}&quality=${quality}`);
+          const {is_ready, weights} = await answer.json();
+          if (is_ready) {
+            return weights.flat();
+          }
+          await new Promise(resolve => setTimeout(resolve, 30));
+        }
+      };
+      const size = values => Math.sqrt(values.reduce((sum, v) => sum + v * v, 0));
+      const far = (a, b) => size(a.map((w, k) => w - b[k])) / size(a);
+      let [between, reduced] = [0, 0];
+      for (const degrees of [-179.9, -77.3, -1, 0, 0.7, 1.40625, 45, 123.4, 180]) {
+        const quick = await ask(degrees, 'quick');
+        between = Math.max(between, far(quick, turntable.at(degrees).weights.flatMap(column => [...column])));
+        reduced = Math.max(reduced, far(await ask(degrees, 'exact'), quick));
+      }
+      return {between, reduced};
+    });
+    // Between two angles a texel's border passes through a cell at a speed that is not quite even.
+    expect(worst.between < 0.3 * worst.reduced, `relative L2 ${worst.between} beside ${worst.reduced}`);
+    return `relative L2 at most ${worst.between.toFixed(4)}, of the reduced picture ${worst.reduced.toFixed(4)}`;
+  }));
+
 await suite.test('what a person paints is not taken back by an environment, and shows on it', async () =>
   viewing(made('haar', ...kFiles.haar), async page => {
     let open = () => {};

@@ -8,9 +8,11 @@ import {FaceLayout, LightMap, SkyLayout} from './light_map.js';
 import {FullError} from './page_store.js';
 import {Renderer} from './renderer.js';
 import {ServerError} from './server.js';
+import {Turntable} from './turntable.js';
 
 const byId = id => document.getElementById(id);
 const kPollMs = 60;
+const kRestMs = 150;     // without a movement: the environment rests at its angle
 const kTellMs = 200;
 const kTermStops = 100;  // of the slider; the last one is "all"
 const kGone = 1e-3;      // of the brush's level: what erasing leaves of a light is put out
@@ -22,7 +24,7 @@ const page = {
   basis: null, renderer: null, engine: null, maps: [],
   columns: null,        // drives: one or three arrays
   mode: 'move',
-  environment: null,    // {id, name, degrees, isExact}
+  environment: null,    // {id, name, degrees, isExact, turntable}
   source: 'light',      // or environment, painted: what the drives are
   level: 1,             // the drive of the brush's full strength
   strokes: 0,           // by the person: weights that were asked for before one come too late
@@ -163,12 +165,15 @@ async function loadEnvironment(file) {
   environmentMessage(`reading ${file.name} …`);
   try {
     const id = await sendEnvironment(file);
-    page.environment = {id, name: file.name, degrees: 0};
+    page.environment?.turntable.end();
+    const turntable = new Turntable(degrees => askWeights(id, degrees, 'quick'));
+    page.environment = {id, name: file.name, degrees: 0, turntable};
     byId('environment-name').textContent = file.name;
     byId('turn').value = 0;
     byId('turn-text').textContent = '0°';
     await turn(0);
     byId('turn-tool').hidden = false;
+    await turntable.fill(() => !isTurning);
   } catch (error) {
     environmentMessage(error.message, true);
     if (!(error instanceof ServerError)) {
@@ -183,6 +188,11 @@ let isTurning = false;
 /** Shows the environment at an angle: quick weights at once, exact ones when it rests there. */
 async function turn(degrees, at) {
   turning = {degrees, at, strokes: page.strokes};
+  const known = page.environment.turntable.at(degrees);
+  if (known) {
+    take(known, turning, 'quick');
+    turning.isShown = true;
+  }
   if (isTurning) {
     return;
   }
@@ -192,7 +202,10 @@ async function turn(degrees, at) {
       const wanted = turning;
       turning = null;
       page.engine.hurry(true);
-      await weightsOf(wanted, 'quick');
+      if (!wanted.isShown) {
+        await weightsOf(wanted, 'quick');
+      }
+      await pause(wanted.isShown ? kRestMs : 0);
       page.engine.hurry(turning !== null);
       if (!turning) {
         await weightsOf(wanted, 'exact');
@@ -204,23 +217,15 @@ async function turn(degrees, at) {
   }
 }
 
+/** Asks for weights until they are there, or nobody wants them any more. */
 async function weightsOf(wanted, quality) {
-  const {environment} = page;
   for (;;) {
-    const found = await askWeights(environment.id, wanted.degrees, quality);
-    if (page.strokes !== wanted.strokes) {
+    const found = await askWeights(page.environment.id, wanted.degrees, quality);
+    if (page.strokes !== wanted.strokes || turning?.isShown) {
       return;
     }
     if (found.is_ready) {
-      environment.degrees = wanted.degrees;
-      environment.isExact = quality === 'exact';
-      const columns = found.weights.map(column => Float64Array.from(column));
-      page.level = columns.reduce((most, column) => column.reduce((a, b) => Math.max(a, b), most), 0) || 1;
-      setDrives(columns, 'environment', quality === 'quick' ? wanted.at : undefined);
-      const missing = (100 * found.missing_share).toFixed(1);
-      environmentMessage(`${found.layout}. ${found.missing_share > 1e-6
-        ? `${missing} % of its light comes from where the rig has no lights.` : 'The lights reach all of its light.'}` +
-        (environment.isExact ? '' : ' Turning: from a smaller picture of it.'));
+      take(found, wanted, quality);
       return;
     }
     if (turning) {
@@ -228,6 +233,19 @@ async function weightsOf(wanted, quality) {
     }
     await pause(kPollMs);
   }
+}
+
+function take(found, wanted, quality) {
+  const {environment} = page;
+  environment.degrees = wanted.degrees;
+  environment.isExact = quality === 'exact';
+  const columns = found.weights.map(column => Float64Array.from(column));
+  page.level = columns.reduce((most, column) => column.reduce((a, b) => Math.max(a, b), most), 0) || 1;
+  setDrives(columns, 'environment', quality === 'quick' ? wanted.at : undefined);
+  const missing = (100 * found.missing_share).toFixed(1);
+  environmentMessage(`${found.layout}. ${found.missing_share > 1e-6
+    ? `${missing} % of its light comes from where the rig has no lights.` : 'The lights reach all of its light.'}` +
+    (environment.isExact ? '' : ' Turning: from a smaller picture of it.'));
 }
 
 // ---- the picture's words --------------------------------------------------------------------

@@ -4,6 +4,7 @@
 import {FullError} from './page_store.js';
 
 const kBlockBytes = 1 << 20;
+const kLevels = 1 << 18;  // of light between black and white, for the display's curve: a step is below 0.013 of 1/255
 const kAtOnce = 4;  // pages in one pass: fewer passes over the sum
 
 /** Pages in the page's own memory: page p stands in block p >> bits. */
@@ -85,9 +86,17 @@ function chebyshev(n, terms) {
   return all;
 }
 
+/** The display's byte of each level of light: sRGB. */
+function displayBytes() {
+  return Uint8Array.from({length: kLevels + 1}, (_, i) => {
+    const v = i / kLevels;
+    return Math.round(255 * (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055));
+  });
+}
+
 export class ProcessorSums {
   constructor(gl, basis, budget) {
-    Object.assign(this, {gl, basis});
+    Object.assign(this, {gl, basis, bytes: null, shown: null});
     const {side} = basis.about;
     this.stores = {
       small: new BlockStore(basis.isLossless ? Uint16Array : Int8Array, side ** 2, budget),
@@ -203,16 +212,13 @@ export class ProcessorSums {
 
   /** Gives a sum so many channels: one below the other, a number a pixel. */
   shape(sum, channels) {
-    const {gl, basis} = this;
-    const rows = basis.height * channels;
-    sum.values = new Float32Array(basis.width * rows);
-    gl.bindTexture(gl.TEXTURE_2D, sum.texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, basis.width, rows, 0, gl.RED, gl.FLOAT, null);
+    sum.values = new Float32Array(this.basis.width * this.basis.height * channels);
+    sum.inTexture = null;
   }
 
-  /** As Renderer.sum() says, into sum's values and then its texture. */
+  /** As Renderer.sum() says, into sum's values. */
   sum(sum, job, first, last) {
-    const {gl, basis} = this;
+    const {basis} = this;
     const {tile: tileSide} = basis.about;
     const rowOf = unit => Math.floor(unit / basis.nTiles) * basis.height +
       Math.floor(unit % basis.nTiles / basis.tilesX) * tileSide;
@@ -223,11 +229,42 @@ export class ProcessorSums {
       this.shift(part.channel, tile);
       this.finish(part, tile, sum.values, rowOf(unit) * basis.width + tile % basis.tilesX * tileSide);
     }
-    const top = rowOf(first);
-    const rows = Math.min(rowOf(last - 1) + tileSide, basis.height * job.length) - top;
+    sum.inTexture = null;
+  }
+
+  /** Puts a sum's values into its texture, one channel below the other: what differences are made of. */
+  load(sum) {
+    if (sum.inTexture === 'values') {
+      return;
+    }
+    const {gl, basis} = this;
     gl.bindTexture(gl.TEXTURE_2D, sum.texture);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, top, basis.width, rows, gl.RED, gl.FLOAT, sum.values, top * basis.width);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, basis.width, basis.height * sum.channels, 0, gl.RED, gl.FLOAT, sum.values);
+    sum.inTexture = 'values';
+  }
+
+  /** Puts what the display shows of a sum into its texture: software GL takes several times as long for the curve. */
+  loadDisplay(sum, exposure) {
+    if (sum.inTexture === exposure) {
+      return;
+    }
+    const {gl, basis} = this;
+    const n = basis.width * basis.height;
+    this.bytes ??= displayBytes();
+    this.shown ??= new Uint8Array(4 * n);
+    const {bytes, shown} = this;
+    const factor = exposure * kLevels;
+    for (let c = 0; c < 3; ++c) {
+      const values = sum.channels === 1 ? sum.values : sum.values.subarray(c * n, (c + 1) * n);
+      for (let p = 0, to = c; p < n; ++p, to += 4) {
+        shown[to] = bytes[Math.max(0, Math.min(kLevels, values[p] * factor + 0.5)) | 0];
+      }
+    }
+    gl.bindTexture(gl.TEXTURE_2D, sum.texture);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, basis.width, basis.height, 0, gl.RGBA, gl.UNSIGNED_BYTE, shown);
+    sum.inTexture = exposure;
   }
 
   /** As Renderer.read() says. */

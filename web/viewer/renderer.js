@@ -3,7 +3,7 @@
 // A sum is a texture of floats, output channels one below the other: pages where the graphics
 // processor makes it (graphics_sums.js), the picture's rows where the processor does
 // (processor_sums.js). A second pass turns sums into the display's values as the command's PNGs have
-// them: times the exposure, sRGB, 8 bits.
+// them: times the exposure, sRGB, 8 bits. The processor does that too, but for differences.
 
 import {NoGraphics, isSoftware, link} from './graphics.js';
 import {GraphicsSums} from './graphics_sums.js';
@@ -31,6 +31,18 @@ float valueAt(sampler2D sum, ivec2 at, int channel) {
 const kPlainValue = `
 float valueAt(sampler2D sum, ivec2 at, int channel) {
   return texelFetch(sum, at + ivec2(0, channel * (lastRow + 1)), 0).x;
+}`;
+
+const kBytesFragment = `#version 300 es
+precision highp float;
+precision highp int;
+uniform sampler2D first;
+uniform ivec2 corner;
+uniform int lastRow;
+out vec4 colour;
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy) - corner;
+  colour = vec4(texelFetch(first, ivec2(at.x, lastRow - at.y), 0).rgb, 1.0);
 }`;
 
 // One program for each number of channels, for pictures and for differences: software GL computes
@@ -160,7 +172,15 @@ export class Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     panels.forEach(({first, second, amplify}, i) => {
       const [left, top] = isStacked ? [0, i * height] : [i * width, 0];
-      const {program, uniforms} = this.programToShow(first.channels, amplify > 0);
+      const isOfBytes = this.isOnProcessor && amplify === 0;
+      gl.activeTexture(gl.TEXTURE0);
+      if (isOfBytes) {
+        this.sums.loadDisplay(first, exposure);
+      } else if (this.isOnProcessor) {
+        this.sums.load(first);
+        this.sums.load(second);
+      }
+      const {program, uniforms} = this.programToShow(first.channels, isOfBytes, amplify > 0);
       gl.useProgram(program);
       gl.uniform1i(uniforms.first, 0);
       if (!this.isOnProcessor) {
@@ -183,10 +203,11 @@ export class Renderer {
     });
   }
 
-  programToShow(channels, isDifference) {
-    const key = `${channels} ${isDifference}`;
+  programToShow(channels, isOfBytes, isDifference) {
+    const key = isOfBytes ? 'bytes' : `${channels} ${isDifference}`;
     if (!this.showing.has(key)) {
-      this.showing.set(key, link(this.gl, kShowVertex, showFragment(!this.isOnProcessor, channels, isDifference)));
+      this.showing.set(key, link(this.gl, kShowVertex,
+        isOfBytes ? kBytesFragment : showFragment(!this.isOnProcessor, channels, isDifference)));
     }
     return this.showing.get(key);
   }
