@@ -49,6 +49,16 @@ def plate_direction(u, vectors, height, width, degree):  # (lights, pixels): sum
         out = out + weight * vector[:, None]
     return out
 
+def integer_rows(packed, rows, p):  # (rows, p) whole numbers
+    bits, at = np.frombuffer(packed[:rows], "u1").astype("i8"), rows
+    low = np.zeros((rows, p), "i8")
+    for row, w in enumerate(bits):
+        size = (p * w + 7) // 8
+        plain = np.unpackbits(np.frombuffer(packed[at:at + size], "u1"), bitorder="little")
+        low[row] = plain[:p * w].reshape(p, w) @ (1 << np.arange(w))
+        at += size
+    return (signed(numbers(inflate(packed[at:], 4 * p * rows))).view("<i4").reshape(-1, p).astype("i8") << bits[:, None]) + low
+
 def read_hlb(name):
     file = open(name, "rb").read()
     h_at, h_size, _, i_at, i_size, _, t_at, t_size = struct.unpack_from("<8Q", file, 24)
@@ -78,15 +88,13 @@ def read_hlb(name):
                         values[begin:end] = rows.cumsum(0, dtype="u4").view("<f4")
                     elif head["coding"] == "integers":
                         if packed:
-                            bits, at = np.frombuffer(packed[:end - begin], "u1"), end - begin
-                            low = np.zeros((end - begin, p), "i8")
-                            for row, w in enumerate(bits.astype(int)):
-                                size = (p * w + 7) // 8
-                                plain = np.unpackbits(np.frombuffer(packed[at:at + size], "u1"), bitorder="little")
-                                low[row] = plain[:p * w].reshape(p, w) @ (1 << np.arange(w))
-                                at += size
-                            high = signed(numbers(inflate(packed[at:], 4 * p * (end - begin)))).view("<i4")
-                            values[begin:end] = (high.reshape(-1, p).astype("i8") << bits[:, None].astype("i8")) + low
+                            at = 4 + int.from_bytes(packed[:4], "little")
+                            classes = inflate(packed[4:at], p)
+                            for mine in (np.flatnonzero(classes == i) for i in range(4)):
+                                if len(mine):
+                                    size = 4 + int.from_bytes(packed[at:at + 4], "little")
+                                    values[begin:end, mine] = integer_rows(packed[at + 4:at + size], end - begin, len(mine))
+                                    at += size
                     elif k:
                         both = inflate(packed, 8 * k)
                         cells = begin * p + np.cumsum(numbers(both[:4 * k]).astype("i8") + 1) - 1

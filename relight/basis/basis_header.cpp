@@ -236,7 +236,7 @@ std::string basis_header_to_json(const BasisHeader& header) {
   if (header.coding == BasisCoding::integers) {
     root["units"] = header.units;
   }
-  return root.dump(1, ' ', false, json::error_handler_t::replace);
+  return root.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
 BasisHeader basis_header_from_json(const std::string& text, const std::string& where) {

@@ -296,11 +296,9 @@ std::vector<float> decode_floats(std::span<const std::byte> bytes, std::size_t n
   return values;
 }
 
-std::vector<std::byte> encode_integers(std::span<const std::int32_t> values,
-                                       std::size_t n_pixels) {
-  if (std::all_of(values.begin(), values.end(), [](std::int32_t v) { return v == 0; })) {
-    return {};
-  }
+namespace {
+
+std::vector<std::byte> encode_rows(std::span<const std::int32_t> values, std::size_t n_pixels) {
   const std::size_t n_rows = values.size() / n_pixels;
   std::vector<std::byte> head(n_rows);
   std::vector<std::byte> low;
@@ -323,12 +321,9 @@ std::vector<std::byte> encode_integers(std::span<const std::int32_t> values,
   return bytes;
 }
 
-std::vector<std::int32_t> decode_integers(std::span<const std::byte> bytes, std::size_t n_rows,
-                                          std::size_t n_pixels, const std::string& where) {
+std::vector<std::int32_t> decode_rows(std::span<const std::byte> bytes, std::size_t n_rows,
+                                      std::size_t n_pixels, const std::string& where) {
   std::vector<std::int32_t> values(n_rows * n_pixels);
-  if (bytes.empty()) {
-    return values;
-  }
   std::size_t at = n_rows;
   for (std::size_t r = 0; r < std::min(n_rows, bytes.size()); ++r) {
     const auto n_bits = std::to_integer<unsigned>(bytes[r]);
@@ -354,6 +349,125 @@ std::vector<std::int32_t> decode_integers(std::span<const std::byte> bytes, std:
                            << n_bits;
       std::int32_t& value = values[r * n_pixels + p];
       value = static_cast<std::int32_t>(shifted | static_cast<std::uint32_t>(value));
+    }
+  }
+  return values;
+}
+
+constexpr int kActivityClasses = 4;
+
+/// How large a pixel's numbers are beside its neighbours', an octave a class: numbers of one
+/// size pack better together. An encoder's choice, which the file holds.
+std::vector<std::uint8_t> activity_classes(std::span<const std::int32_t> values,
+                                           std::size_t n_pixels) {
+  std::vector<double> activity(n_pixels);
+  for (std::size_t r = 0; r < values.size(); r += n_pixels) {
+    double sum = 0.0;
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      sum += std::abs(static_cast<double>(values[r + p]));
+    }
+    const double mean = std::max(1.0, sum / static_cast<double>(n_pixels));
+    for (std::size_t p = 0; p < n_pixels; ++p) {
+      activity[p] += std::abs(static_cast<double>(values[r + p])) / mean;
+    }
+  }
+  const auto n_rows = static_cast<double>(values.size() / n_pixels);
+  std::vector<int> octave(n_pixels);
+  std::transform(activity.begin(), activity.end(), octave.begin(), [n_rows](double a) {
+    return static_cast<int>(std::lround(std::log2(std::max(a / n_rows, 1e-3))));
+  });
+  std::vector<int> sorted = octave;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(n_pixels / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  std::vector<std::uint8_t> classes(n_pixels);
+  std::transform(octave.begin(), octave.end(), classes.begin(), [&](int o) {
+    return static_cast<std::uint8_t>(
+        std::clamp(o - *middle + kActivityClasses / 2, 0, kActivityClasses - 1));
+  });
+  return classes;
+}
+
+/// The pixels of each class, in their order.
+std::vector<std::vector<std::size_t>> pixels_by_class(std::span<const std::uint8_t> classes) {
+  std::vector<std::vector<std::size_t>> pixels(kActivityClasses);
+  for (std::size_t p = 0; p < classes.size(); ++p) {
+    pixels[classes[p]].push_back(p);
+  }
+  return pixels;
+}
+
+void append_part(std::vector<std::byte>& bytes, std::span<const std::byte> part) {
+  for (unsigned i = 0; i < 4; ++i) {
+    bytes.push_back(static_cast<std::byte>(part.size() >> (8 * i) & 0xffU));
+  }
+  bytes.insert(bytes.end(), part.begin(), part.end());
+}
+
+/// Takes a part off the front of `bytes`.
+std::span<const std::byte> take_part(std::span<const std::byte>& bytes,
+                                     const std::string& where) {
+  std::size_t size = 0;
+  for (unsigned i = 0; i < 4 && i < bytes.size(); ++i) {
+    size |= std::to_integer<std::size_t>(bytes[i]) << (8 * i);
+  }
+  if (bytes.size() < 4 || bytes.size() - 4 < size) {
+    throw_damaged("a block ends before its numbers do", where);
+  }
+  const std::span<const std::byte> part = bytes.subspan(4, size);
+  bytes = bytes.subspan(4 + size);
+  return part;
+}
+
+}  // namespace
+
+std::vector<std::byte> encode_integers(std::span<const std::int32_t> values,
+                                       std::size_t n_pixels) {
+  if (std::all_of(values.begin(), values.end(), [](std::int32_t v) { return v == 0; })) {
+    return {};
+  }
+  const std::size_t n_rows = values.size() / n_pixels;
+  const std::vector<std::uint8_t> classes = activity_classes(values, n_pixels);
+  std::vector<std::byte> bytes;
+  append_part(bytes, deflate(std::as_bytes(std::span(classes))));
+  std::vector<std::int32_t> part;
+  for (const std::vector<std::size_t>& pixels : pixels_by_class(classes)) {
+    if (pixels.empty()) {
+      continue;
+    }
+    part.clear();
+    for (std::size_t r = 0; r < n_rows; ++r) {
+      for (const std::size_t p : pixels) {
+        part.push_back(values[r * n_pixels + p]);
+      }
+    }
+    append_part(bytes, encode_rows(part, pixels.size()));
+  }
+  return bytes;
+}
+
+std::vector<std::int32_t> decode_integers(std::span<const std::byte> bytes, std::size_t n_rows,
+                                          std::size_t n_pixels, const std::string& where) {
+  std::vector<std::int32_t> values(n_rows * n_pixels);
+  if (bytes.empty()) {
+    return values;
+  }
+  const std::vector<std::byte> map = inflate(take_part(bytes, where), n_pixels, where);
+  std::vector<std::uint8_t> classes(n_pixels);
+  std::memcpy(classes.data(), map.data(), n_pixels);
+  if (std::any_of(classes.begin(), classes.end(),
+                  [](std::uint8_t c) { return c >= kActivityClasses; })) {
+    throw_damaged("a block names a class of pixels that there is not", where);
+  }
+  for (const std::vector<std::size_t>& pixels : pixels_by_class(classes)) {
+    if (pixels.empty()) {
+      continue;
+    }
+    const std::vector<std::int32_t> part =
+        decode_rows(take_part(bytes, where), n_rows, pixels.size(), where);
+    for (std::size_t r = 0, i = 0; r < n_rows; ++r) {
+      for (const std::size_t p : pixels) {
+        values[r * n_pixels + p] = part[i++];
+      }
     }
   }
   return values;

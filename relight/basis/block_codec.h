@@ -52,8 +52,8 @@ struct PixelBlock {
                                                std::size_t n_rows, std::size_t n_pixels,
                                                const std::string& where);
 
-/// Whole numbers, (n_rows, n_pixels). Of each row as many low bits as are noise are stored as
-/// they are, the rest is packed. Empty bytes when all are zero.
+/// Whole numbers, (n_rows, n_pixels). Pixels of similar size are packed together; of each row
+/// as many low bits as are noise are stored as they are. Empty bytes when all are zero.
 [[nodiscard]] std::vector<std::byte> encode_integers(std::span<const std::int32_t> values,
                                                      std::size_t n_pixels);
 /// @throws Error  damaged bytes

@@ -158,19 +158,19 @@ TEST(BasisFile, BrokenHeadersAreRefusedByField) {
                    words);
   };
   refuse("{", "[", "not JSON");
-  refuse("\"width\": 34", "\"width\": 0", "'picture.width'");
-  refuse("\"width\": 34", "\"width\": 99999999999", "'picture.width'");
-  refuse("\"width\": 34", "\"width\": 340", "index");
-  refuse("\"width\": 34", "\"breadth\": 34", "'picture.width' is missing");
-  refuse("\"basis\": \"haar\"", "\"basis\": \"fourier\"", "fourier");
-  refuse("\"grid\": 8", "\"grid\": 7", "no grids");
-  refuse("\"grid\": 8", "\"grid\": 0", "without a grid");
-  refuse("\"count\": 64", "\"count\": 63", "group_ends");
-  refuse("\"tile\": 32", "\"tile\": \"x\"", "'tile'");
-  refuse("\"tile\": 32", "\"tile\": 16", "index");
-  refuse("\"rank\": ", "\"rank\": 1", "");
-  refuse("\"dead_zone\": 0.6", "\"dead_zone\": -1", "'dead_zone'");
-  refuse("\"group_ends\": [\n  64", "\"group_ends\": [\n  65", "group_ends");
+  refuse("\"width\":34", "\"width\":0", "'picture.width'");
+  refuse("\"width\":34", "\"width\":99999999999", "'picture.width'");
+  refuse("\"width\":34", "\"width\":340", "index");
+  refuse("\"width\":34", "\"breadth\":34", "'picture.width' is missing");
+  refuse("\"basis\":\"haar\"", "\"basis\":\"fourier\"", "fourier");
+  refuse("\"grid\":8", "\"grid\":7", "no grids");
+  refuse("\"grid\":8", "\"grid\":0", "without a grid");
+  refuse("\"count\":64", "\"count\":63", "group_ends");
+  refuse("\"tile\":32", "\"tile\":\"x\"", "'tile'");
+  refuse("\"tile\":32", "\"tile\":16", "index");
+  refuse("\"rank\":", "\"rank\":1", "");
+  refuse("\"dead_zone\":0.6", "\"dead_zone\":-1", "'dead_zone'");
+  refuse("\"group_ends\":[64", "\"group_ends\":[65", "group_ends");
 }
 
 TEST(BasisFile, HeaderSurvivesTheRoundTrip) {
