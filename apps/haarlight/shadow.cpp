@@ -24,6 +24,7 @@
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"
 #include "relight/shadow/stack_visibility.h"
+#include "render/picture.h"
 #include "render/rig_lights.h"
 
 namespace haarlight {
@@ -250,11 +251,11 @@ void print_notes(const ReprojectReport& found, bool has_height) {
   }
 }
 
-/// Lays the relit object over the scene.
-void add_object(const ShadowArguments& arguments, const Capture& capture,
-                std::span<const Eigen::Vector3d> weights, const Scene& scene,
-                const std::optional<HeightRange>& object, Image<float>& picture,
-                Report& report) {
+/// Lays the relit object over the scene. @return  where it is drawn
+Image<std::uint8_t> add_object(const ShadowArguments& arguments, const Capture& capture,
+                               std::span<const Eigen::Vector3d> weights, const Scene& scene,
+                               const std::optional<HeightRange>& object, Image<float>& picture,
+                               Report& report) {
   const CameraModel& eye = capture.rig.cameras[0].model;
   const PlaneFrame& frame = capture.frames[capture.chosen[0]];
   const SquareLight one = rig_lights(capture.rig)[0];
@@ -284,7 +285,7 @@ void add_object(const ShadowArguments& arguments, const Capture& capture,
   options.object = object;
   options.scale = scene_scale(plate_scale, capture.stack.dims().channels,
                               *arguments.plane_albedo, one.width_mm * one.height_mm);
-  const CompositeCount count =
+  CompositeCount count =
       draw_object(picture, relit.picture, shows_object, RayCaster(scene), eye, frame, options);
   report.add_asked("plane_albedo", *arguments.plane_albedo);
   report.add_detail("object_pixels", count.n_object);
@@ -293,6 +294,89 @@ void add_object(const ShadowArguments& arguments, const Capture& capture,
   fmt::print(
       "  the object covers {} pixels{}\n", count.n_object,
       count.n_hidden > 0 ? fmt::format(", {} more are behind the scene", count.n_hidden) : "");
+  return std::move(count.drawn);
+}
+
+/// What the ray-traced truth needs beside the arguments.
+struct Truth {
+  const Scene& scene;
+  const Scene& object;
+  const CameraModel& view;
+  std::span<const SquareLight> lights;
+  std::span<const Eigen::Vector3d> weights;
+};
+
+/// The shadow alone, against ray-traced receivers.
+Image<float> judge_shadow(const Truth& scene, const ReprojectResult& result, int subpixels,
+                          const CommonOptions& common, Report& report) {
+  Image<float> truth = trace_shadow(scene.scene, scene.object, scene.view, scene.lights,
+                                    scene.weights, subpixels, common.progress());
+  const Achieved found = compare(result.picture.pixels(), truth.pixels());
+  const ShadowError error = compare_shadow(result, truth);
+  report.add_reached("relative_l2", found.relative_l2);
+  report.add_reached("worst_pixel", found.worst_pixel);
+  report.add_reached("psnr_db", found.psnr_db);
+  report.add_reached("shadow_wrong_share", error.wrong_share);
+  report.add_reached("relative_l2_where_known", error.known_relative_l2);
+  report.add_reached("shadow_wrong_share_where_known", error.known_wrong_share);
+  report.add_reached("known_share", error.known_share);
+  fmt::print(
+      "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
+      "shadow wrong\n  on the {:.0f} % of the receivers that look at known places only: "
+      "{:.3g}, "
+      "{:.1f} %\n",
+      found.relative_l2, found.psnr_db, 100.0 * error.wrong_share, 100.0 * error.known_share,
+      error.known_relative_l2, 100.0 * error.known_wrong_share);
+  return truth;
+}
+
+/// Scene and object together, against both ray-traced.
+Image<float> judge_composite(const Truth& scene, const Image<float>& picture,
+                             const Image<std::uint8_t>& drawn, int subpixels,
+                             const CommonOptions& common, Report& report) {
+  Scene all = scene.scene;
+  append_scene(all, scene.object);
+  LitOptions options;
+  options.n_subpixels = subpixels;
+  options.progress = common.progress();
+  Image<float> truth =
+      render_lit(all, scene.view, scene.lights, scene.weights, options).radiance;
+  const Achieved found = compare(picture.pixels(), truth.pixels());
+  std::vector<float> object_picture;
+  std::vector<float> object_truth;
+  for (int y = 0; y < drawn.height(); ++y) {
+    for (int x = 0; x < 3 * drawn.width(); ++x) {
+      if (drawn(y, x / 3) != 0) {
+        object_picture.push_back(picture(y, x / 3, x % 3));
+        object_truth.push_back(truth(y, x / 3, x % 3));
+      }
+    }
+  }
+  const Achieved of_object = compare(object_picture, object_truth);
+  report.add_reached("relative_l2", found.relative_l2);
+  report.add_reached("psnr_db", found.psnr_db);
+  report.add_reached("object_relative_l2", of_object.relative_l2);
+  fmt::print(
+      "  against scene and object ray-traced: relative error {:.3g}, {:.1f} dB; on the "
+      "object's pixels {:.3g}\n",
+      found.relative_l2, found.psnr_db, of_object.relative_l2);
+  return truth;
+}
+
+std::uint64_t write_truth(const ShadowArguments& arguments, const Image<float>& picture,
+                          Image<float> truth, double exposure) {
+  write_image(arguments.truth, truth.view(), exposure);
+  std::uint64_t bytes = fs::file_size(arguments.truth);
+  if (!arguments.difference.empty()) {
+    constexpr float kBrighter = 4.0F;
+    for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
+      float& d = truth.pixels()[i];
+      d = kBrighter * std::abs(picture.pixels()[i] - d);
+    }
+    write_image(arguments.difference, truth.view(), exposure);
+    bytes += fs::file_size(arguments.difference);
+  }
+  return bytes;
 }
 
 ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& common,
@@ -467,41 +551,21 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
     write_image(arguments.spread, result.spread.view(), exposure);
     bytes += fs::file_size(arguments.spread);
   }
-  if (!arguments.truth.empty()) {
-    const Image<float> truth = trace_shadow(scene.scene, object, view, lights, weights,
-                                            arguments.subpixels, common.progress());
-    const Achieved found = compare(result.picture.pixels(), truth.pixels());
-    const ShadowError error = compare_shadow(result, truth);
-    report.add_reached("relative_l2", found.relative_l2);
-    report.add_reached("worst_pixel", found.worst_pixel);
-    report.add_reached("psnr_db", found.psnr_db);
-    report.add_reached("shadow_wrong_share", error.wrong_share);
-    report.add_reached("relative_l2_where_known", error.known_relative_l2);
-    report.add_reached("shadow_wrong_share_where_known", error.known_wrong_share);
-    report.add_reached("known_share", error.known_share);
-    fmt::print(
-        "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
-        "shadow wrong\n  on the {:.0f} % of the receivers that look at known places only: "
-        "{:.3g}, "
-        "{:.1f} %\n",
-        found.relative_l2, found.psnr_db, 100.0 * error.wrong_share, 100.0 * error.known_share,
-        error.known_relative_l2, 100.0 * error.known_wrong_share);
-    write_image(arguments.truth, truth.view(), exposure);
-    bytes += fs::file_size(arguments.truth);
-    if (!arguments.difference.empty()) {
-      constexpr float kBrighter = 4.0F;
-      Image<float> difference = truth;
-      for (std::size_t i = 0; i < difference.pixels().size(); ++i) {
-        float& d = difference.pixels()[i];
-        d = kBrighter * std::abs(result.picture.pixels()[i] - d);
-      }
-      write_image(arguments.difference, difference.view(), exposure);
-      bytes += fs::file_size(arguments.difference);
-    }
-  }
+  const Truth truth{scene.scene, object, view, lights, weights};
+  const bool is_judged = !arguments.truth.empty();
+  Image<float> judge;
   if (arguments.with_object && !wanted.empty()) {
-    add_object(arguments, *captures[0], weights, scene.scene, options.object, result.picture,
-               report);
+    const Image<std::uint8_t> drawn = add_object(arguments, *captures[0], weights, scene.scene,
+                                                 options.object, result.picture, report);
+    if (is_judged) {
+      judge =
+          judge_composite(truth, result.picture, drawn, arguments.subpixels, common, report);
+    }
+  } else if (is_judged) {
+    judge = judge_shadow(truth, result, arguments.subpixels, common, report);
+  }
+  if (is_judged) {
+    bytes += write_truth(arguments, result.picture, std::move(judge), exposure);
   }
   write_image(arguments.output, result.picture.view(), exposure);
   report.set_bytes(bytes + fs::file_size(arguments.output));

@@ -24,6 +24,7 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
                         camera.width == object.width() && camera.height == object.height(),
                     "one camera's pictures");
   CompositeCount count;
+  count.drawn = Image<std::uint8_t>(picture.height(), picture.width(), 1);
   for (int y = 0; y < picture.height(); ++y) {
     for (int x = 0; x < picture.width(); ++x) {
       if (shows_object(y, x) == 0) {
@@ -43,6 +44,7 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
         }
       }
       ++count.n_object;
+      count.drawn(y, x) = 1;
       for (int c = 0; c < 3; ++c) {
         picture(y, x, c) = static_cast<float>(options.scale) *
                            object(y, x, std::min(c, object.channels() - 1));

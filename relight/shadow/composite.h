@@ -25,6 +25,7 @@ struct CompositeOptions {
 struct CompositeCount {
   std::int64_t n_object = 0;  ///< pixels that show the object
   std::int64_t n_hidden = 0;  ///< pixels of it behind the scene
+  Image<std::uint8_t> drawn;  ///< (h, w, 1) 1 where the object was drawn
 };
 
 /// What brings a capture's values to the radiance of a scene whose lights have radiance 1 at

@@ -383,9 +383,13 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(both.returncode, DONE, both.stderr)
         self.assertEqual(read("both.json")["details"]["planes"], 2)
         together = self.run_line("shadow plate.hlb --scene {scene} --light 3 --with-object "
-                                 "--plane-albedo 0.8 -o together.exr")
+                                 "--plane-albedo 0.8 --truth-object {scene} --truth truth.exr "
+                                 "-o together.exr --report together.json")
         self.assertEqual(together.returncode, DONE, together.stderr)
         self.assertIn("the object covers", together.stdout)
+        self.assertIn("against scene and object ray-traced", together.stdout)
+        # The plate shows no object: what is drawn is the scene alone, and that is the truth.
+        self.assertLess(read("together.json")["reached"]["relative_l2"], 0.02)
         for line, words in (("--max-error 2", "--max-error"), ("--plane wall", 'no plane "wall"'),
                             ("--with-object", "--plane-albedo"),
                             ("--with-object --plane-albedo 0.8 --size 8x8", "--size"),
