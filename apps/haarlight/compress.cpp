@@ -91,6 +91,10 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   report.add_detail("plate", header.plate);
   report.add_detail("plate_rank", std::int64_t{header.plate_rank});
   report.add_detail("coefficients_per_pixel", header.mean_coefficients);
+  report.add_detail("seconds_plate", summary.seconds_plate);
+  report.add_detail("seconds_looked", summary.seconds_looked);
+  report.add_detail("seconds_coded", summary.seconds_coded);
+  report.add_detail("seconds_written", summary.seconds_written);
   report.add_detail("bytes_moved", static_cast<std::int64_t>(summary.bytes_moved));
   report.add_detail("processes", std::int64_t{ranks.n()});
   report.add_detail("tile_rows_found", std::int64_t{summary.n_rows_found});

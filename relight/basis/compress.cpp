@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <iterator>
@@ -546,8 +547,14 @@ CompressSummary Compressor::run() {
 
 CompressSummary Compressor::compress() {
   BasisHeader& header = coding_.header;
+  auto since = std::chrono::steady_clock::now();
+  const auto lap = [&since] {
+    const auto now = std::chrono::steady_clock::now();
+    return std::chrono::duration<double>(now - std::exchange(since, now)).count();
+  };
   if (header.coding == BasisCoding::quantised) {
     fit_plate();
+    summary_.seconds_plate = lap();
     choose_steps(sample());
   } else if (header.coding == BasisCoding::integers) {
     fit_plate();
@@ -555,6 +562,7 @@ CompressSummary Compressor::compress() {
     header.gain_step = 0.25 * *std::min_element(header.units.begin(), header.units.end()) *
                        std::sqrt(double(dims().n_lights));
   }
+  summary_.seconds_looked = lap();
   for (int attempt = 0;; ++attempt) {
     if (attempt == kMaxAttempts) {
       // Floats have 24 bits: an error below their rounding is reached by keeping them all.
@@ -576,8 +584,10 @@ CompressSummary Compressor::compress() {
     }
     const TileSums sums = sum_tile_rows();
     report(sums);
+    summary_.seconds_coded += lap();
     if (header.coding != BasisCoding::quantised || summary_.is_reached()) {
       write(sums);
+      summary_.seconds_written = lap();
       break;
     }
     const double excess = header.reached.relative_l2 / header.asked_relative_l2;

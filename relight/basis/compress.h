@@ -74,6 +74,10 @@ struct CompressSummary {
   std::uint64_t bytes_moved = 0;  ///< values read from the stack by this process, all passes
   int n_rows_found = 0;           ///< tile rows that an earlier run had coded already
   double worst_light = 0.0;       ///< largest relative L2 error of one light's picture
+  double seconds_plate = 0.0;     ///< its vectors: by every rank alike
+  double seconds_looked = 0.0;    ///< at a part of the values: shared by the ranks
+  double seconds_coded = 0.0;     ///< shared by the ranks, waiting for the others included
+  double seconds_written = 0.0;   ///< by rank 0: the pieces into the file
   [[nodiscard]] bool is_reached() const {
     return header.reached.relative_l2 <= header.asked_relative_l2 &&
            header.reached.worst_pixel <= header.asked_worst_pixel;
