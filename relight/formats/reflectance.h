@@ -1,0 +1,92 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/image.h"
+#include "core/image_io.h"
+
+/// @file
+/// A picture that can be lit from any direction, as conservators' programs keep it: a few 8-bit
+/// planes and a basis over light directions. The fits make it, `.ptm`, `.rti` and web folders
+/// hold it. Directions are unit vectors to the light: x right, y up, z out of the picture.
+/// Source: Malzbender et al., "Polynomial Texture Maps" (2001), eq. 1; Gautron et al., "A Novel
+/// Hemispherical Basis" (2004); the layouts of others' files: docs/reflectance-formats.md.
+
+namespace haarlight {
+
+enum class ReflectanceBasis {
+  ptm,       ///< u^2, v^2, uv, u, v, 1 with u = x, v = y: 6 terms
+  hsh,       ///< hemispherical harmonics: 4, 9 or 16 terms
+  rbf,       ///< radial functions around the lights, PCA over the lights
+  bilinear,  ///< a grid on the octahedral map, PCA over its knots
+};
+[[nodiscard]] std::string_view to_string(ReflectanceBasis basis) noexcept;
+
+/// How planes become colours.
+enum class ReflectanceColour {
+  rgb,   ///< terms of R, then of G, then of B
+  lrgb,  ///< terms of a luminance factor, then three planes R, G, B that it multiplies
+  pca,   ///< planes are weights of axes that hold colours: ReflectanceModel::axes
+};
+
+/// HSH beyond 9 terms: which power of sqrt(c - c^2) the terms 9 and 15 carry.
+enum class HshOrder4 {
+  exact,         ///< the third, as the basis is defined
+  chi_rounding,  ///< the second: HSHFitter's code computes pow(c - c^2, 3 / 2) in integers
+};
+
+/// value = byte * scale + offset; values are 0..1 of white for what becomes a colour.
+struct PlaneScale {
+  double scale = 1.0 / 255.0;
+  double offset = 0.0;
+  friend bool operator==(const PlaneScale&, const PlaneScale&) = default;
+};
+
+struct ReflectanceModel {
+  ReflectanceBasis basis = ReflectanceBasis::ptm;
+  ReflectanceColour colour = ReflectanceColour::rgb;
+  /// What the colours that come out are coded with: viewers show them as they are (srgb).
+  Transfer transfer = Transfer::srgb;
+  HshOrder4 order4 = HshOrder4::exact;
+  int n_terms = 6;                      ///< of the basis; for pca: the planes
+  Image<std::uint8_t> planes;           ///< (height, width, n_planes)
+  std::vector<PlaneScale> scales;       ///< (n_planes)
+  std::vector<Eigen::Vector3d> lights;  ///< rbf: its centres
+  double rbf_sigma = 0.0;               ///< rbf: width of a radial function; 0: not known
+  int resolution = 0;                   ///< bilinear: knots a side of the octahedral map
+  /// pca: (n_terms + 1, n_knots * 3), knot by knot R, G, B; row 0 is the mean. A knot is a
+  /// light (rbf) or a grid point, row by row (bilinear).
+  Eigen::MatrixXf axes;
+
+  [[nodiscard]] int n_planes() const noexcept { return static_cast<int>(scales.size()); }
+};
+
+/// Planes that a model of that colour has.
+[[nodiscard]] int n_planes_of(ReflectanceColour colour, int n_terms) noexcept;
+
+/// u^2, v^2, uv, u, v, 1.
+[[nodiscard]] std::array<double, 6> ptm_terms(const Eigen::Vector3d& direction) noexcept;
+
+/// The first n_terms hemispherical harmonics (4, 9 or 16) at a direction with z >= 0; a
+/// direction below the horizon counts as the horizon's.
+[[nodiscard]] std::array<double, 16> hsh_terms(const Eigen::Vector3d& direction, int n_terms,
+                                               HshOrder4 order4 = HshOrder4::exact) noexcept;
+
+/// The model's terms at a direction, (n_terms): ptm and hsh.
+[[nodiscard]] std::vector<double> basis_terms(const ReflectanceModel& model,
+                                              const Eigen::Vector3d& direction);
+
+/// @throws Error  planes, scales and terms do not fit each other; `where` names the model
+void require_consistent(const ReflectanceModel& model, std::string_view where);
+
+/// The picture under a light from `direction`, (height, width, 3), 0..1 of white in the model's
+/// transfer, not clipped. Every pixel costs n_planes multiplications.
+[[nodiscard]] Image<float> relit(const ReflectanceModel& model,
+                                 const Eigen::Vector3d& direction);
+
+}  // namespace haarlight

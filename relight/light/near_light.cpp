@@ -1,0 +1,110 @@
+#include "relight/light/near_light.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/error.h"
+
+namespace haarlight {
+
+double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
+                     const Eigen::Vector3d& normal) noexcept {
+  const Eigen::Vector3d way = light.position_mm - point;
+  const double facing = normal.dot(way);
+  if (!(facing > 0.0)) {
+    return 0.0;
+  }
+  const double r2 = way.squaredNorm();
+  const double r = std::sqrt(r2);
+  const double value = facing / (r2 * r);
+  if (light.mu == 0.0) {
+    return value;
+  }
+  const double off_axis = -light.axis.dot(way) / r;
+  return off_axis > 0.0 ? value * std::pow(off_axis, light.mu) : 0.0;
+}
+
+CaptureLights capture_lights(const Session& session) {
+  CaptureLights lights;
+  const auto n = session.info().lights.size();
+  lights.directions.reserve(n);
+  if (session.rig().has_value()) {
+    lights.are_near = true;
+    for (const LightElement& element : light_elements(*session.rig())) {
+      lights.near.push_back({element.centre, element.emits, element.lobe_mu});
+      lights.directions.push_back((element.centre - session.rig()->object_centre).normalized());
+    }
+    return lights;
+  }
+  lights.are_near = std::all_of(session.info().lights.begin(), session.info().lights.end(),
+                                [](const SessionLight& light) { return light.is_position; });
+  for (const SessionLight& light : session.info().lights) {
+    if (lights.are_near) {
+      lights.near.push_back({light.place, -light.place.normalized()});
+    }
+    lights.directions.push_back(light.place.normalized());
+  }
+  return lights;
+}
+
+PixelPoints PixelPoints::orthographic(int width, int height, double width_mm) {
+  HAARLIGHT_EXPECTS(width > 0 && height > 0 && width_mm > 0.0, "a picture with a width");
+  PixelPoints points;
+  points.camera_.width = width;
+  points.camera_.height = height;
+  points.mm_per_pixel_ = width_mm / width;
+  return points;
+}
+
+PixelPoints PixelPoints::on_plane(const CameraModel& camera, const Eigen::Vector3d& n,
+                                  double d) {
+  const CameraRay middle = ray_through(camera, 0.5 * camera.width, 0.5 * camera.height);
+  const double facing = n.dot(middle.direction_world);
+  if (!(-(n.dot(middle.origin_world) + d) / facing > 0.0)) {
+    throw Error("the camera does not look at the plane", "camera pose and plane",
+                "mend [[camera]] or [[plane]] in the rig file");
+  }
+  PixelPoints points;
+  points.is_camera_ = true;
+  points.camera_ = camera;
+  points.n_ = n;
+  points.d_ = d;
+  const Eigen::Matrix3d world_from_cam = camera.world_from_cam.linear();
+  points.turn_ = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal() * world_from_cam.transpose();
+  return points;
+}
+
+Eigen::Vector3d PixelPoints::at(double x, double y) const {
+  if (!is_camera_) {
+    return {mm_per_pixel_ * (x - 0.5 * camera_.width),
+            mm_per_pixel_ * (0.5 * camera_.height - y), 0.0};
+  }
+  const CameraRay ray = ray_through(camera_, x, y);
+  const double t = -(n_.dot(ray.origin_world) + d_) / n_.dot(ray.direction_world);
+  return ray.origin_world + t * ray.direction_world;
+}
+
+Eigen::Vector3d PixelPoints::to_camera(double x, double y) const {
+  return is_camera_ ? Eigen::Vector3d(-ray_through(camera_, x, y).direction_world)
+                    : Eigen::Vector3d::UnitZ();
+}
+
+PixelPoints pixel_points(const Session& session, double width_mm, double height_mm) {
+  const FrameForm& form = session.info().form;
+  if (session.rig().has_value()) {
+    const Rig& rig = *session.rig();
+    if (rig.cameras.empty() || rig.planes.empty()) {
+      throw Error("the rig has no camera or no plane", session.folder().string(),
+                  "add [[camera]] and [[plane]] to the rig file");
+    }
+    const ShadowPlane& plane = rig.planes.front();
+    return PixelPoints::on_plane(rig.cameras.front().model, plane.n, plane.d - height_mm);
+  }
+  if (!(width_mm > 0.0)) {
+    throw Error("near lights need the picture's width in mm", session.folder().string(),
+                "say how wide the target is across the whole picture: --width-mm");
+  }
+  return PixelPoints::orthographic(form.width, form.height, width_mm);
+}
+
+}  // namespace haarlight

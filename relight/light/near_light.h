@@ -1,0 +1,73 @@
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/camera_model.h"
+#include "session/session.h"
+
+/// @file
+/// Lights at a finite distance, and where a capture's pixels are under them. Everything in mm
+/// in one right-handed frame: a rig's world, or, for an import, the picture's own (x right, y
+/// up, z to the camera, origin in the picture's middle on the target). Source: Huang et al.,
+/// "Near Light Correction for Image Relighting and 3D Shape Recovery", eq. 2; the lobe: Queau
+/// et al., "LED-based Photometric Stereo" (2018).
+
+namespace haarlight {
+
+/// A point light with a lobe: it gives the point p with unit normal n the irradiance
+/// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3.
+struct NearLight {
+  Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
+  Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ();  ///< unit, the way it shines
+  double mu = 0.0;                                   ///< 0: isotropic; 1: a Lambertian emitter
+  Eigen::Vector3d power = Eigen::Vector3d::Ones();   ///< R, G, B
+};
+
+/// The irradiance without power, mm^-2; 0 behind the surface or behind the light.
+[[nodiscard]] double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
+                                   const Eigen::Vector3d& normal) noexcept;
+
+/// The lights of a session.
+struct CaptureLights {
+  bool are_near = false;
+  std::vector<NearLight> near;  ///< (n_lights) where are_near
+  /// (n_lights), unit, to the light, seen from the target's middle.
+  std::vector<Eigen::Vector3d> directions;
+};
+
+/// A rig's elements with their lobes and measured powers, or an import's list.
+[[nodiscard]] CaptureLights capture_lights(const Session& session);
+
+/// Where each pixel sees the target's reference plane, and which way the picture lies.
+class PixelPoints {
+ public:
+  /// Parallel projection: `width_mm` across the picture, the plane z = 0.
+  static PixelPoints orthographic(int width, int height, double width_mm);
+  /// A camera and a plane n.x + d = 0. @throws Error  the plane is not in front of the camera
+  static PixelPoints on_plane(const CameraModel& camera, const Eigen::Vector3d& n, double d);
+
+  /// The point that picture place (x, y) sees, pixel centres at +0.5.
+  [[nodiscard]] Eigen::Vector3d at(double x, double y) const;
+  /// Unit, from the point to the camera.
+  [[nodiscard]] Eigen::Vector3d to_camera(double x, double y) const;
+  /// Turns a vector into the picture's frame: x right, y up, z to the camera.
+  [[nodiscard]] const Eigen::Matrix3d& picture_from_world() const noexcept { return turn_; }
+
+ private:
+  bool is_camera_ = false;
+  CameraModel camera_;
+  Eigen::Vector3d n_ = Eigen::Vector3d::UnitZ();
+  double d_ = 0.0;
+  double mm_per_pixel_ = 1.0;
+  Eigen::Matrix3d turn_ = Eigen::Matrix3d::Identity();
+};
+
+/// Of a session with a rig: its camera and its first shadow plane (moved up by `height_mm`); of
+/// an import: parallel projection over `width_mm`.
+/// @throws Error  an import without width_mm (> 0)
+[[nodiscard]] PixelPoints pixel_points(const Session& session, double width_mm,
+                                       double height_mm = 0.0);
+
+}  // namespace haarlight

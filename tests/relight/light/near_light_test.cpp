@@ -1,0 +1,60 @@
+#include "relight/light/near_light.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+
+namespace haarlight {
+namespace {
+
+TEST(NearLight, StencilIsTheClosedForm) {
+  const NearLight above{{0.0, 0.0, 200.0}};
+  EXPECT_DOUBLE_EQ(light_stencil(above, {0, 0, 0}, {0, 0, 1}), 1.0 / (200.0 * 200.0));
+  // At 45 degrees: cos 45 / (2 h^2); a Lambertian lobe takes another cos 45.
+  const double at45 = light_stencil(above, {200, 0, 0}, {0, 0, 1});
+  EXPECT_NEAR(at45, std::sqrt(0.5) / (2.0 * 200.0 * 200.0), 1e-18);
+  NearLight lambertian = above;
+  lambertian.mu = 1.0;
+  EXPECT_NEAR(light_stencil(lambertian, {200, 0, 0}, {0, 0, 1}), at45 * std::sqrt(0.5), 1e-18);
+  EXPECT_EQ(light_stencil(above, {0, 0, 300}, {0, 0, 1}), 0.0);
+  lambertian.axis = Eigen::Vector3d::UnitZ();
+  EXPECT_EQ(light_stencil(lambertian, {0, 0, 0}, {0, 0, 1}), 0.0);
+}
+
+TEST(NearLight, OrthographicPixelsLieInTheirFrame) {
+  const PixelPoints points = PixelPoints::orthographic(200, 100, 400.0);
+  EXPECT_TRUE(points.at(100, 50).isZero());
+  EXPECT_TRUE(points.at(0, 0).isApprox(Eigen::Vector3d(-200, 100, 0)));
+  EXPECT_TRUE(points.at(199.5, 99.5).isApprox(Eigen::Vector3d(199, -99, 0)));
+}
+
+TEST(NearLight, CameraPixelsLieOnThePlane) {
+  CameraModel camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = camera.fy = 900.0;
+  camera.cx = 320.0;
+  camera.cy = 240.0;
+  camera.world_from_cam = look_at({100, 50, 800}, {0, 0, 0}, {0, 1, 0});
+  const PixelPoints points = PixelPoints::on_plane(camera, Eigen::Vector3d::UnitZ(), -20.0);
+  for (const double x : {3.0, 320.0, 600.0}) {
+    const Eigen::Vector3d at = points.at(x, 100.0);
+    EXPECT_NEAR(at.z(), 20.0, 1e-9);
+    const auto back = project(camera, at);
+    ASSERT_TRUE(back.has_value());
+    EXPECT_NEAR(back->x(), x, 1e-8);
+    EXPECT_NEAR(back->y(), 100.0, 1e-8);
+    EXPECT_TRUE(
+        points.to_camera(x, 100.0).isApprox((camera.centre_world() - at).normalized(), 1e-9));
+  }
+  // The camera looks down: its own frame's z comes towards it.
+  EXPECT_GT((points.picture_from_world() * points.to_camera(320, 240)).z(), 0.999999);
+  EXPECT_GT((points.picture_from_world() * Eigen::Vector3d::UnitY()).y(), 0.9);
+  EXPECT_NEAR(points.picture_from_world().determinant(), 1.0, 1e-12);
+  EXPECT_THROW(PixelPoints::on_plane(camera, Eigen::Vector3d::UnitZ(), -2000.0), Error);
+}
+
+}  // namespace
+}  // namespace haarlight
