@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <span>
 #include <string>
 
 #include <fmt/format.h>
@@ -117,61 +118,161 @@ void require_consistent(const ReflectanceModel& model, std::string_view where) {
       })) {
     refuse("a scale or an offset is not a finite number");
   }
+  if (model.colour != ReflectanceColour::pca) {
+    return;
+  }
+  const bool is_bilinear = model.basis == ReflectanceBasis::bilinear;
+  if (!is_bilinear && model.basis != ReflectanceBasis::rbf) {
+    refuse(fmt::format("{} has no axes", to_string(model.basis)));
+  }
+  if (is_bilinear && model.resolution < 2) {
+    refuse(fmt::format("a grid of {} knots a side", model.resolution));
+  }
+  const auto n_knots = is_bilinear ? Eigen::Index{model.resolution} * model.resolution
+                                   : static_cast<Eigen::Index>(model.lights.size());
+  if (n_knots < 1 || model.axes.rows() != model.n_terms + 1 ||
+      model.axes.cols() != 3 * n_knots) {
+    refuse(fmt::format("{} x {} numbers of axes for {} planes and {} knots", model.axes.rows(),
+                       model.axes.cols(), model.n_terms, n_knots));
+  }
+  if (!model.axes.allFinite() || !std::isfinite(model.rbf_sigma) || model.rbf_sigma < 0.0 ||
+      !std::all_of(model.lights.begin(), model.lights.end(),
+                   [](const Eigen::Vector3d& light) { return light.allFinite(); })) {
+    refuse("an axis, a light or sigma is not a finite number");
+  }
 }
 
 namespace {
 
-/// A linear map from a pixel's bytes to its colour: (3, n_planes) and what is added.
-struct ByteMap {
-  Eigen::Matrix<float, 3, Eigen::Dynamic> factors;
-  Eigen::Vector3f added = Eigen::Vector3f::Zero();
-};
+std::vector<KnotWeight> bilinear_weights(int resolution, const Eigen::Vector3d& direction) {
+  const Eigen::Vector3d d(direction.x(), direction.y(), std::max(direction.z(), 0.0));
+  const double s = d.lpNorm<1>();
+  const double side = resolution - 1.0;
+  const double column = s > 0.0 ? ((d.x() + d.y()) / s + 1.0) / 2.0 * side : side / 2.0;
+  const double row = s > 0.0 ? ((d.y() - d.x()) / s + 1.0) / 2.0 * side : side / 2.0;
+  const int x = std::clamp(static_cast<int>(std::floor(column)), 0, resolution - 2);
+  const int y = std::clamp(static_cast<int>(std::floor(row)), 0, resolution - 2);
+  const double fx = column - x;
+  const double fy = row - y;
+  const int at = y * resolution + x;
+  return {{at, (1.0 - fx) * (1.0 - fy)},
+          {at + 1, fx * (1.0 - fy)},
+          {at + resolution, (1.0 - fx) * fy},
+          {at + resolution + 1, fx * fy}};
+}
 
-/// rgb and, with all three rows alike, the luminance of lrgb.
-ByteMap map_of(const ReflectanceModel& model, const std::vector<double>& terms) {
-  const int n = model.n_terms;
-  ByteMap map;
-  map.factors.setZero(3, model.n_planes());
-  Eigen::Vector3d added = Eigen::Vector3d::Zero();
-  for (int c = 0; c < 3; ++c) {
-    const int first = model.colour == ReflectanceColour::rgb ? c * n : 0;
-    for (int j = 0; j < n; ++j) {
-      const PlaneScale& scale = model.scales[static_cast<std::size_t>(first + j)];
-      const double term = terms[static_cast<std::size_t>(j)];
-      map.factors(c, first + j) = static_cast<float>(scale.scale * term);
-      added[c] += scale.offset * term;
+std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
+                                    const Eigen::Vector3d& direction) {
+  constexpr double kLeast = 0.001;  // of the sum: Relight's
+  const double sigma = model.rbf_sigma > 0.0 ? model.rbf_sigma : kDefaultRbfSigma;
+  std::vector<double> squares;
+  for (const Eigen::Vector3d& light : model.lights) {
+    squares.push_back((direction - light).squaredNorm());
+  }
+  // Relative to the nearest light: the same weights, and no sum that is zero far from all.
+  const double nearest = *std::min_element(squares.begin(), squares.end());
+  double sum = 0.0;
+  for (double& square : squares) {
+    square = std::exp((nearest - square) / (sigma * sigma));
+    sum += square;
+  }
+  std::vector<KnotWeight> weights;
+  double kept = 0.0;
+  for (std::size_t i = 0; i < squares.size(); ++i) {
+    // The nearest counts even where very many are as near.
+    if (squares[i] > kLeast * sum || squares[i] == 1.0) {
+      weights.push_back({static_cast<int>(i), squares[i]});
+      kept += squares[i];
     }
   }
-  map.added = added.cast<float>();
-  return map;
+  for (KnotWeight& weight : weights) {
+    weight.weight /= kept;
+  }
+  return weights;
 }
 
 }  // namespace
 
-Image<float> relit(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
-  HAARLIGHT_EXPECTS(model.colour != ReflectanceColour::pca, "rgb or lrgb");
-  const ByteMap map = map_of(model, basis_terms(model, direction));
-  Image<float> picture(model.planes.height(), model.planes.width(), 3);
-  const auto n_planes = static_cast<std::size_t>(model.n_planes());
-  const bool is_lrgb = model.colour == ReflectanceColour::lrgb;
-  const auto n_terms = static_cast<std::size_t>(model.n_terms);
+std::vector<KnotWeight> knot_weights(const ReflectanceModel& model,
+                                     const Eigen::Vector3d& direction) {
+  HAARLIGHT_EXPECTS(model.colour == ReflectanceColour::pca, "a model with knots");
+  return model.basis == ReflectanceBasis::bilinear
+             ? bilinear_weights(model.resolution, direction)
+             : rbf_weights(model, direction);
+}
+
+namespace {
+
+/// A linear map from a pixel's coefficients to its colour: (3, n_planes) and what is added; for
+/// lrgb to its luminance, all three rows alike.
+struct ColourMap {
+  Eigen::Matrix<double, 3, Eigen::Dynamic> factors;
+  Eigen::Vector3d added = Eigen::Vector3d::Zero();
+};
+
+ColourMap map_of_axes(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
+  ColourMap map;
+  map.factors.setZero(3, model.n_terms);
+  for (const KnotWeight& weight : knot_weights(model, direction)) {
+    const auto colours = model.axes.middleCols(Eigen::Index{3} * weight.knot, 3);
+    map.added += weight.weight * colours.row(0).transpose().cast<double>();
+    map.factors += weight.weight * colours.bottomRows(model.n_terms).transpose().cast<double>();
+  }
+  return map;
+}
+
+ColourMap map_of(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
+  if (model.colour == ReflectanceColour::pca) {
+    return map_of_axes(model, direction);
+  }
+  const std::vector<double> terms = basis_terms(model, direction);
+  ColourMap map;
+  map.factors.setZero(3, n_planes_of(model.colour, model.n_terms));
+  for (int c = 0; c < 3; ++c) {
+    const int first = model.colour == ReflectanceColour::rgb ? c * model.n_terms : 0;
+    for (int j = 0; j < model.n_terms; ++j) {
+      map.factors(c, first + j) = terms[static_cast<std::size_t>(j)];
+    }
+  }
+  return map;
+}
+
+/// The map of coefficients before they are value = sample * scale + offset.
+ColourMap map_of_samples(ColourMap map, const std::vector<PlaneScale>& scales) {
+  for (Eigen::Index p = 0; p < map.factors.cols(); ++p) {
+    const PlaneScale& scale = scales[static_cast<std::size_t>(p)];
+    map.added += map.factors.col(p) * scale.offset;
+    map.factors.col(p) *= scale.scale;
+  }
+  return map;
+}
+
+/// @param colour_scales  of the three last planes of lrgb
+template <class Sample>
+Image<float> apply_map(const ColourMap& map, ImageView<const Sample> samples, bool is_lrgb,
+                       const std::array<PlaneScale, 3>& colour_scales) {
+  const Eigen::Matrix<float, 3, Eigen::Dynamic> factors = map.factors.cast<float>();
+  const Eigen::Vector3f added = map.added.cast<float>();
+  Image<float> picture(samples.height(), samples.width(), 3);
+  const auto n_planes = static_cast<std::size_t>(samples.channels());
+  const std::size_t n_mapped = is_lrgb ? n_planes - 3 : n_planes;
   parallel_for(
       static_cast<std::size_t>(picture.height()), 16, [&](std::size_t begin, std::size_t end) {
         for (std::size_t y = begin; y < end; ++y) {
-          const auto bytes = model.planes.view().row(static_cast<int>(y));
-          const auto out = picture.view().row(static_cast<int>(y));
+          const std::span<const Sample> row = samples.row(static_cast<int>(y));
+          const std::span<float> out = picture.view().row(static_cast<int>(y));
           for (std::size_t x = 0; x < static_cast<std::size_t>(picture.width()); ++x) {
-            const std::uint8_t* pixel = &bytes[x * n_planes];
-            Eigen::Vector3f colour = map.added;
-            for (std::size_t p = 0; p < (is_lrgb ? n_terms : n_planes); ++p) {
+            const Sample* pixel = &row[x * n_planes];
+            Eigen::Vector3f colour = added;
+            for (std::size_t p = 0; p < n_mapped; ++p) {
               colour +=
-                  static_cast<float>(pixel[p]) * map.factors.col(static_cast<Eigen::Index>(p));
+                  static_cast<float>(pixel[p]) * factors.col(static_cast<Eigen::Index>(p));
             }
             for (std::size_t c = 0; c < 3; ++c) {
               float value = colour[static_cast<Eigen::Index>(c)];
               if (is_lrgb) {
-                const PlaneScale& scale = model.scales[n_terms + c];
-                value *= static_cast<float>(pixel[n_terms + c] * scale.scale + scale.offset);
+                value *= static_cast<float>(pixel[n_mapped + c] * colour_scales[c].scale +
+                                            colour_scales[c].offset);
               }
               out[3 * x + c] = value;
             }
@@ -179,6 +280,28 @@ Image<float> relit(const ReflectanceModel& model, const Eigen::Vector3d& directi
         }
       });
   return picture;
+}
+
+}  // namespace
+
+Image<float> relit(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
+  const bool is_lrgb = model.colour == ReflectanceColour::lrgb;
+  std::array<PlaneScale, 3> colour_scales;
+  if (is_lrgb) {
+    std::copy_n(model.scales.end() - 3, 3, colour_scales.begin());
+  }
+  return apply_map(map_of_samples(map_of(model, direction), model.scales), model.planes.view(),
+                   is_lrgb, colour_scales);
+}
+
+Image<float> relit_coefficients(const ReflectanceModel& model,
+                                ImageView<const float> coefficients,
+                                const Eigen::Vector3d& direction) {
+  HAARLIGHT_EXPECTS(coefficients.channels() == n_planes_of(model.colour, model.n_terms),
+                    "a coefficient a plane");
+  constexpr PlaneScale kAsItIs{1.0, 0.0};
+  return apply_map(map_of(model, direction), coefficients,
+                   model.colour == ReflectanceColour::lrgb, {kAsItIs, kAsItIs, kAsItIs});
 }
 
 }  // namespace haarlight

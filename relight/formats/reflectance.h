@@ -77,6 +77,24 @@ struct ReflectanceModel {
 [[nodiscard]] std::array<double, 16> hsh_terms(const Eigen::Vector3d& direction, int n_terms,
                                                HshOrder4 order4 = HshOrder4::exact) noexcept;
 
+/// The width of rbf's radial functions where a file does not say: Relight's own.
+inline constexpr double kDefaultRbfSigma = 1.0 / 7.0;
+
+/// How much a knot of a pca model counts at a direction.
+struct KnotWeight {
+  int knot = 0;
+  double weight = 0.0;
+};
+
+/// The knots that count at a direction; the weights sum to 1. `bilinear`: s = |x| + |y| + |z|,
+/// column ((x + y) / s + 1) / 2 * (resolution - 1), row ((y - x) / s + 1) / 2 * (resolution -
+/// 1), and the four knots around it; a direction below the horizon counts as the horizon's.
+/// `rbf`: exp(-|d - l|^2 / sigma^2) around each light l, scaled to sum 1; those under 0.001 are
+/// left out and the others scaled again, as Relight does.
+/// @param direction  unit vector
+[[nodiscard]] std::vector<KnotWeight> knot_weights(const ReflectanceModel& model,
+                                                   const Eigen::Vector3d& direction);
+
 /// The model's terms at a direction, (n_terms): ptm and hsh.
 [[nodiscard]] std::vector<double> basis_terms(const ReflectanceModel& model,
                                               const Eigen::Vector3d& direction);
@@ -88,5 +106,11 @@ void require_consistent(const ReflectanceModel& model, std::string_view where);
 /// transfer, not clipped. Every pixel costs n_planes multiplications.
 [[nodiscard]] Image<float> relit(const ReflectanceModel& model,
                                  const Eigen::Vector3d& direction);
+
+/// The same from coefficients that are not bytes yet, (height, width, n_planes): the model's
+/// own planes and scales are not looked at.
+[[nodiscard]] Image<float> relit_coefficients(const ReflectanceModel& model,
+                                              ImageView<const float> coefficients,
+                                              const Eigen::Vector3d& direction);
 
 }  // namespace haarlight

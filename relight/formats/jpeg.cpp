@@ -1,0 +1,204 @@
+#include "relight/formats/jpeg.h"
+
+#include <csetjmp>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+#include <fmt/format.h>
+#include <jpeglib.h>
+
+#include "core/error.h"
+
+namespace haarlight {
+
+namespace {
+
+/// A block of 64 pixels takes at least a bit; a fill of ones and a table of one code come near
+/// that. A picture larger than its bytes can hold is damaged or a trap.
+constexpr std::uint64_t kMostPixelsPerByte = 512;
+constexpr int kLongestSide = 65500;  // libjpeg's JPEG_MAX_DIMENSION
+
+struct JumpError {
+  jpeg_error_mgr base;
+  std::jmp_buf jump;
+  char message[JMSG_LENGTH_MAX];
+};
+
+[[noreturn]] void leave(j_common_ptr info) {
+  auto* error = reinterpret_cast<JumpError*>(info->err);
+  info->err->format_message(info, error->message);
+  std::longjmp(error->jump, 1);
+}
+
+/// A warning is damage: the rows behind it are made up.
+void leave_at_warning(j_common_ptr info, int level) {
+  if (level < 0) {
+    leave(info);
+  }
+}
+
+void be_silent(j_common_ptr /*info*/) {}
+
+jpeg_error_mgr* set_up(JumpError& error) {
+  jpeg_error_mgr* manager = jpeg_std_error(&error.base);
+  manager->error_exit = leave;
+  manager->emit_message = leave_at_warning;
+  manager->output_message = be_silent;
+  error.message[0] = '\0';
+  return manager;
+}
+
+/// Runs calls of libjpeg. They hold plain data only: an error jumps out of them.
+template <class Call>
+bool is_done(JumpError& error, const Call& call) {
+  if (setjmp(error.jump) != 0) {  // NOLINT(cert-err52-cpp): libjpeg knows no other way
+    return false;
+  }
+  call();
+  return true;
+}
+
+class Decoder {
+ public:
+  Decoder(std::string_view source, const std::string& where) : where_(where) {
+    info_.err = set_up(error_);
+    const bool is_good = is_done(error_, [&] {
+      jpeg_create_decompress(&info_);
+      jpeg_mem_src(&info_, reinterpret_cast<const unsigned char*>(source.data()),
+                   source.size());
+      jpeg_read_header(&info_, TRUE);
+    });
+    if (!is_good) {
+      const std::string message = error_.message;
+      jpeg_destroy_decompress(&info_);
+      throw damaged(message);
+    }
+    const std::uint64_t n_pixels =
+        std::uint64_t{info_.image_width} * std::uint64_t{info_.image_height};
+    if (n_pixels > kMostPixelsPerByte * source.size()) {
+      const std::string message = fmt::format("{} x {} pixels in {} bytes", info_.image_width,
+                                              info_.image_height, source.size());
+      jpeg_destroy_decompress(&info_);
+      throw damaged(message);
+    }
+  }
+  ~Decoder() { jpeg_destroy_decompress(&info_); }
+  Decoder(const Decoder&) = delete;
+  Decoder& operator=(const Decoder&) = delete;
+
+  [[nodiscard]] JpegShape shape() const {
+    return {static_cast<int>(info_.image_height), static_cast<int>(info_.image_width)};
+  }
+
+  void decode(int channels, const TakeRow& take) {
+    require(is_done(error_, [&] {
+      info_.out_color_space = channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
+      jpeg_start_decompress(&info_);
+    }));
+    std::vector<std::uint8_t> row(static_cast<std::size_t>(info_.output_width) *
+                                  static_cast<std::size_t>(channels));
+    std::uint8_t* samples = row.data();
+    while (info_.output_scanline < info_.output_height) {
+      const auto y = static_cast<int>(info_.output_scanline);
+      require(is_done(error_, [&] { jpeg_read_scanlines(&info_, &samples, 1); }));
+      take(y, row);
+    }
+    require(is_done(error_, [&] { jpeg_finish_decompress(&info_); }));
+  }
+
+ private:
+  [[nodiscard]] Error damaged(const std::string& message) const {
+    return {fmt::format("not a sound JPEG picture: {}", message), where_,
+            "copy the file again from its source"};
+  }
+  void require(bool is_good) const {
+    if (!is_good) {
+      throw damaged(error_.message);
+    }
+  }
+
+  std::string where_;
+  jpeg_decompress_struct info_{};
+  JumpError error_{};
+};
+
+class Encoder {
+ public:
+  explicit Encoder(const std::string& where) : where_(where) { info_.err = set_up(error_); }
+  ~Encoder() {
+    jpeg_destroy_compress(&info_);
+    std::free(data_);
+  }
+  Encoder(const Encoder&) = delete;
+  Encoder& operator=(const Encoder&) = delete;
+
+  std::string encode(JpegShape shape, int channels, int quality, const GiveRow& give) {
+    require(is_done(error_, [&] {
+      jpeg_create_compress(&info_);
+      jpeg_mem_dest(&info_, &data_, &size_);
+      info_.image_width = static_cast<JDIMENSION>(shape.width);
+      info_.image_height = static_cast<JDIMENSION>(shape.height);
+      info_.input_components = channels;
+      info_.in_color_space = channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
+      jpeg_set_defaults(&info_);
+      jpeg_set_quality(&info_, quality, TRUE);
+      for (int i = 0; i < channels; ++i) {  // 4:4:4
+        info_.comp_info[i].h_samp_factor = 1;
+        info_.comp_info[i].v_samp_factor = 1;
+      }
+      info_.optimize_coding = TRUE;
+      jpeg_start_compress(&info_, TRUE);
+    }));
+    std::vector<std::uint8_t> row(static_cast<std::size_t>(shape.width) *
+                                  static_cast<std::size_t>(channels));
+    std::uint8_t* samples = row.data();
+    for (int y = 0; y < shape.height; ++y) {
+      give(y, row);
+      require(is_done(error_, [&] { jpeg_write_scanlines(&info_, &samples, 1); }));
+    }
+    require(is_done(error_, [&] { jpeg_finish_compress(&info_); }));
+    return {reinterpret_cast<const char*>(data_), size_};
+  }
+
+ private:
+  void require(bool is_good) const {
+    if (!is_good) {
+      throw Error(fmt::format("the picture cannot be written as JPEG: {}", error_.message),
+                  where_, "report it", ExitCode::internal);
+    }
+  }
+
+  std::string where_;
+  jpeg_compress_struct info_{};
+  JumpError error_{};
+  unsigned char* data_ = nullptr;
+  unsigned long size_ = 0;  // NOLINT(google-runtime-int): libjpeg's type
+};
+
+}  // namespace
+
+JpegShape jpeg_shape(std::string_view source, const std::string& where) {
+  return Decoder(source, where).shape();
+}
+
+void decode_jpeg(std::string_view source, int channels, const std::string& where,
+                 const TakeRow& take) {
+  HAARLIGHT_EXPECTS(channels == 1 || channels == 3, "grey or RGB");
+  Decoder(source, where).decode(channels, take);
+}
+
+std::string encode_jpeg(JpegShape shape, int channels, int quality, const std::string& where,
+                        const GiveRow& give) {
+  HAARLIGHT_EXPECTS(channels == 1 || channels == 3, "grey or RGB");
+  HAARLIGHT_EXPECTS(quality >= 1 && quality <= 100, "quality 1 to 100");
+  HAARLIGHT_EXPECTS(shape.width >= 1 && shape.height >= 1, "a picture");
+  if (shape.width > kLongestSide || shape.height > kLongestSide) {
+    throw Error(fmt::format("{} x {}: JPEG has at most {} pixels a side", shape.width,
+                            shape.height, kLongestSide),
+                where, "write a .ptm without --jpeg, or a .rti");
+  }
+  return Encoder(where).encode(shape, channels, quality, give);
+}
+
+}  // namespace haarlight
