@@ -203,13 +203,6 @@ std::vector<KnotWeight> knot_weights(const ReflectanceModel& model,
 
 namespace {
 
-/// A linear map from a pixel's coefficients to its colour: (3, n_planes) and what is added; for
-/// lrgb to its luminance, all three rows alike.
-struct ColourMap {
-  Eigen::Matrix<double, 3, Eigen::Dynamic> factors;
-  Eigen::Vector3d added = Eigen::Vector3d::Zero();
-};
-
 ColourMap map_of_axes(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
   ColourMap map;
   map.factors.setZero(3, model.n_terms);
@@ -284,14 +277,17 @@ Image<float> apply_map(const ColourMap& map, ImageView<const Sample> samples, bo
 
 }  // namespace
 
+ColourMap colour_map(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
+  return map_of_samples(map_of(model, direction), model.scales);
+}
+
 Image<float> relit(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
   const bool is_lrgb = model.colour == ReflectanceColour::lrgb;
   std::array<PlaneScale, 3> colour_scales;
   if (is_lrgb) {
     std::copy_n(model.scales.end() - 3, 3, colour_scales.begin());
   }
-  return apply_map(map_of_samples(map_of(model, direction), model.scales), model.planes.view(),
-                   is_lrgb, colour_scales);
+  return apply_map(colour_map(model, direction), model.planes.view(), is_lrgb, colour_scales);
 }
 
 Image<float> relit_coefficients(const ReflectanceModel& model,

@@ -99,6 +99,15 @@ struct KnotWeight {
 [[nodiscard]] std::vector<double> basis_terms(const ReflectanceModel& model,
                                               const Eigen::Vector3d& direction);
 
+/// A linear map from one pixel's bytes to its colour; for lrgb to its luminance, all three rows
+/// alike, which then multiplies the colour of the three last planes.
+struct ColourMap {
+  Eigen::Matrix<double, 3, Eigen::Dynamic> factors;  ///< (3, n_planes)
+  Eigen::Vector3d added = Eigen::Vector3d::Zero();
+};
+[[nodiscard]] ColourMap colour_map(const ReflectanceModel& model,
+                                   const Eigen::Vector3d& direction);
+
 /// @throws Error  planes, scales and terms do not fit each other; `where` names the model
 void require_consistent(const ReflectanceModel& model, std::string_view where);
 

@@ -301,6 +301,14 @@ void require_writable(const fs::path& folder, const ReflectanceModel& model) {
   HAARLIGHT_EXPECTS(obeys(ScaleRule::any, model), "scales above 0");
 }
 
+/// What stood here before: info.json first, so that it never tells of other pictures.
+void remove_former(const fs::path& folder) {
+  std::error_code ignored;
+  fs::remove(folder / "info.json", ignored);
+  for (int i = 0; fs::remove(folder / picture_name(i), ignored); ++i) {
+  }
+}
+
 /// info.json's list of axes, and the range of each row.
 void add_axes(const ReflectanceModel& model, int n_planes, Json& root, Json& material) {
   Json basis = Json::array();
@@ -411,6 +419,7 @@ void write_web_folder(const fs::path& folder, const ReflectanceModel& model,
   const auto n_planes = static_cast<std::size_t>(model.n_planes());
   const int n_pictures = (model.n_planes() + 2) / 3;
   const JpegShape shape{model.planes.height(), model.planes.width()};
+  remove_former(folder);
   for (int i = 0; i < n_pictures; ++i) {
     const auto give = [&](int y, std::span<std::uint8_t> samples) {
       const auto row = model.planes.view().row(y);

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <cmath>
+#include <cstdlib>
+
+#include "core/error.h"
+#include "relight/formats/reflectance.h"
+
+/// @file
+/// What the fuzz targets of the readers share.
+
+namespace haarlight::test {
+
+/// Any bytes either read as a model that can be relit or are refused with Error.
+template <class Parse>
+void read_or_refuse(const Parse& parse) {
+  try {
+    const ReflectanceModel model = parse();
+    require_consistent(model, "fuzz");
+    if (model.planes.width() > 64 || model.planes.height() > 64) {
+      return;  // enough is tested without so many pixels
+    }
+    const Image<float> picture = relit(model, {0.6, 0.0, 0.8});
+    for (const float value : picture.pixels()) {
+      if (std::isnan(value)) {
+        std::abort();
+      }
+    }
+  } catch (const Error&) {  // NOLINT(bugprone-empty-catch): the only way out for bad bytes
+  }
+}
+
+}  // namespace haarlight::test
