@@ -27,6 +27,7 @@ void add_verify(Command root, Invocation& invocation);
 void add_rebuild(Command root, Invocation& invocation);
 void add_develop(Command root, Invocation& invocation);
 void add_export(Command root, Invocation& invocation);
+void add_convert(Command root, Invocation& invocation);
 void add_plate(Command root, Invocation& invocation);
 void add_compress(Command root, Invocation& invocation);
 void add_relight(Command root, Invocation& invocation);
@@ -61,6 +62,7 @@ constexpr AddVerb kVerbs[] = {
     add_rebuild,
     add_develop,
     add_export,
+    add_convert,
     add_plate,
     add_compress,
     add_relight,

@@ -15,7 +15,7 @@ import unittest
 import urllib.request
 
 from programs import (SOURCE, Programs, footer_examples, free_port, report_problems,
-                      schema_problems, write_capture)
+                      schema_problems, write_capture, write_relightable)
 
 DONE, USAGE, BAD_INPUT, UNAVAILABLE = 0, 2, 65, 69
 RIG = SOURCE / "configs/rigs/small8.toml"
@@ -51,6 +51,7 @@ ABSENT = {
     "rebuild": ["absent"],
     "develop": ["absent"],
     "export": ["absent --lp -o new"],
+    "convert": ["absent.ptm new.rti", "absent.ptm new.png --light 0,0,1", "absent.lp new.dome"],
     "plate": ["absent.toml -o new"],
     "compress": ["absent -o new", "session -o new --plate absent.hlb --basis direct"],
     "relight": ["absent.hlb --light 0 -o new.png", "object.hlb --cubemap absent.hdr -o new.png",
@@ -83,6 +84,9 @@ WRITES = {
     "develop": ["session --exr taken/"],
     "export": ["session --lp -o taken.lp", "session --dome -o taken.dome",
                "session --lp -o new.lp --png taken/"],
+    "convert": ["object.ptm taken.rti", "object.ptm taken/ --basis hsh",
+                "object.ptm taken.ptm --jpeg", "object.ptm taken.png --light 0.5,0,0.8",
+                "photos/dirs.lp taken.dome"],
     "plate": ["{rig} -o taken.hlb"],
     "compress": ["session -o taken.hlb --basis direct --plate none"],
     "relight": ["object.hlb --light 0 -o taken.png"],
@@ -107,6 +111,7 @@ class CommandLine(unittest.TestCase):
         cls.place = tempfile.TemporaryDirectory(prefix="haarlight-cli.")
         cls.folder = pathlib.Path(cls.place.name)
         write_capture(cls.folder / "photos")
+        write_relightable(cls.folder / "object.ptm")
         for line in ("import photos --lights photos/dirs.lp -o session",
                      "compress session -o object.hlb --basis direct --plate none",
                      "plate {rig} -o plate.hlb"):
@@ -166,6 +171,9 @@ class CommandLine(unittest.TestCase):
                      "relight object.hlb --light 0 -o new.png --terms -1",
                      "relight object.hlb --light 0 -o new.png --frames 0",
                      "relight object.hlb --light 0 -o new.png --frames 2",
+                     "convert object.ptm new.rti --terms 5", "convert object.ptm new.ptm --terms 9",
+                     "convert object.ptm new.png", "convert object.ptm new.png --light 0,0,0",
+                     "convert object.ptm new.ptm --basis hsh", "convert object.ptm new.rti --jpeg",
                      "check {rig} --threads 0", "check {rig} --memory 3Q"):
             with self.subTest(line=line):
                 self.assertEqual(self.run_line(line).returncode, USAGE)

@@ -14,7 +14,8 @@ import time
 import unittest
 
 from programs import (SOURCE, Programs, VirtualRig, footer_examples, free_port, report_problems,
-                      rig_on_free_ports, wait_for, write_capture)
+                      rig_on_free_ports, wait_for, write_capture,
+                      write_relightable)
 
 
 def shown_commands(document):
@@ -159,7 +160,9 @@ class Examples(unittest.TestCase):
         shutil.copy(self.folder / "ball/light0.png", self.folder / "ball/mask.png")
         run_examples("import")
         shutil.copytree(self.folder / "door.session", self.folder / "sessions/coin")
-        run_examples("verify", "rebuild", "develop", "export", "plate", "compress", "relight",
+        write_relightable(self.folder / "coin.ptm")
+        shutil.copy(self.folder / "door/dirs.lp", self.folder / "dome.lp")
+        run_examples("verify", "rebuild", "develop", "export", "convert", "plate", "compress", "relight",
                      "bases", "shadow")
         left.remove("view")
         for example in self.examples_of("view"):
@@ -198,6 +201,7 @@ class Examples(unittest.TestCase):
         shutil.copytree(self.folder / "configs", place / "configs")
         shutil.copy(self.folder / "configs/rigs/small8.toml", place / "rig.toml")
         shutil.copy(self.folder / "configs/plans/one_at_a_time.toml", place / "plan.toml")
+        write_relightable(place / "coin.ptm")
         self.run_shown("haarlight plate rig.toml -o object.hlb", place)
         for document in sorted((SOURCE / "docs").glob("*.md")):
             for command in shown_commands(document):

@@ -69,6 +69,14 @@ def write_capture(folder, n_lights=4, size=8, scale=1.0):
     return folder
 
 
+def write_relightable(path, width=16, height=8):
+    """A small .ptm: a luminance of six coefficients a pixel, then its colours."""
+    luminance = bytes((40 * j + 3 * i) % 256 for i in range(width * height) for j in range(6))
+    colours = bytes((90 + 5 * i + 40 * c) % 256 for i in range(width * height) for c in range(3))
+    path.write_bytes(f"PTM_1.2\nPTM_FORMAT_LRGB\n{width}\n{height}\n"
+                     "0.5 0.5 0.25 0.5 0.25 1.0\n167 97 0 0 0 0\n".encode() + luminance + colours)
+
+
 def free_port():
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
