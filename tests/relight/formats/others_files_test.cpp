@@ -25,7 +25,11 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing::psnr_db;
-using testing::shared_data;
+
+/// Other people's files; tests skip where they are not.
+std::filesystem::path shared_data() {
+  return std::filesystem::path(HAARLIGHT_SOURCE_DIR) / "../shared/data";
+}
 
 class OthersFiles : public ::testing::Test {
  protected:

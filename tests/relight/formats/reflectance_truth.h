@@ -1,9 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <numbers>
-#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -12,14 +11,9 @@
 #include "relight/formats/reflectance.h"
 
 /// @file
-/// What the tests of relight/formats share: small models, directions, PSNR, others' data.
+/// What the tests of relight/formats share: small models, directions, PSNR.
 
 namespace haarlight::testing {
-
-/// Other people's files; tests skip where they are not.
-inline std::filesystem::path shared_data() {
-  return std::filesystem::path(HAARLIGHT_SOURCE_DIR) / "../shared/data";
-}
 
 /// Peak signal-to-noise ratio of 8-bit pictures in dB, peak 1: values are clipped to 0..1 and
 /// rounded to bytes before, as a viewer shows them.

@@ -1,0 +1,144 @@
+/// @file
+/// Writes web folders of every kind and the pictures that they must show, for the browser's
+/// test: made_relightable OUT [IN]. IN: a picture that can be relit; without it, smooth waves.
+
+#include <cstdio>
+#include <exception>
+#include <string>
+#include <vector>
+
+#include <Eigen/Eigenvalues>
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "relight/formats/quantise.h"
+#include "relight/formats/refit.h"
+#include "relight/formats/reflectance_file.h"
+#include "tests/relight/formats/reflectance_truth.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kLights = 9;
+constexpr int kResolution = 8;
+constexpr int kAxes = 18;
+
+ReflectanceModel waves() {
+  ReflectanceModel model =
+      testing::empty_model(ReflectanceBasis::hsh, ReflectanceColour::rgb, 9);
+  quantise(model, testing::smooth_coefficients(72, 96, 27).view());
+  return model;
+}
+
+/// The direction of a knot of the octahedral grid.
+Eigen::Vector3d knot_direction(int column, int row) {
+  const double a = 2.0 * column / (kResolution - 1) - 1.0;
+  const double b = 2.0 * row / (kResolution - 1) - 1.0;
+  const double x = (a - b) / 2.0;
+  const double y = (a + b) / 2.0;
+  return Eigen::Vector3d(x, y, 1.0 - std::abs(x) - std::abs(y)).normalized();
+}
+
+/// A picture's colours at the knots, and their principal axes.
+ReflectanceModel bilinear_of(const ReflectanceModel& source) {
+  constexpr int kN = 3 * kResolution * kResolution;
+  std::vector<Image<float>> pictures;
+  for (int row = 0; row < kResolution; ++row) {
+    for (int column = 0; column < kResolution; ++column) {
+      pictures.push_back(relit(source, knot_direction(column, row)));
+    }
+  }
+  const int height = source.planes.height();
+  const int width = source.planes.width();
+  const auto colours_of = [&](int y, int x) {
+    Eigen::VectorXf colours(kN);
+    for (int i = 0; i < kN; ++i) {
+      colours[i] = pictures[static_cast<std::size_t>(i / 3)](y, x, i % 3);
+    }
+    return colours;
+  };
+  Eigen::VectorXf mean = Eigen::VectorXf::Zero(kN);
+  Eigen::MatrixXf moments = Eigen::MatrixXf::Zero(kN, kN);
+  float n = 0.0F;
+  for (int y = 0; y < height; y += 4) {
+    for (int x = 0; x < width; x += 4) {
+      const Eigen::VectorXf colours = colours_of(y, x);
+      mean += colours;
+      moments.selfadjointView<Eigen::Lower>().rankUpdate(colours);
+      n += 1.0F;
+    }
+  }
+  mean /= n;
+  moments /= n;
+  moments.selfadjointView<Eigen::Lower>().rankUpdate(mean, -1.0F);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXf> solver(moments);
+  ReflectanceModel model =
+      testing::empty_model(ReflectanceBasis::bilinear, ReflectanceColour::pca, kAxes);
+  model.resolution = kResolution;
+  model.axes.resize(kAxes + 1, kN);
+  model.axes.row(0) = mean.transpose();
+  model.axes.bottomRows(kAxes) =
+      solver.eigenvectors().rightCols(kAxes).rowwise().reverse().transpose();
+  Image<float> weights(height, width, kAxes);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const Eigen::VectorXf found = model.axes.bottomRows(kAxes) * (colours_of(y, x) - mean);
+      std::copy(found.begin(), found.end(), &weights(y, x));
+    }
+  }
+  quantise(model, weights.view());
+  return model;
+}
+
+void make(const fs::path& out, const std::string& input) {
+  const ReflectanceModel source = input.empty() ? waves() : read_reflectance(input);
+  const auto fitted = [&](ReflectanceBasis basis, int n_terms) {
+    return refit(source, {.basis = basis, .n_terms = n_terms},
+                 refit_directions(source, n_terms));
+  };
+  const std::vector<std::pair<std::string, ReflectanceModel>> models{
+      {"ptm", fitted(ReflectanceBasis::ptm, 6)},
+      {"hsh", fitted(ReflectanceBasis::hsh, 9)},
+      {"bilinear", bilinear_of(source)}};
+  const std::vector<Eigen::Vector3d> lights = spread_over_hemisphere(kLights, 0.4);
+  std::string list;
+  for (const Eigen::Vector3d& light : lights) {
+    list += fmt::format("{}[{:.17g},{:.17g},{:.17g}]", list.empty() ? "" : ",", light.x(),
+                        light.y(), light.z());
+  }
+  fs::create_directories(out);
+  for (const auto& [name, model] : models) {
+    write_reflectance(out / name, model);
+    for (std::size_t i = 0; i < lights.size(); ++i) {
+      Image<float> picture = relit(model, lights[i]);
+      for (float& value : picture.pixels()) {
+        value = linear_from_srgb(value);
+      }
+      write_image(out / fmt::format("{}_{}.png", name, i), picture.view());
+    }
+  }
+  write_file_atomically(out / "lights.json", "[" + list + "]\n");
+}
+
+}  // namespace
+
+}  // namespace haarlight
+
+int main(int argc, char** argv) {
+  try {
+    if (argc < 2 || argc > 3) {
+      std::fputs("usage: made_relightable OUT [IN]\n", stderr);
+      return 2;
+    }
+    haarlight::make(argv[1], argc > 2 ? argv[2] : "");
+    return 0;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "made_relightable: %s\n", error.what());
+    return 70;
+  }
+}
