@@ -15,16 +15,18 @@
 
 #include "apps/haarlight/verb.h"
 #include "apps/page_folder.h"
+#include "apps/viewer/reflectance_site.h"
 #include "apps/viewer/viewer_site.h"
 #include "core/files.h"
 #include "http/server.h"
+#include "relight/formats/reflectance_file.h"
 
 namespace haarlight {
 
 namespace {
 
 struct ViewArguments {
-  std::string basis;
+  std::string file;
   std::string web;
   int port = 0;
 };
@@ -71,10 +73,19 @@ class EndSignals {
   Fd wake_;
 };
 
+/// What the file's page needs: of a basis file, or of a picture that is lit by direction.
+HttpSite site_of(const std::string& file, const ViewerConfig& config) {
+  if (recognise_reflectance(file)) {
+    return reflectance_site(std::make_shared<const ReflectanceModel>(read_reflectance(file)),
+                            std::filesystem::path(file).filename().string(), config);
+  }
+  const auto basis = std::make_shared<const BasisFile>(BasisFile::open(file));
+  return viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), config);
+}
+
 ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, Report& report) {
-  report.add_input(arguments.basis);
+  report.add_input(arguments.file);
   const EndSignals signals;
-  const auto basis = std::make_shared<const BasisFile>(BasisFile::open(arguments.basis));
   ViewerConfig config;
   config.web_folder =
       arguments.web.empty() ? find_page_folder() : std::filesystem::path(arguments.web);
@@ -86,9 +97,8 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
   HttpServerConfig http;
   http.port = arguments.port;
   http.max_body_bytes = kMostEnvironmentBytes;
-  const HttpServer server(
-      http, viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), config));
-  fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.basis, server.port());
+  const HttpServer server(http, site_of(arguments.file, config));
+  fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.file, server.port());
   std::fflush(stdout);
   signals.wait();
   report.add_detail("requests", static_cast<std::int64_t>(server.counters().requests));
@@ -99,8 +109,9 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
 
 void add_view(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ViewArguments>();
-  Command verb = root.add_verb("view", "Relight in the browser: serve a page for a basis file");
-  verb.option("BASIS", &arguments->basis, "Basis file",
+  Command verb = root.add_verb("view", "Relight in the browser: serve a page for a file");
+  verb.option("FILE", &arguments->file,
+              "Basis file, or a picture lit by direction: .ptm, .rti, folder with info.json",
               {.type = "BASIS.hlb", .is_required = true});
   verb.option("--port", &arguments->port, "Port on 127.0.0.1 (default: any free one)",
               {.bounds = Bounds{0, 65535}});

@@ -24,14 +24,6 @@ using Json = nlohmann::json;
 
 constexpr const char* kBytes = "application/octet-stream";
 
-/// What carries the file's hash in its address never changes.
-HttpResponse immutable(std::string body) {
-  return {200,
-          kBytes,
-          std::move(body),
-          {{"Cache-Control", "private, max-age=31536000, immutable"}}};
-}
-
 int number(const HttpRequest& request, std::string_view text) {
   int value = 0;
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -176,6 +168,24 @@ HttpResponse weights_response(EnvironmentDesk& desk, const HttpRequest& request)
 
 }  // namespace
 
+HttpResponse immutable_bytes(std::string body) {
+  return {200,
+          kBytes,
+          std::move(body),
+          {{"Cache-Control", "private, max-age=31536000, immutable"}}};
+}
+
+void serve_pages(HttpSite& site, const ViewerConfig& config, const std::string& first) {
+  if (config.web_folder.empty()) {
+    return;
+  }
+  site.get("/", [first](const HttpRequest&) {
+    return HttpResponse{
+        .status = 303, .content_type = "text/plain", .headers = {{"Location", first}}};
+  });
+  site.set_static_files("/", config.web_folder);
+}
+
 HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
                      const std::shared_ptr<EnvironmentDesk>& desk, const ViewerConfig& config) {
   HttpSite site;
@@ -186,7 +196,7 @@ HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
         throw Error("this server shows another basis file now", request.path,
                     "load the page again");
       }
-      return immutable(answer(request));
+      return immutable_bytes(answer(request));
     });
   };
   site.get("/v1/basis", [description = describe(*basis, config)](const HttpRequest&) {
@@ -216,14 +226,7 @@ HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
   });
   site.get("/v1/environments/{id}/weights",
            [desk](const HttpRequest& request) { return weights_response(*desk, request); });
-  if (!config.web_folder.empty()) {
-    site.get("/", [](const HttpRequest&) {
-      return HttpResponse{.status = 303,
-                          .content_type = "text/plain",
-                          .headers = {{"Location", "/viewer/index.html"}}};
-    });
-    site.set_static_files("/", config.web_folder);
-  }
+  serve_pages(site, config, "/viewer/index.html");
   return site;
 }
 

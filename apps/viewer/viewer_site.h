@@ -20,6 +20,11 @@ struct ViewerConfig {
   std::uint64_t texture_bytes = std::uint64_t{1} << 30U;  ///< what the page may load, at most
 };
 
+/// What carries the file's hash in its address never changes.
+[[nodiscard]] HttpResponse immutable_bytes(std::string body);
+/// Serves the folder of pages, and leads "/" to one of them; nothing where there is no folder.
+void serve_pages(HttpSite& site, const ViewerConfig& config, const std::string& first);
+
 /// A picture file of an environment is at most this large.
 inline constexpr std::size_t kMostEnvironmentBytes = std::size_t{256} << 20U;
 

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "apps/viewer/viewer_site.h"
+#include "http/site.h"
+#include "relight/formats/reflectance.h"
+
+/// @file
+/// What `haarlight view` answers for a picture that is lit by direction (.ptm, .rti, a web
+/// folder): its planes for the page's graphics processor, and how bytes become colours under a
+/// light. Paths: docs/http-api.md, "The viewer's server".
+
+namespace haarlight {
+
+/// The site keeps the model alive.
+/// @param name  the file's, as people know it
+[[nodiscard]] HttpSite reflectance_site(const std::shared_ptr<const ReflectanceModel>& model,
+                                        const std::string& name, const ViewerConfig& config);
+
+/// Four planes as R, G, B, A of a picture, each pixel the mean of shrink x shrink ones; planes
+/// beyond the last are 0. (ceil(height / shrink), ceil(width / shrink), 4) bytes.
+[[nodiscard]] std::string four_planes(const ReflectanceModel& model, int layer, int shrink);
+
+}  // namespace haarlight
