@@ -3,6 +3,7 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstdlib>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -61,7 +62,7 @@ bool is_done(JumpError& error, const Call& call) {
 
 class Decoder {
  public:
-  Decoder(std::string_view source, const std::string& where) : where_(where) {
+  Decoder(std::string_view source, std::string where) : where_(std::move(where)) {
     info_.err = set_up(error_);
     const bool is_good = is_done(error_, [&] {
       jpeg_create_decompress(&info_);
@@ -125,7 +126,7 @@ class Decoder {
 
 class Encoder {
  public:
-  explicit Encoder(const std::string& where) : where_(where) { info_.err = set_up(error_); }
+  explicit Encoder(std::string where) : where_(std::move(where)) { info_.err = set_up(error_); }
   ~Encoder() {
     jpeg_destroy_compress(&info_);
     std::free(data_);

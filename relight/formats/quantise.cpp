@@ -99,8 +99,8 @@ std::vector<ByteRange> byte_ranges(const Image<std::uint8_t>& planes) {
 /// Brings the colours of lrgb into 0..1 by giving the excess to the luminance.
 void rescale_colours(ReflectanceModel& model, const std::vector<ByteRange>& ranges) {
   double largest = 1.0;
-  for (int c = 0; c < 3; ++c) {
-    const auto p = static_cast<std::size_t>(model.n_terms + c);
+  for (std::size_t c = 0; c < 3; ++c) {
+    const std::size_t p = static_cast<std::size_t>(model.n_terms) + c;
     const PlaneScale& scale = model.scales[p];
     const double a = value_of(ranges[p].min, scale);
     const double b = value_of(ranges[p].max, scale);
@@ -208,9 +208,9 @@ double PlaneRanges::max(int plane) const noexcept {
 std::vector<PlaneScale> choose_scales(const PlaneRanges& ranges, ReflectanceColour colour,
                                       int n_terms, ScaleRule rule) {
   HAARLIGHT_EXPECTS(ranges.n_planes() == n_planes_of(colour, n_terms), "a range a plane");
-  std::vector<Range> planes;
-  for (int p = 0; p < ranges.n_planes(); ++p) {
-    planes.push_back({ranges.min(p), ranges.max(p)});
+  std::vector<Range> planes(static_cast<std::size_t>(ranges.n_planes()));
+  for (std::size_t p = 0; p < planes.size(); ++p) {
+    planes[p] = {ranges.min(static_cast<int>(p)), ranges.max(static_cast<int>(p))};
   }
   return scales_of_terms(planes, colour, n_terms, rule);
 }

@@ -1,6 +1,7 @@
 #include "relight/formats/refit.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <span>
@@ -38,85 +39,123 @@ Eigen::MatrixXd solver_of(const ReflectanceModel& shape,
   return qr.solve(Eigen::MatrixXd::Identity(n, n));
 }
 
-/// Bytes of one pixel to coefficients of the target, R, G and B apart. Exactly linear in the
-/// samples where the transfer stays; else every direction's colour is coded on the way.
-class PixelRefit {
+/// A row's bytes to coefficients of the target, R, G and B apart. Exactly linear in the samples
+/// where the transfer stays; else every direction's colour is coded on the way.
+class RowRefit {
  public:
-  PixelRefit(const ReflectanceModel& source, const ReflectanceModel& shape,
-             const std::vector<Eigen::Vector3d>& directions)
-      : is_lrgb_(source.colour == ReflectanceColour::lrgb),
+  RowRefit(const ReflectanceModel& source, const ReflectanceModel& shape,
+           const std::vector<Eigen::Vector3d>& directions)
+      : source_(source),
+        is_lrgb_(source.colour == ReflectanceColour::lrgb),
         is_coded_(source.transfer == Transfer::linear),
-        n_planes_(source.n_planes()),
         n_terms_(shape.n_terms),
         solver_(solver_of(shape, directions)) {
     const auto n = static_cast<Eigen::Index>(directions.size());
-    for (int c = 0; c < 3; ++c) {
+    const Eigen::Index n_planes = source.n_planes();
+    for (Eigen::Index c = 0; c < 3; ++c) {
       Eigen::MatrixXd& samples = samples_[static_cast<std::size_t>(c)];
-      samples.resize(n, n_planes_ + 1);  // the last column: what is added
+      samples.resize(n, n_planes + 1);  // the last column: what is added
       for (Eigen::Index i = 0; i < n; ++i) {
         const ColourMap map = colour_map(source, directions[static_cast<std::size_t>(i)]);
-        samples.row(i).head(n_planes_) = map.factors.row(c);
-        samples(i, n_planes_) = map.added[c];
+        samples.row(i).head(n_planes) = map.factors.row(c);
+        samples(i, n_planes) = map.added[c];
       }
       if (!is_coded_) {
         samples = solver_ * samples;
       }
     }
-    if (is_lrgb_) {
-      std::copy_n(source.scales.end() - 3, 3, colours_.begin());
-    }
   }
 
-  /// @param out  (3 * n_terms)
-  void fit(std::span<const std::uint8_t> pixel, std::span<float> out) const {
-    Eigen::VectorXd bytes(n_planes_ + 1);
-    for (Eigen::Index p = 0; p < n_planes_; ++p) {
-      bytes[p] = pixel[static_cast<std::size_t>(p)];
-    }
-    bytes[n_planes_] = 1.0;
-    for (std::size_t c = 0; c < 3; ++c) {
-      Eigen::VectorXd values = samples_[c] * bytes;
+  /// @param out  (width * 3 * n_terms), pixel by pixel
+  void fit(int y, std::span<float> out) const {
+    const auto row = source_.planes.view().row(y);
+    const Eigen::Index n_planes = source_.n_planes();
+    const Eigen::Index width = source_.planes.width();
+    Eigen::MatrixXd bytes(n_planes + 1, width);
+    bytes.topRows(n_planes) =
+        Eigen::Map<const Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic>>(
+            row.data(), n_planes, width)
+            .cast<double>();
+    bytes.row(n_planes).setOnes();
+    Eigen::Map<Eigen::MatrixXf> fitted(out.data(), Eigen::Index{3} * n_terms_, width);
+    for (Eigen::Index c = 0; c < 3; ++c) {
+      Eigen::MatrixXd values = samples_[static_cast<std::size_t>(c)] * bytes;
       if (is_lrgb_) {
-        const auto p = static_cast<Eigen::Index>(n_planes_ - 3) + static_cast<Eigen::Index>(c);
-        values *= bytes[p] * colours_[c].scale + colours_[c].offset;
+        const Eigen::Index p = n_planes - 3 + c;
+        const PlaneScale& colour = source_.scales[static_cast<std::size_t>(p)];
+        values.array().rowwise() *= bytes.row(p).array() * colour.scale + colour.offset;
       }
       if (is_coded_) {
-        for (double& value : values) {
-          value =
-              static_cast<double>(srgb_from_linear(static_cast<float>(std::max(value, 0.0))));
-        }
-        values = solver_ * values;
+        values = solver_ * values.unaryExpr([](double value) {
+          return static_cast<double>(
+              srgb_from_linear(static_cast<float>(std::max(value, 0.0))));
+        });
       }
-      for (Eigen::Index j = 0; j < n_terms_; ++j) {
-        out[c * static_cast<std::size_t>(n_terms_) + static_cast<std::size_t>(j)] =
-            static_cast<float>(values[j]);
-      }
+      fitted.middleRows(c * n_terms_, n_terms_) = values.cast<float>();
     }
   }
 
  private:
+  const ReflectanceModel& source_;
   bool is_lrgb_;
   bool is_coded_;
-  int n_planes_;
-  int n_terms_;
+  Eigen::Index n_terms_;
   Eigen::MatrixXd solver_;
   std::array<Eigen::MatrixXd, 3> samples_;
-  std::array<PlaneScale, 3> colours_;
 };
 
-void fit_row(const PixelRefit& pixel_refit, const ReflectanceModel& source, int y,
-             std::span<float> out) {
-  const auto row = source.planes.view().row(y);
-  const auto n_in = static_cast<std::size_t>(source.n_planes());
-  const auto width = static_cast<std::size_t>(source.planes.width());
-  const std::size_t n_out = out.size() / width;
-  for (std::size_t x = 0; x < width; ++x) {
-    pixel_refit.fit(row.subspan(x * n_in, n_in), out.subspan(x * n_out, n_out));
+/// Every `step`-th row of a picture.
+ReflectanceModel thin_rows(const ReflectanceModel& model, int step) {
+  const int height = (model.planes.height() + step - 1) / step;
+  ReflectanceModel thin{
+      .basis = model.basis,
+      .colour = model.colour,
+      .transfer = model.transfer,
+      .order4 = model.order4,
+      .n_terms = model.n_terms,
+      .planes = Image<std::uint8_t>(height, model.planes.width(), model.planes.channels()),
+      .scales = model.scales,
+      .lights = model.lights,
+      .rbf_sigma = model.rbf_sigma,
+      .resolution = model.resolution,
+      .axes = model.axes};
+  for (int y = 0; y < height; ++y) {
+    const auto row = model.planes.view().row(y * step);
+    std::copy(row.begin(), row.end(), thin.planes.view().row(y).begin());
   }
+  return thin;
 }
 
 double byte_of(float value) {
   return std::round(255.0 * std::clamp(static_cast<double>(value), 0.0, 1.0));
+}
+
+PictureDifference compare_all(const ReflectanceModel& a, const ReflectanceModel& b,
+                              const std::vector<Eigen::Vector3d>& directions) {
+  const auto decibels = [](double mean_square) {
+    return 10.0 * std::log10(255.0 * 255.0 / mean_square);
+  };
+  double sum = 0.0;
+  double worst = 0.0;
+  for (const Eigen::Vector3d& direction : directions) {
+    const Image<float> from_a = relit_srgb(a, direction);
+    const Image<float> from_b = relit_srgb(b, direction);
+    double squares = 0.0;
+    for (std::size_t i = 0; i < from_a.pixels().size(); ++i) {
+      const double difference = byte_of(from_a.pixels()[i]) - byte_of(from_b.pixels()[i]);
+      squares += difference * difference;
+    }
+    squares /= static_cast<double>(from_a.pixels().size());
+    sum += squares;
+    worst = std::max(worst, squares);
+  }
+  PictureDifference difference;
+  difference.is_same = sum == 0.0;
+  if (!difference.is_same) {
+    difference.mean_db = decibels(sum / static_cast<double>(directions.size()));
+    difference.worst_db = decibels(worst);
+  }
+  return difference;
 }
 
 }  // namespace
@@ -149,7 +188,7 @@ ReflectanceModel refit(const ReflectanceModel& source, const RefitTarget& target
   model.transfer = Transfer::srgb;
   model.n_terms = target.n_terms;
   model.lights = source.lights;
-  const PixelRefit pixel_refit(source, model, directions);
+  const RowRefit row_refit(source, model, directions);
   const int height = source.planes.height();
   const int width = source.planes.width();
   const int n_planes = 3 * target.n_terms;
@@ -160,7 +199,7 @@ ReflectanceModel refit(const ReflectanceModel& source, const RefitTarget& target
                [&](std::size_t begin, std::size_t end) {
                  std::vector<float> row(n_row);
                  for (std::size_t y = begin; y < end; ++y) {
-                   fit_row(pixel_refit, source, static_cast<int>(y), row);
+                   row_refit.fit(static_cast<int>(y), row);
                    pieces[begin / kRowsAPiece].add(row);
                  }
                });
@@ -174,7 +213,7 @@ ReflectanceModel refit(const ReflectanceModel& source, const RefitTarget& target
       static_cast<std::size_t>(height), kRowsAPiece, [&](std::size_t begin, std::size_t end) {
         std::vector<float> row(n_row);
         for (std::size_t y = begin; y < end; ++y) {
-          fit_row(pixel_refit, source, static_cast<int>(y), row);
+          row_refit.fit(static_cast<int>(y), row);
           quantise_row(row, model.scales, model.planes.view().row(static_cast<int>(y)));
         }
       });
@@ -191,35 +230,20 @@ Image<float> relit_srgb(const ReflectanceModel& model, const Eigen::Vector3d& di
   return picture;
 }
 
-PictureDifference compare_pictures(const ReflectanceModel& a, const ReflectanceModel& b,
+PictureDifference compare_pictures(const ReflectanceModel& first,
+                                   const ReflectanceModel& second,
                                    const std::vector<Eigen::Vector3d>& directions) {
-  HAARLIGHT_EXPECTS(a.planes.height() == b.planes.height() &&
-                        a.planes.width() == b.planes.width() && !directions.empty(),
+  HAARLIGHT_EXPECTS(first.planes.height() == second.planes.height() &&
+                        first.planes.width() == second.planes.width() && !directions.empty(),
                     "pictures of one size");
-  const auto decibels = [](double mean_square) {
-    return 10.0 * std::log10(255.0 * 255.0 / mean_square);
-  };
-  double sum = 0.0;
-  double worst = 0.0;
-  for (const Eigen::Vector3d& direction : directions) {
-    const Image<float> from_a = relit_srgb(a, direction);
-    const Image<float> from_b = relit_srgb(b, direction);
-    double squares = 0.0;
-    for (std::size_t i = 0; i < from_a.pixels().size(); ++i) {
-      const double difference = byte_of(from_a.pixels()[i]) - byte_of(from_b.pixels()[i]);
-      squares += difference * difference;
-    }
-    squares /= static_cast<double>(from_a.pixels().size());
-    sum += squares;
-    worst = std::max(worst, squares);
+  constexpr std::int64_t kMost = 4'000'000;
+  const std::int64_t n_pixels = std::int64_t{first.planes.height()} * first.planes.width();
+  if (n_pixels > kMost && first.planes.height() > 1) {
+    const auto step = static_cast<int>(
+        std::min<std::int64_t>((n_pixels + kMost - 1) / kMost, first.planes.height()));
+    return compare_all(thin_rows(first, step), thin_rows(second, step), directions);
   }
-  PictureDifference difference;
-  difference.is_same = sum == 0.0;
-  if (!difference.is_same) {
-    difference.mean_db = decibels(sum / static_cast<double>(directions.size()));
-    difference.worst_db = decibels(worst);
-  }
-  return difference;
+  return compare_all(first, second, directions);
 }
 
 }  // namespace haarlight

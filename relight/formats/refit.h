@@ -36,14 +36,15 @@ struct RefitTarget {
 [[nodiscard]] ReflectanceModel refit(const ReflectanceModel& source, const RefitTarget& target,
                                      const std::vector<Eigen::Vector3d>& directions);
 
-/// How far the pictures of two models are apart, as bytes on a screen, peak 255.
+/// How far the pictures of two models are apart, as bytes on a screen, peak 255. Of pictures
+/// above four million pixels evenly spaced rows are compared.
 struct PictureDifference {
   bool is_same = true;    ///< every byte
   double mean_db = 0.0;   ///< PSNR over all pictures together; nothing where is_same
   double worst_db = 0.0;  ///< of the worst direction
 };
 [[nodiscard]] PictureDifference compare_pictures(
-    const ReflectanceModel& a, const ReflectanceModel& b,
+    const ReflectanceModel& first, const ReflectanceModel& second,
     const std::vector<Eigen::Vector3d>& directions);
 
 /// The picture under a light from `direction`, coded as srgb whatever the model's transfer.

@@ -73,6 +73,7 @@ std::vector<double> read_numbers(const JsonValue& list, std::size_t n) {
                 "make the folder again with its program");
   }
   std::vector<double> numbers;
+  numbers.reserve(n);
   for (const JsonValue& element : elements) {
     numbers.push_back(element.number(-kLargestNumber, kLargestNumber));
   }
@@ -117,7 +118,7 @@ void ycc_to_rgb(Eigen::MatrixXf& axes, int n_triples) {
   for (Eigen::Index p = 0; p < axes.rows(); ++p) {
     // Row 0 is the mean and has all three. A plane of a triple is of its own part alone, the
     // planes behind the triples are of Y.
-    const Eigen::Index part = p == 0 ? -1 : p <= 3 * n_triples ? (p - 1) % 3 : 0;
+    const Eigen::Index part = p == 0 ? -1 : p <= Eigen::Index{3} * n_triples ? (p - 1) % 3 : 0;
     for (Eigen::Index at = 0; at < axes.cols(); at += 3) {
       Eigen::Vector3f ycc = axes.row(p).segment<3>(at);
       if (part >= 0) {
@@ -174,7 +175,8 @@ void read_lights(const JsonValue& root, ReflectanceModel& model) {
   }
   const JsonValue list = root["lights"];
   const std::size_t n = list.elements().size();
-  if (n % 3 != 0 || n > 3 * 100'000) {
+  constexpr std::size_t kMostLights = 100'000;
+  if (n % 3 != 0 || n / 3 > kMostLights) {
     list.refuse(fmt::format("{} numbers are not x, y, z of lights", n),
                 "make the folder again with its program");
   }
