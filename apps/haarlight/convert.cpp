@@ -132,6 +132,18 @@ std::uintmax_t bytes_on_disk(const fs::path& path) {
   return sum;
 }
 
+void warn_of_rti_viewer(const ReflectanceModel& written) {
+  if (written.colour == ReflectanceColour::rgb) {
+    log_warning(
+        "RTIViewer does not open RGB in the JPEG form of .ptm: leave --jpeg out for it");
+  } else if (written.planes.width() % 8 != 0) {
+    log_warning(
+        fmt::format("RTIViewer opens the JPEG form of .ptm only in widths that are a "
+                    "multiple of 8, not {}: leave --jpeg out for it",
+                    written.planes.width()));
+  }
+}
+
 bool is_light_list(const fs::path& path) {
   return path.extension() == ".lp" || path.extension() == ".dome";
 }
@@ -196,6 +208,9 @@ ExitCode run_convert(const ConvertArguments& arguments, const CommonOptions& com
   // From the file itself: what was lost to bytes, JPEG and the other basis together.
   const ReflectanceModel written = read_reflectance(
       arguments.output, {.order4 = is_kept ? reading.order4 : HshOrder4::exact});
+  if (arguments.is_jpeg) {
+    warn_of_rti_viewer(written);
+  }
   const PictureDifference difference =
       compare_pictures(model, written, spread_over_hemisphere(kCompared, kOtherTurn));
   report.set_bytes(bytes_on_disk(arguments.output));

@@ -25,8 +25,8 @@ using Json = nlohmann::ordered_json;
 constexpr double kWhite = 255.0;
 constexpr double kMiddleByte = 127.0;  ///< of an axis: 0
 constexpr std::int64_t kMostPlanes = 300;
-constexpr std::int64_t kLongestSide = 65500;  // JPEG's
-constexpr std::uintmax_t kMaxInfo = std::uintmax_t{64} << 20U;
+constexpr std::int64_t kLongestSide = 65500;                   // JPEG's
+constexpr std::uintmax_t kMaxInfo = std::uintmax_t{4} << 20U;  // a million numbers
 constexpr double kLargestNumber = 1e9;
 
 enum class ColourSpace { rgb, lrgb, mrgb, mycc };
