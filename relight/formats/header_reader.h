@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
 
 /// @file
 /// The text at the head of a `.ptm` or `.rti`: words between white space, then bytes. Every
