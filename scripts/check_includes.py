@@ -47,7 +47,7 @@ CPP_ONLY = {
     r"ceres/": None,
     r"opencv2/": None,
     r"tiffio\.h": None,
-    r"jpeglib\.h": ["capture/grey_jpeg.cpp", "relight/formats/jpeg.cpp"],
+    r"jpeglib\.h": ["capture/grey_jpeg.cpp", "relight/fit/jpeg_rows.cpp", "relight/formats/jpeg.cpp"],
     r"tbb/": ["core/parallel.cpp"],
     r"mpi\.h": ["core/ranks.cpp"],
     r"curl/": None,

@@ -32,6 +32,7 @@ void add_plate(Command root, Invocation& invocation);
 void add_compress(Command root, Invocation& invocation);
 void add_relight(Command root, Invocation& invocation);
 void add_bases(Command root, Invocation& invocation);
+void add_fit(Command root, Invocation& invocation);
 void add_shadow(Command root, Invocation& invocation);
 void add_view(Command root, Invocation& invocation);
 
@@ -68,6 +69,7 @@ constexpr AddVerb kVerbs[] = {
     add_relight,
     add_view,
     add_bases,
+    add_fit,
     add_shadow,
     // clang-format on
 };

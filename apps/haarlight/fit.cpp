@@ -1,0 +1,462 @@
+/// @file
+/// `haarlight fit CAPTURE --basis auto -o FILE`: a picture that can be lit from any direction.
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "apps/haarlight/verb.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/log.h"
+#include "core/tradeoff.h"
+#include "relight/basis/haar.h"
+#include "relight/fit/fit_check.h"
+#include "relight/fit/light_haar.h"
+#include "relight/fit/near_fit.h"
+#include "relight/fit/recipe_choice.h"
+#include "relight/formats/reflectance_file.h"
+#include "relight/light/near_light.h"
+#include "session/light_file.h"
+#include "session/session.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct FitArguments {
+  std::string capture;
+  std::string lights;
+  std::string basis = "auto";
+  std::string out;
+  std::string hold_out;
+  std::string transfer = "srgb";
+  std::string records;
+  std::string near = "off";
+  double width_mm = 0.0;
+  bool compare = false;
+  bool extremes = false;
+  int max_planes = 27;
+  int resolution = 24;
+  std::optional<double> ridge;
+};
+
+/// A capture opened: its rows and where its lights are.
+struct OpenCapture {
+  std::optional<Session> session;
+  std::unique_ptr<PictureRows> rows;
+  std::vector<Eigen::Vector3d> directions;
+};
+
+OpenCapture open_pictures(const FitArguments& arguments) {
+  const LightList list = read_light_file(arguments.lights);
+  OpenCapture capture;
+  std::vector<fs::path> pictures;
+  for (const SessionLight& light : list.lights) {
+    if (light.name.empty()) {
+      throw Error("the list names no pictures", arguments.lights,
+                  "make a session of them (haarlight import) and fit that");
+    }
+    pictures.push_back(fs::path(arguments.capture) / light.name);
+    capture.directions.push_back(light.place.normalized());
+  }
+  capture.rows = jpeg_rows(std::move(pictures));
+  return capture;
+}
+
+OpenCapture open_session(const FitArguments& arguments, const CommonOptions& common) {
+  OpenCapture capture;
+  capture.session = Session::open(arguments.capture);
+  SessionRowsOptions options;
+  // Fall-off is divided out in linear light; what is fitted is coded after that.
+  const bool is_linear = arguments.transfer == "linear" || arguments.near != "off";
+  options.transfer = is_linear ? Transfer::linear : Transfer::srgb;
+  options.develop.memory_bytes = common.memory_bytes;
+  capture.rows = session_rows(*capture.session, options);
+  capture.directions = capture_lights(*capture.session).directions;
+  return capture;
+}
+
+HoldOut parse_hold_out(const std::string& text) {
+  HoldOut hold_out;
+  if (text.empty()) {
+    return hold_out;
+  }
+  char rest = '\0';
+  if (std::sscanf(text.c_str(), "%d:%d%c", &hold_out.every, &hold_out.rest, &rest) != 2 ||
+      hold_out.every < 2 || hold_out.rest < 0 || hold_out.rest >= hold_out.every) {
+    throw Error("not EVERY:REST with REST below EVERY", "--hold-out " + text,
+                "for example: --hold-out 6:2 holds out the lights 2, 8, 14, ...",
+                ExitCode::usage);
+  }
+  return hold_out;
+}
+
+/// The lights that are fitted, and those that are not.
+struct Lights {
+  std::vector<int> kept;
+  std::vector<int> held;
+  std::vector<Eigen::Vector3d> kept_directions;
+  std::vector<Eigen::Vector3d> held_directions;
+};
+
+Lights split_lights(const std::vector<Eigen::Vector3d>& directions, const HoldOut& hold_out) {
+  Lights lights;
+  for (std::size_t i = 0; i < directions.size(); ++i) {
+    const int light = static_cast<int>(i);
+    const bool is_held = hold_out.has(light);
+    (is_held ? lights.held : lights.kept).push_back(light);
+    (is_held ? lights.held_directions : lights.kept_directions).push_back(directions[i]);
+  }
+  if (lights.kept.empty()) {
+    throw Error("no light is left to fit", "--hold-out", "hold out fewer", ExitCode::usage);
+  }
+  return lights;
+}
+
+double processor_seconds() {
+  return static_cast<double>(std::clock()) / static_cast<double>(CLOCKS_PER_SEC);
+}
+
+using Format = std::optional<ReflectanceFormat>;
+
+/// Which kind of file a name asks for; nothing: none is asked for.
+Format format_of(const std::string& out) {
+  return out.empty() ? Format() : reflectance_format_of_name(out);
+}
+
+std::vector<FitForm> forms_of(const FitArguments& arguments, const Format& format) {
+  std::vector<FitForm> forms;
+  if (arguments.basis != "auto") {
+    forms = {*fit_form_of(arguments.basis)};
+  } else {
+    forms = all_fit_forms();
+  }
+  const bool is_near = arguments.near != "off";
+  const auto is_left_out = [&](FitForm form) {
+    const bool is_ptm = form == FitForm::ptm || form == FitForm::lptm;
+    const bool is_hsh =
+        form == FitForm::hsh4 || form == FitForm::hsh9 || form == FitForm::hsh16;
+    const bool has_own_terms = form == FitForm::ptm || is_hsh;
+    return (format == ReflectanceFormat::ptm && !is_ptm) ||
+           (format == ReflectanceFormat::rti && !is_hsh) || (is_near && !has_own_terms);
+  };
+  forms.erase(std::remove_if(forms.begin(), forms.end(), is_left_out), forms.end());
+  if (forms.empty()) {
+    throw Error(fmt::format("{} cannot be written there", arguments.basis), arguments.out,
+                ".ptm holds ptm and lptm, .rti holds hsh4, hsh9 and hsh16, a folder all but "
+                "hsh16; near lights are fitted by ptm and hsh",
+                ExitCode::usage);
+  }
+  return forms;
+}
+
+/// One form fitted, and what it cost.
+struct Fitted {
+  FormScore score;
+  FitResult result;
+  double seconds = 0.0;  ///< of the processor, reading included
+  std::optional<FitError> error;
+};
+
+class Fitter {
+ public:
+  Fitter(const FitArguments& arguments, const CommonOptions& common, OpenCapture& capture)
+      : arguments_(arguments),
+        capture_(capture),
+        lights_(split_lights(capture.directions, parse_hold_out(arguments.hold_out))),
+        kept_(selected_rows(*capture.rows, lights_.kept)),
+        held_(selected_rows(*capture.rows, lights_.held)) {
+    form_.max_planes = arguments.max_planes;
+    form_.resolution = arguments.resolution;
+    form_.ridge = arguments.ridge;
+    const Format format = format_of(arguments.out);
+    far_.planes.rule = format ? scale_rule(*format) : ScaleRule::any;
+    far_.planes.ends = arguments.extremes ? RangeEnds::extremes : RangeEnds::least_error;
+    far_.planes.memory_bytes = common.memory_bytes / 4;
+    if (!arguments.out.empty()) {
+      far_.planes.work_folder = fs::absolute(arguments.out).parent_path();
+    }
+    far_.progress = common.progress();
+    for (const std::string& warning : light_warnings(lights_.kept_directions)) {
+      log_warning(warning);
+    }
+  }
+
+  [[nodiscard]] const Lights& lights() const { return lights_; }
+
+  [[nodiscard]] std::vector<FormScore> scores(const std::vector<FitForm>& forms) {
+    if (sample_.values.size() == 0) {
+      sample_ = sample_lights(*kept_);
+    }
+    return score_forms(forms, lights_.kept_directions, sample_, form_);
+  }
+
+  /// The light-domain basis of basis files with as many numbers a pixel, where lights form
+  /// square grids and all are there.
+  [[nodiscard]] std::optional<HaarSize> haar() const {
+    if (!capture_.session || !lights_.held.empty()) {
+      return {};
+    }
+    const Session& session = *capture_.session;
+    int rows = session.info().grid_rows;
+    int cols = session.info().grid_cols;
+    if (session.rig() && !session.rig()->faces.empty()) {
+      rows = session.rig()->faces.front().rows;
+      cols = session.rig()->faces.front().cols;
+    }
+    if (rows != cols || !is_haar_size(rows) || sample_.n_lights() % (rows * cols) != 0) {
+      return {};
+    }
+    return measure_light_haar(sample_, rows, arguments_.max_planes);
+  }
+
+  [[nodiscard]] Fitted fit(const FormScore& score) {
+    const double start = processor_seconds();
+    ridge_ = score.recipe.ridge;
+    const FarFit fit =
+        make_far_fit(score.form, score.recipe, lights_.kept_directions, sample_, form_);
+    Fitted fitted{score,
+                  arguments_.near == "off" ? fit_far(*kept_, fit, far_) : fit_nearby(fit),
+                  0.0,
+                  {}};
+    fitted.seconds = processor_seconds() - start;
+    if (!lights_.held.empty() && arguments_.near == "off") {
+      fitted.error = measure_fit(fitted.result.model, *held_, lights_.held_directions);
+    }
+    return fitted;
+  }
+
+ private:
+  /// The same basis and ridge, each pixel in its own directions.
+  [[nodiscard]] FitResult fit_nearby(const FarFit& far) {
+    const CaptureLights lights = capture_lights(*capture_.session);
+    NearGeometry geometry;
+    for (const int light : lights_.kept) {
+      geometry.lights.push_back(lights.near[static_cast<std::size_t>(light)]);
+    }
+    geometry.points = pixel_points(*capture_.session, arguments_.width_mm);
+    NearFitOptions options;
+    options.basis = far.model.basis;
+    options.n_terms = far.model.n_terms;
+    options.ridge = std::max(1e-5, ridge_);
+    options.solve = arguments_.near == "exact" ? NearSolve::exact : NearSolve::interpolated;
+    options.transfer = arguments_.transfer == "linear" ? Transfer::linear : Transfer::srgb;
+    options.planes = far_.planes;
+    options.progress = far_.progress;
+    return fit_near(*kept_, geometry, options);
+  }
+
+  const FitArguments& arguments_;
+  OpenCapture& capture_;
+  double ridge_ = 0.0;
+  Lights lights_;
+  std::unique_ptr<PictureRows> kept_;
+  std::unique_ptr<PictureRows> held_;
+  FormOptions form_;
+  FarFitOptions far_;
+  LightSample sample_;
+};
+
+void print_head(bool has_held) {
+  fmt::print("{:<9} {:>6} {:>12} {:>9} {:>9}  {}\n", "basis", "planes", "bytes", "CPU s/MP",
+             has_held ? "held dB" : "left dB",
+             "recipe (left dB: mean of lights left out in turn)");
+}
+
+double megapixels(const ReflectanceModel& model) {
+  return 1e-6 * static_cast<double>(model.planes.width()) *
+         static_cast<double>(model.planes.height());
+}
+
+void print_row(const Fitted& fitted) {
+  const ReflectanceModel& model = fitted.result.model;
+  fmt::print("{:<9} {:>6} {:>12} {:>9.3f} {:>9.2f}  {}{}\n", to_string(fitted.score.form),
+             model.n_planes(), model.planes.pixels().size(), fitted.seconds / megapixels(model),
+             fitted.error ? fitted.error->mean_psnr_db() : fitted.score.psnr_db,
+             to_string(fitted.score.recipe),
+             fitted.error ? fmt::format("; left out {:.2f} dB", fitted.score.psnr_db) : "");
+}
+
+TradeoffRecord record_of(const Fitted& fitted, const FitArguments& arguments,
+                         const CommonOptions& common, std::size_t n_lights) {
+  TradeoffRecord record;
+  const ReflectanceModel& model = fitted.result.model;
+  record.algorithm = "haarlight";
+  record.mode =
+      fmt::format("fit {}: {}", to_string(fitted.score.form), to_string(fitted.score.recipe));
+  record.error_norm = fitted.error ? "mean PSNR at held-out lights, dB"
+                                   : "mean PSNR at lights left out in turn, dB";
+  record.error = fitted.error ? fitted.error->mean_psnr_db() : fitted.score.psnr_db;
+  record.seconds = fitted.seconds;
+  record.seconds_least = fitted.seconds;
+  record.seconds_most = fitted.seconds;
+  record.bytes = static_cast<double>(model.planes.pixels().size());
+  record.conditions.threads = std::max(1, common.threads);
+  record.conditions.lights = static_cast<int>(n_lights);
+  record.conditions.pixels =
+      static_cast<long long>(model.planes.width()) * model.planes.height();
+  record.conditions.repeats = 1;
+  record.conditions.command = fmt::format("haarlight fit {} --compare --hold-out {}",
+                                          arguments.capture, arguments.hold_out);
+  record.conditions.more = {{"bytes_are", std::string("the planes, 8 bits each")},
+                            {"seconds_are", std::string("of the processor, reading included")}};
+  return record;
+}
+
+/// Every form, best first as the lights left out judge it.
+ExitCode compare(Fitter& fitter, const FitArguments& arguments, const CommonOptions& common,
+                 Report& report) {
+  std::vector<TradeoffRecord> records;
+  print_head(!fitter.lights().held.empty());
+  for (const FormScore& score : fitter.scores(all_fit_forms())) {
+    const Fitted fitted = fitter.fit(score);
+    print_row(fitted);
+    report.add_reached(fmt::format("{} dB", to_string(score.form)),
+                       fitted.error ? fitted.error->mean_psnr_db() : score.psnr_db);
+    records.push_back(record_of(fitted, arguments, common, fitter.lights().kept.size()));
+  }
+  if (const std::optional<HaarSize> haar = fitter.haar()) {
+    fmt::print(
+        "{:<9} {:>6} {:>10.0f} {:>9} {:>9.2f}  at its own lights (none between); bytes a "
+        "pixel\n",
+        "haar", "-", haar->bytes_a_pixel, "-", haar->psnr_db);
+    report.add_reached("haar dB at its own lights", haar->psnr_db);
+  }
+  if (!arguments.records.empty()) {
+    write_file_atomically(arguments.records, tradeoff_json(records));
+  }
+  return ExitCode::done;
+}
+
+void require_near_makes_sense(const FitArguments& arguments, const OpenCapture& capture) {
+  if (arguments.near == "off") {
+    return;
+  }
+  if (arguments.compare || !arguments.hold_out.empty()) {
+    throw Error("pictures at the lights' own distances are not what a near fit gives", "--near",
+                "leave out --compare and --hold-out: a near fit's pictures have no fall-off",
+                ExitCode::usage);
+  }
+  if (!capture.session || !capture_lights(*capture.session).are_near) {
+    throw Error("the capture's lights are directions: how near they are is not known",
+                arguments.capture,
+                "import it with positions (haarlight import --places positions), or fit it "
+                "without --near");
+  }
+}
+
+ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Report& report) {
+  report.add_input(arguments.capture);
+  if (arguments.out.empty() && !arguments.compare && arguments.hold_out.empty()) {
+    throw Error("nothing to do", "", "name a file: -o FILE, or ask for --compare",
+                ExitCode::usage);
+  }
+  const Format format = format_of(arguments.out);
+  if (format) {
+    require_absent(arguments.out, common.force);
+  }
+  OpenCapture capture =
+      arguments.lights.empty() ? open_session(arguments, common) : open_pictures(arguments);
+  require_near_makes_sense(arguments, capture);
+  Fitter fitter(arguments, common, capture);
+  if (arguments.compare) {
+    return compare(fitter, arguments, common, report);
+  }
+  std::vector<FormScore> scores = fitter.scores(forms_of(arguments, format));
+  if (arguments.basis == "auto") {
+    scores.erase(std::remove_if(scores.begin(), scores.end(),
+                                [&](const FormScore& score) {
+                                  return score.n_planes > arguments.max_planes;
+                                }),
+                 scores.end());
+  }
+  if (scores.empty()) {
+    throw Error("no basis fits so few planes", "--planes",
+                "9 planes hold lptm, 12 hsh4, and 3 or more rbf and bilinear", ExitCode::usage);
+  }
+  const Fitted fitted = fitter.fit(scores.front());
+  if (format) {
+    write_reflectance(arguments.out, fitted.result.model);
+  }
+  print_head(fitted.error.has_value());
+  print_row(fitted);
+  report.set_bytes(fitted.result.model.planes.pixels().size());
+  report.add_detail("basis", std::string(to_string(fitted.score.form)));
+  report.add_detail("recipe", to_string(fitted.score.recipe));
+  report.add_reached("left out dB", fitted.score.psnr_db);
+  if (fitted.error) {
+    report.add_reached("held out dB", fitted.error->mean_psnr_db());
+    report.add_detail("held out dB each", fitted.error->psnr_db);
+  }
+  report.add_detail("quantisation rms", fitted.result.quantisation_rms);
+  report.add_detail("clipped share", fitted.result.clipped);
+  report.add_detail("peak memory bytes", static_cast<std::int64_t>(peak_memory_bytes()));
+  return ExitCode::done;
+}
+
+}  // namespace
+
+void add_fit(Command root, Invocation& invocation) {
+  auto arguments = std::make_shared<FitArguments>();
+  Command verb = root.add_verb("fit", "Make a picture that can be lit from any direction");
+  verb.option("CAPTURE", &arguments->capture,
+              "Session folder, or with --lights a folder of JPEG pictures",
+              {.type = "SESSION|FOLDER", .is_required = true});
+  verb.option("-o,--out", &arguments->out,
+              "What to write: .ptm, .rti, or a name without ending for a web folder",
+              {.type = "FILE"});
+  std::vector<std::string> names = {"auto"};
+  for (const FitForm form : all_fit_forms()) {
+    names.emplace_back(to_string(form));
+  }
+  verb.option("--basis", &arguments->basis,
+              "The basis; auto: the one that predicts each light best from the others",
+              {.choices = names, .shows_default = true});
+  verb.option("--lights", &arguments->lights, "List of lights of a folder of JPEGs",
+              {.type = "FILE.lp"});
+  verb.option("--planes", &arguments->max_planes, "The most planes of 8 bits that auto may use",
+              {.bounds = Bounds{3.0, 96.0}, .shows_default = true});
+  verb.option("--resolution", &arguments->resolution, "bilinear: knots a side",
+              {.bounds = Bounds{2.0, 64.0}, .shows_default = true});
+  verb.option("--ridge", &arguments->ridge,
+              "Smoothing (default: what predicts lights left out best)",
+              {.bounds = Bounds{0.0, 1e6}});
+  verb.flag("--extremes", &arguments->extremes,
+            "Keep the planes' extreme values instead of the least error");
+  verb.option("--transfer", &arguments->transfer,
+              "What the fit's numbers are coded with; viewers expect srgb",
+              {.choices = {"srgb", "linear"}, .shows_default = true});
+  verb.option("--hold-out", &arguments->hold_out,
+              "Leave out every EVERY-th light from REST on and measure the PSNR there",
+              {.type = "EVERY:REST"});
+  verb.option("--near", &arguments->near,
+              "Lights are near: every pixel in its own directions, fall-off divided out; "
+              "interpolated: 4 times faster",
+              {.choices = {"off", "exact", "interpolated"}, .shows_default = true});
+  verb.option("--width-mm", &arguments->width_mm,
+              "With --near, for imported pictures: how wide the target is across the picture",
+              {.bounds = Bounds{1e-3, 1e6}});
+  verb.flag("--compare", &arguments->compare, "Fit all bases and print a table");
+  verb.option("--json", &arguments->records, "With --compare: the table as records",
+              {.type = "FILE.json"});
+  verb.footer(
+      "What is fitted and how it is chosen: docs/numerics/reflectance-fits.md.\n"
+      "Examples:\n"
+      "  haarlight fit door.session -o door-web\n"
+      "  haarlight fit door.session --basis hsh9 -o door.rti\n"
+      "  haarlight fit cube.session --basis ptm --near exact -o cube.ptm\n"
+      "  haarlight fit door.session --compare --hold-out 6:2");
+  finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    return run_fit(*arguments, common, report);
+  });
+}
+
+}  // namespace haarlight

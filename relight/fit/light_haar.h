@@ -1,0 +1,20 @@
+#pragma once
+
+#include "relight/fit/light_sample.h"
+
+/// @file
+/// What the light-domain Haar basis, which basis files use, would need for the same capture:
+/// for comparison with fits. It gives back photographed lights only, none between them. Pure.
+
+namespace haarlight {
+
+struct HaarSize {
+  double psnr_db = 0.0;        ///< mean over the lights, at the lights themselves
+  double bytes_a_pixel = 0.0;  ///< place and value of each number kept: 3 bytes
+};
+
+/// The `n_kept` largest of a pixel's coefficients over all three channels, values as they are.
+/// @param side  lights a side of each grid: 1, 2, 4, ...; the sample's lights are whole grids
+[[nodiscard]] HaarSize measure_light_haar(const LightSample& sample, int side, int n_kept);
+
+}  // namespace haarlight

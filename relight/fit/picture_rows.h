@@ -1,0 +1,76 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/image_io.h"
+#include "session/develop.h"
+#include "session/session.h"
+
+/// @file
+/// The pictures of a capture under all its lights, read in step from top to bottom: memory for
+/// a few rows of each, whatever the pictures' size. Values are what a viewer would show: coded
+/// in `transfer`, 0..65535 of white.
+
+namespace haarlight {
+
+struct PictureShape {
+  int width = 0;
+  int height = 0;
+  int n_lights = 0;
+};
+
+class PictureRows {
+ public:
+  PictureRows() = default;
+  virtual ~PictureRows() = default;
+  PictureRows(const PictureRows&) = delete;
+  PictureRows& operator=(const PictureRows&) = delete;
+
+  [[nodiscard]] virtual PictureShape shape() const = 0;
+  [[nodiscard]] virtual Transfer transfer() const = 0;
+  /// Back to the first row.
+  virtual void rewind() = 0;
+  /// Passes over rows as cheaply as the files allow.
+  virtual void skip(int n_rows) = 0;
+  /// The next rows.
+  /// @param out  (n_rows, n_lights, width, 3); grey pictures give three equal channels
+  /// @throws Error  naming the picture that cannot be read
+  virtual void read(int n_rows, std::span<std::uint16_t> out) = 0;
+};
+
+/// How a session's values become those of a viewer.
+struct SessionRowsOptions {
+  Transfer transfer = Transfer::srgb;
+  /// Linear value that becomes white; 0: the 99.9th percentile over a sample of rows. Pictures
+  /// that are sRGB-coded 8- or 16-bit files already are taken as they are.
+  double white = 0.0;
+  DevelopOptions develop{};
+};
+
+/// A session's pictures. Borrows the session.
+[[nodiscard]] std::unique_ptr<PictureRows> session_rows(const Session& session,
+                                                        const SessionRowsOptions& options);
+
+/// Baseline JPEGs, decoded line by line side by side: nothing but the files is read or written.
+/// @throws Error  naming the file: not a JPEG, of another size, CMYK, or progressive (it would
+///                have to be held whole: import it as a session)
+[[nodiscard]] std::unique_ptr<PictureRows> jpeg_rows(
+    std::vector<std::filesystem::path> pictures);
+
+/// Pictures in memory, for tests and small captures: (n_lights) of (height, width, 1 or 3),
+/// 0..1 in `transfer`; values outside are clipped.
+[[nodiscard]] std::unique_ptr<PictureRows> image_rows(std::vector<Image<float>> pictures,
+                                                      Transfer transfer = Transfer::srgb);
+
+/// Some lights of other rows only, in the order given. Borrows `all`.
+[[nodiscard]] std::unique_ptr<PictureRows> selected_rows(PictureRows& all,
+                                                         std::vector<int> lights);
+
+}  // namespace haarlight

@@ -1,0 +1,27 @@
+#include "relight/fit/transfer_table.h"
+
+namespace haarlight {
+
+TransferTable::TransferTable(Transfer transfer) {
+  if (transfer == Transfer::linear) {
+    return;
+  }
+  const auto n = static_cast<std::size_t>(kLast) + 2;
+  for (std::size_t i = 0; i < n; ++i) {
+    table_.push_back(srgb_from_linear(static_cast<float>(i) / kPerUnit));
+  }
+}
+
+void TransferTable::code(float* values, const float* gain, std::size_t n) const {
+  if (table_.empty()) {
+    for (std::size_t k = 0; k < n; ++k) {
+      values[k] *= gain[k];
+    }
+    return;
+  }
+  for (std::size_t k = 0; k < n; ++k) {
+    values[k] = (*this)(values[k] * gain[k]);
+  }
+}
+
+}  // namespace haarlight
