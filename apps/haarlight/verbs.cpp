@@ -35,6 +35,8 @@ void add_bases(Command root, Invocation& invocation);
 void add_fit(Command root, Invocation& invocation);
 void add_shadow(Command root, Invocation& invocation);
 void add_view(Command root, Invocation& invocation);
+void add_correct(Command root, Invocation& invocation);
+void add_shape(Command root, Invocation& invocation);
 
 namespace {
 
@@ -71,6 +73,8 @@ constexpr AddVerb kVerbs[] = {
     add_bases,
     add_fit,
     add_shadow,
+    add_correct,
+    add_shape,
     // clang-format on
 };
 

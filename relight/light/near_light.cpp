@@ -89,6 +89,27 @@ Eigen::Vector3d PixelPoints::to_camera(double x, double y) const {
                     : Eigen::Vector3d::UnitZ();
 }
 
+Eigen::Vector3d PixelPoints::plane_normal() const {
+  if (!is_camera_) {
+    return n_;
+  }
+  const double side = n_.dot(camera_.centre_world()) + d_;
+  return side < 0.0 ? Eigen::Vector3d(-n_ / n_.norm()) : Eigen::Vector3d(n_ / n_.norm());
+}
+
+double PixelPoints::height_of(const Eigen::Vector3d& point) const {
+  const double side = is_camera_ && n_.dot(camera_.centre_world()) + d_ < 0.0 ? -1.0 : 1.0;
+  return side * (n_.dot(point) + d_) / n_.norm();
+}
+
+double PixelPoints::mm_per_pixel() const {
+  if (!is_camera_) {
+    return mm_per_pixel_;
+  }
+  const Eigen::Vector3d middle = at(0.5 * camera_.width, 0.5 * camera_.height);
+  return (middle - camera_.centre_world()).norm() / camera_.fx;
+}
+
 PixelPoints pixel_points(const Session& session, double width_mm, double height_mm) {
   const FrameForm& form = session.info().form;
   if (session.rig().has_value()) {

@@ -54,6 +54,16 @@ class PixelPoints {
   [[nodiscard]] Eigen::Vector3d to_camera(double x, double y) const;
   /// Turns a vector into the picture's frame: x right, y up, z to the camera.
   [[nodiscard]] const Eigen::Matrix3d& picture_from_world() const noexcept { return turn_; }
+  /// Nothing for parallel projection.
+  [[nodiscard]] const CameraModel* camera() const noexcept {
+    return is_camera_ ? &camera_ : nullptr;
+  }
+  /// Of the reference plane, unit, on the camera's side.
+  [[nodiscard]] Eigen::Vector3d plane_normal() const;
+  /// A point's height above the reference plane, on the camera's side.
+  [[nodiscard]] double height_of(const Eigen::Vector3d& point) const;
+  /// Of parallel projection; of a camera its size in the picture's middle, across the view.
+  [[nodiscard]] double mm_per_pixel() const;
 
  private:
   bool is_camera_ = false;

@@ -58,6 +58,8 @@ ABSENT = {
                 "object.hlb --weights absent.json -o new.png",
                 "object.hlb --light 0 --against absent -o new.png"],
     "view": ["absent.hlb"],
+    "correct": ["absent -o new"],
+    "shape": ["absent -o new", "session -o new --mask absent.png"],
     "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
@@ -90,6 +92,8 @@ WRITES = {
     "plate": ["{rig} -o taken.hlb"],
     "compress": ["session -o taken.hlb --basis direct --plate none"],
     "relight": ["object.hlb --light 0 -o taken.png"],
+    "correct": ["near.session -o taken/ --width-mm 300"],
+    "shape": ["session -o taken/", "near.session -o taken/ --width-mm 300 --mesh none"],
     "bases": ["object.hlb -o taken/ --error 0.1 --size 2", "session -o taken/ --basis pca --error 0.1"],
     "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 --max-error 0.01 -o taken.png",
@@ -112,7 +116,9 @@ class CommandLine(unittest.TestCase):
         cls.folder = pathlib.Path(cls.place.name)
         write_capture(cls.folder / "photos")
         write_relightable(cls.folder / "object.ptm")
+        write_capture(cls.folder / "near", scale=800.0)
         for line in ("import photos --lights photos/dirs.lp -o session",
+                     "import near --lights near/dirs.lp --places positions -o near.session",
                      "compress session -o object.hlb --basis direct --plate none",
                      "plate {rig} -o plate.hlb"):
             done = cls.run_line(line)

@@ -1,0 +1,116 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+/// @file
+/// One pixel's normal and albedo from its brightness under many lights: I_k = b.s_k with
+/// b = albedo * normal [Woodham80], by least squares or so that shadows and highlights do not
+/// count. Accuracy on rendered captures and costs: docs/numerics/shape.md.
+
+namespace haarlight {
+
+enum class LambertMethod {
+  least_squares,  ///< every sample that is neither dark nor saturated
+  trimmed,        ///< the samples that fit best: least trimmed squares [Rousseeuw84]
+  m_estimator,    ///< samples that fit badly count less, reweighted least squares
+};
+[[nodiscard]] std::string_view to_string(LambertMethod method) noexcept;
+
+/// The weight of a residual that is u scales large.
+enum class RobustLoss {
+  huber,   ///< min(1, c / u): convex, the result does not depend on the start
+  cauchy,  ///< 1 / (1 + (u / c)^2)
+  tukey,   ///< (1 - (u / c)^2)^2 below c, 0 above
+};
+
+struct LambertOptions {
+  LambertMethod method = LambertMethod::trimmed;
+  /// Samples at or below this share of the pixel's bright level (the value that a tenth of its
+  /// samples exceed, so that one highlight does not set it) are shadow: left out.
+  double dark_share = 0.05;
+  double dark_level = 0.0;  ///< and samples at or below this value
+  double keep = 0.6;        ///< trimmed: share of the samples that count
+  RobustLoss loss = RobustLoss::tukey;
+  double loss_scales = 3.0;  ///< c; the scale is 1.4826 times the median |residual|
+  int max_rounds = 20;
+};
+
+enum class PixelState : std::uint8_t {
+  masked = 0,
+  good = 1,
+  too_dark = 2,   ///< fewer than three samples are lit: shadow, or nothing there reflects
+  saturated = 3,  ///< fewer than three samples are left because the others are clipped
+  ambiguous = 4,  ///< the lights that reach it lie in a plane: one component is unknown
+};
+
+struct LambertFit {
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();  ///< albedo * normal; 0 unless good
+  double error = 0.0;                           ///< rms residual of the samples used, over |b|
+  int n_used = 0;
+  PixelState state = PixelState::too_dark;
+  /// Ambiguous: the unit direction along which b cannot be known.
+  Eigen::Vector3d unknown = Eigen::Vector3d::Zero();
+};
+
+/// Below this ratio of the smallest to the largest eigenvalue of sum s s^T a direction is
+/// unknown: lights within about half a degree of one plane.
+inline constexpr double kAmbiguous = 1e-4;
+
+/// The direction that lights at these unit directions leave unknown; nothing where they tell
+/// all three components.
+[[nodiscard]] std::optional<Eigen::Vector3d> unknown_direction(
+    const std::vector<Eigen::Vector3d>& directions);
+
+/// Working memory for pixels with up to `n_lights` samples. One thread.
+class LambertFitter {
+ public:
+  LambertFitter(int n_lights, const LambertOptions& options);
+
+  /// Forgets the samples of the last pixel.
+  void clear() noexcept {
+    n_ = 0;
+    n_clipped_ = 0;
+  }
+  void add(const Eigen::Vector3d& s, double value, int light) noexcept {
+    x_[n_] = s.x();
+    y_[n_] = s.y();
+    z_[n_] = s.z();
+    value_[n_] = value;
+    light_[static_cast<std::size_t>(n_)] = light;
+    ++n_;
+  }
+  /// A sample that only says "at least this".
+  void add_clipped() noexcept { ++n_clipped_; }
+  [[nodiscard]] LambertFit fit();
+  /// Of sample i of the last fit, 0..1, and whose it is.
+  [[nodiscard]] double weight(int i) const { return w_[i]; }
+  [[nodiscard]] int light(int i) const { return light_[static_cast<std::size_t>(i)]; }
+  [[nodiscard]] int n_samples() const noexcept { return n_; }
+  [[nodiscard]] Eigen::Vector3d direction(int i) const { return {x_[i], y_[i], z_[i]}; }
+
+ private:
+  void accumulate();
+  [[nodiscard]] bool solve(Eigen::Vector3d& b) const;
+  void drop_dark();
+  void residuals(const Eigen::Vector3d& b);
+  [[nodiscard]] double select(const Eigen::ArrayXd& values, int rank);
+  void trim(Eigen::Vector3d& b);
+  void reweight(Eigen::Vector3d& b);
+
+  LambertOptions options_;
+  int n_ = 0;
+  int n_clipped_ = 0;
+  Eigen::ArrayXd x_, y_, z_, value_, w_, r_;
+  std::vector<double> sorted_;
+  std::vector<int> histogram_;
+  std::vector<int> light_;
+  Eigen::Matrix3d matrix_ = Eigen::Matrix3d::Zero();  ///< sum w s s^T
+  Eigen::Vector3d right_ = Eigen::Vector3d::Zero();   ///< sum w s value
+};
+
+}  // namespace haarlight

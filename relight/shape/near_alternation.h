@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/image.h"
+#include "relight/light/near_light.h"
+#include "relight/shape/integrate_normals.h"
+#include "relight/shape/photometric_stereo.h"
+
+/// @file
+/// A capture's surface: normals, heights and points. Under near lights the normals need the
+/// points and the points the normals: begin on the reference plane, and go round until the
+/// points stand still (Huang et al., section V.B). Gauge: each connected part's mean height
+/// above the reference plane is 0; how far it really is cannot be told from normals.
+
+namespace haarlight {
+
+struct ShapeOptions {
+  StereoOptions stereo{};
+  IntegrateOptions integrate{};
+  int max_rounds = 20;      ///< near lights; 1: the plane's points once
+  double tolerance = 1e-4;  ///< rms change of the heights, of the picture's width
+};
+
+struct Shape {
+  SurfaceEstimate surface;  ///< normals in the lights' frame
+  HeightMap map;            ///< as integrated in the last round: mm, or ln D of a camera
+  Image<float> height;      ///< (height, width) mm above the reference plane; 0 where unknown
+  Image<float> points;      ///< (height, width, 3) mm, the lights' frame
+  std::vector<double> changes;  ///< rms change of the heights in each round, mm
+  double bow_mm = 0.0;          ///< largest minus smallest height
+  bool is_settled = true;       ///< false: max_rounds came first
+};
+
+/// @throws Error  as photometric_stereo()
+[[nodiscard]] Shape recover_shape(const StackSource& stack, const StereoLights& lights,
+                                  const PixelPoints& pixels, ImageView<const std::uint8_t> mask,
+                                  const ShapeOptions& options = {});
+
+}  // namespace haarlight

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+
+#include <Eigen/Core>
+
+#include "core/image.h"
+#include "relight/formats/reflectance.h"
+
+/// @file
+/// Normals as conservators' programs take them from a PTM or an HSH: for comparison with
+/// photometric stereo, which they approximate. Frame: x right, y up, z out of the picture.
+
+namespace haarlight {
+
+/// How a PTM's normal came about.
+enum class PeakState : std::uint8_t {
+  peak,     ///< the maximum, within the unit circle
+  outside,  ///< the maximum lies beyond the circle: its direction, on the horizon
+  no_peak,  ///< a saddle, a valley or a ramp: (0, 0, 1)
+};
+
+struct PtmPeak {
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  PeakState state = PeakState::no_peak;
+};
+
+/// Where a0 u^2 + a1 v^2 + a2 u v + a3 u + a4 v + a5 is largest:
+/// u = (a2 a4 - 2 a1 a3) / (4 a0 a1 - a2^2), v = (a2 a3 - 2 a0 a4) / (4 a0 a1 - a2^2)
+/// (Malzbender 2001, eqs. 16, 17); a maximum where 4 a0 a1 > a2^2 and a0 < 0.
+[[nodiscard]] PtmPeak ptm_peak(const Eigen::Matrix<double, 6, 1>& a) noexcept;
+
+struct RtiNormals {
+  Image<float> normal;           ///< (height, width, 3) unit
+  Image<std::uint8_t> is_known;  ///< 0: no peak, or black in all three pictures
+};
+
+/// Of a PTM: peaks, of the luminance factor or of the channels' mean. Of an HSH: three pictures
+/// relit from 45 degrees above, at 30, 150 and 270 degrees, solved for a Lambertian surface;
+/// their colour's mean, decoded to linear light.
+/// @throws Error  another basis
+[[nodiscard]] RtiNormals rti_normals(const ReflectanceModel& model);
+
+}  // namespace haarlight

@@ -1,0 +1,329 @@
+#include "relight/shape/photometric_stereo.h"
+
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "core/random.h"
+#include "tests/relight/shape/made_lights.h"
+
+namespace haarlight {
+namespace {
+
+using Eigen::Vector3d;
+using testing::degrees_between;
+using testing::dome_directions;
+using testing::far_capture;
+using testing::MadeSurface;
+using testing::vector_at;
+
+constexpr int kSize = 12;
+
+/// A bowl whose normals lie within 35 degrees of z.
+Vector3d bowl_normal(int y, int x) {
+  return Vector3d(0.05 * (x - 5.5), 0.05 * (5.5 - y), 1.0).normalized();
+}
+
+MadeSurface bowl() {
+  return {[](int, int) { return Vector3d(Vector3d::Zero()); }, bowl_normal,
+          [](int c) { return 0.2 + 0.3 * c; }};
+}
+
+StereoLights far_lights(int n) {
+  StereoLights lights;
+  lights.directions = dome_directions(n);
+  return lights;
+}
+
+StereoOptions with(LambertMethod method) {
+  StereoOptions options;
+  options.fit.method = method;
+  return options;
+}
+
+constexpr LambertMethod kMethods[] = {LambertMethod::least_squares, LambertMethod::trimmed,
+                                      LambertMethod::m_estimator};
+
+TEST(PhotometricStereo, AnExactCaptureGivesNormalsAndAlbedoBack) {
+  const StereoLights lights = far_lights(20);
+  const MemoryStack stack = far_capture(kSize, kSize, 3, lights.directions, bowl());
+  for (const LambertMethod method : kMethods) {
+    const SurfaceEstimate found = photometric_stereo(stack, lights, {}, {}, with(method));
+    for (int y = 0; y < kSize; ++y) {
+      for (int x = 0; x < kSize; ++x) {
+        ASSERT_EQ(found.state(y, x), static_cast<int>(PixelState::good));
+        // Samples in float: 6e-8 of each.
+        EXPECT_LT(degrees_between(vector_at(found.normal, y, x), bowl_normal(y, x)), 2e-5);
+        for (int c = 0; c < 3; ++c) {
+          EXPECT_NEAR(found.albedo(y, x, c), 0.2 + 0.3 * c, 1e-6);
+        }
+        EXPECT_LT(found.error(y, x), 1e-6);
+      }
+    }
+  }
+}
+
+TEST(PhotometricStereo, TurnedLightsTurnTheNormals) {
+  StereoLights lights = far_lights(15);
+  MemoryStack stack = far_capture(kSize, kSize, 1, lights.directions, bowl());
+  // Not Lambertian, so that the fit has residuals to get wrong.
+  for (int k = 0; k < 15; ++k) {
+    stack.at(0, 4, 4, k) +=
+        static_cast<float>(0.1 * uniform_unit(hash_key(3, static_cast<std::uint64_t>(k))));
+  }
+  const Eigen::Matrix3d turn =
+      Eigen::AngleAxisd(1.1, Vector3d(0.3, -0.5, 0.8).normalized()).toRotationMatrix();
+  for (const LambertMethod method : kMethods) {
+    const SurfaceEstimate before = photometric_stereo(stack, lights, {}, {}, with(method));
+    StereoLights turned = lights;
+    for (Vector3d& direction : turned.directions) {
+      direction = turn * direction;
+    }
+    const SurfaceEstimate after = photometric_stereo(stack, turned, {}, {}, with(method));
+    for (int y = 0; y < kSize; ++y) {
+      for (int x = 0; x < kSize; ++x) {
+        EXPECT_LT(
+            (turn * vector_at(before.normal, y, x) - vector_at(after.normal, y, x)).norm(),
+            1e-6);
+      }
+    }
+  }
+}
+
+TEST(PhotometricStereo, BrighterLightsChangeTheAlbedoOnly) {
+  StereoLights lights = far_lights(15);
+  const MemoryStack stack = far_capture(kSize, kSize, 3, lights.directions, bowl());
+  const SurfaceEstimate one = photometric_stereo(stack, lights, {}, {});
+  lights.powers.assign(15, Vector3d(2.0, 4.0, 0.5));
+  const SurfaceEstimate other = photometric_stereo(stack, lights, {}, {});
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      EXPECT_LT(degrees_between(vector_at(one.normal, y, x), vector_at(other.normal, y, x)),
+                2e-5);
+      EXPECT_NEAR(other.albedo(y, x, 0), one.albedo(y, x, 0) / 2.0, 1e-6);
+      EXPECT_NEAR(other.albedo(y, x, 1), one.albedo(y, x, 1) / 4.0, 1e-6);
+      EXPECT_NEAR(other.albedo(y, x, 2), one.albedo(y, x, 2) / 0.5, 1e-5);
+    }
+  }
+}
+
+TEST(PhotometricStereo, ShadowsAndHighlightsDoNotMoveTheRobustFits) {
+  const StereoLights lights = far_lights(30);
+  MemoryStack stack = far_capture(kSize, kSize, 1, lights.directions, bowl());
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      for (int k = 0; k < 30; ++k) {  // 3 highlights and 5 cast shadows each
+        const std::uint64_t dice =
+            hash_key(hash_key(7, static_cast<std::uint64_t>(y)), static_cast<std::uint64_t>(x),
+                     static_cast<std::uint64_t>(k)) %
+            30;
+        if (dice < 3) {
+          stack.at(0, y, x, k) += 1.0F;
+        } else if (dice < 8) {
+          stack.at(0, y, x, k) *= 0.3F;  // with some stray light: not black
+        }
+      }
+    }
+  }
+  const auto mean_error = [&](LambertMethod method) {
+    const SurfaceEstimate found = photometric_stereo(stack, lights, {}, {}, with(method));
+    double sum = 0.0;
+    for (int y = 0; y < kSize; ++y) {
+      for (int x = 0; x < kSize; ++x) {
+        sum += degrees_between(vector_at(found.normal, y, x), bowl_normal(y, x));
+      }
+    }
+    return sum / (kSize * kSize);
+  };
+  const double plain = mean_error(LambertMethod::least_squares);
+  const double trimmed = mean_error(LambertMethod::trimmed);
+  const double estimated = mean_error(LambertMethod::m_estimator);
+  std::printf("outliers: least squares %.2f, trimmed %.3f, M-estimator %.3f degrees\n", plain,
+              trimmed, estimated);
+  EXPECT_GT(plain, 5.0);
+  EXPECT_LT(trimmed, 0.3);
+  EXPECT_LT(estimated, 1.0);
+}
+
+/// Counts the pixels that are asked for.
+class CountingStack final : public StackSource {
+ public:
+  explicit CountingStack(const MemoryStack& stack) : stack_(stack) {}
+  [[nodiscard]] StackDims dims() const override { return stack_.dims(); }
+  void read_tile(const TileRect& rect, std::span<float> out) const override {
+    n_read_ += rect.n_pixels();
+    stack_.read_tile(rect, out);
+  }
+  [[nodiscard]] int n_read() const { return n_read_; }
+
+ private:
+  const MemoryStack& stack_;
+  mutable std::atomic<int> n_read_{0};
+};
+
+TEST(PhotometricStereo, MaskedPixelsAreNotReadAndTheOthersKeepTheirBits) {
+  const StereoLights lights = far_lights(9);
+  MemoryStack stack = far_capture(kSize, kSize, 1, lights.directions, bowl());
+  Image<std::uint8_t> mask(kSize, kSize, 1);
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      mask(y, x) = y >= 3 && y < 8 && x >= 2 && x < 6 ? 1 : 0;
+      if (mask(y, x) == 0) {
+        stack.at(0, y, x, 0) = std::numeric_limits<float>::quiet_NaN();
+      }
+    }
+  }
+  const MemoryStack clean = far_capture(kSize, kSize, 1, lights.directions, bowl());
+  const SurfaceEstimate whole = photometric_stereo(clean, lights, {}, {});
+  const CountingStack counted(stack);
+  const SurfaceEstimate part = photometric_stereo(counted, lights, {}, mask.view());
+  EXPECT_EQ(counted.n_read(), 20);
+  EXPECT_EQ(part.n_in(PixelState::good), 20);
+  EXPECT_EQ(part.n_in(PixelState::masked), kSize * kSize - 20);
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        EXPECT_EQ(part.normal(y, x, c), mask(y, x) != 0 ? whole.normal(y, x, c) : 0.0F);
+      }
+      EXPECT_EQ(part.albedo(y, x), mask(y, x) != 0 ? whole.albedo(y, x) : 0.0F);
+    }
+  }
+}
+
+TEST(PhotometricStereo, HopelessPixelsSayWhyAndAreNeverNaN) {
+  const StereoLights lights = far_lights(8);
+  MemoryStack stack = far_capture(5, 1, 1, lights.directions, bowl());
+  const auto set = [&](int x, const std::function<double(int k)>& value) {
+    for (int k = 0; k < 8; ++k) {
+      stack.at(0, 0, x, k) = static_cast<float>(value(k));
+    }
+  };
+  set(0, [](int) { return 0.0; });                  // shadow, or black
+  set(1, [](int k) { return k < 2 ? 0.5 : 0.0; });  // two lights
+  set(2, [](int k) { return k < 2 ? 0.5 : 1.0; });  // clipped but for two
+  set(3, [](int) { return -0.01; });                // noise below black
+  StereoOptions options;
+  options.saturation.assign(8, 1.0F);
+  for (const LambertMethod method : kMethods) {
+    options.fit.method = method;
+    const SurfaceEstimate found = photometric_stereo(stack, lights, {}, {}, options);
+    EXPECT_EQ(found.state(0, 0), static_cast<int>(PixelState::too_dark));
+    EXPECT_EQ(found.state(0, 1), static_cast<int>(PixelState::too_dark));
+    EXPECT_EQ(found.state(0, 2), static_cast<int>(PixelState::saturated));
+    EXPECT_EQ(found.state(0, 3), static_cast<int>(PixelState::too_dark));
+    EXPECT_EQ(found.state(0, 4), static_cast<int>(PixelState::good));
+    for (int x = 0; x < 5; ++x) {
+      EXPECT_TRUE(vector_at(found.normal, 0, x).allFinite());
+      EXPECT_TRUE(std::isfinite(found.error(0, x)));
+      EXPECT_EQ(vector_at(found.normal, 0, x).isZero(), x != 4);
+    }
+  }
+}
+
+TEST(PhotometricStereo, ClippedSamplesAreLeftOut) {
+  const StereoLights lights = far_lights(12);
+  MemoryStack stack = far_capture(1, 1, 1, lights.directions, bowl());
+  MemoryStack errors({1, 1, 1, 12});
+  for (const int k : {2, 7}) {
+    stack.at(0, 0, 0, k) *= 0.5F;  // where the sensor ended
+    errors.at(0, 0, 0, k) = -1.0F;
+  }
+  StereoOptions options = with(LambertMethod::least_squares);
+  const SurfaceEstimate wrong = photometric_stereo(stack, lights, {}, {}, options);
+  EXPECT_GT(degrees_between(vector_at(wrong.normal, 0, 0), bowl_normal(0, 0)), 1.0);
+  options.errors = &errors;
+  const SurfaceEstimate right = photometric_stereo(stack, lights, {}, {}, options);
+  EXPECT_LT(degrees_between(vector_at(right.normal, 0, 0), bowl_normal(0, 0)), 2e-5);
+  EXPECT_EQ(right.n_used(0, 0), 10);
+}
+
+TEST(PhotometricStereo, LightsInOnePlaneAreRefusedByTheDirectionTheyLeaveUnknown) {
+  StereoLights lights;
+  for (int k = 0; k < 6; ++k) {
+    const double t = -1.0 + 0.4 * k;
+    lights.directions.emplace_back(std::sin(t), 0.0, std::cos(t));
+  }
+  const MemoryStack stack = far_capture(2, 2, 1, lights.directions, bowl());
+  try {
+    static_cast<void>(photometric_stereo(stack, lights, {}, {}));
+    FAIL() << "coplanar lights were taken";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.problem(), ::testing::HasSubstr("(0.000, 1.000, "));
+  }
+  lights.directions.resize(2);
+  const MemoryStack two = far_capture(2, 2, 1, lights.directions, bowl());
+  EXPECT_THROW(static_cast<void>(photometric_stereo(two, lights, {}, {})), Error);
+  EXPECT_THROW(static_cast<void>(photometric_stereo(stack, far_lights(5), {}, {})), Error);
+  // Coincident lights are one light.
+  lights.directions.assign(5, Vector3d::UnitZ());
+  const MemoryStack same = far_capture(2, 2, 1, lights.directions, bowl());
+  EXPECT_THROW(static_cast<void>(photometric_stereo(same, lights, {}, {})), Error);
+}
+
+TEST(PhotometricStereo, APixelThatOnlyCoplanarLightsReachIsAmbiguous) {
+  LambertFitter fitter(6, {});
+  for (int k = 0; k < 5; ++k) {
+    const double t = -0.8 + 0.4 * k;
+    fitter.add({0.0, std::sin(t), std::cos(t)}, 0.5 + 0.01 * k, k);
+  }
+  fitter.add({1.0, 0.0, 0.0}, 0.0, 5);  // the one that would tell is dark
+  const LambertFit fit = fitter.fit();
+  EXPECT_EQ(fit.state, PixelState::ambiguous);
+  EXPECT_NEAR(std::abs(fit.unknown.x()), 1.0, 1e-9);
+  EXPECT_TRUE(fit.b.isZero());
+}
+
+TEST(PhotometricStereo, ThreeLightsAreEnough) {
+  const StereoLights lights = far_lights(3);
+  const MemoryStack stack = far_capture(2, 2, 1, lights.directions, bowl());
+  const SurfaceEstimate found = photometric_stereo(stack, lights, {}, {});
+  EXPECT_LT(degrees_between(vector_at(found.normal, 1, 1), bowl_normal(1, 1)), 1e-4);
+}
+
+TEST(PhotometricStereo, NearLightsWithTheirLobesAreExactAtTheirPoints) {
+  StereoLights lights;
+  lights.are_near = true;
+  lights.near = testing::light_array(5, 120.0, 400.0, 1.7);
+  const auto point = [](int y, int x) {
+    return Vector3d(20.0 * x - 110, 110 - 20.0 * y, 3.0 * x);
+  };
+  const MemoryStack stack =
+      testing::near_capture(kSize, kSize, lights.near, {point, bowl_normal});
+  Image<float> points(kSize, kSize, 3);
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        points(y, x, c) = static_cast<float>(point(y, x)[c]);
+      }
+    }
+  }
+  const SurfaceEstimate found = photometric_stereo(stack, lights, points.view(), {});
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      EXPECT_LT(degrees_between(vector_at(found.normal, y, x), bowl_normal(y, x)), 1e-4);
+      EXPECT_NEAR(found.albedo(y, x), 1e6, 2.0);
+    }
+  }
+}
+
+TEST(PhotometricStereo, IsTheSameOnOneTwoAndSevenThreads) {
+  const StereoLights lights = far_lights(11);
+  MemoryStack stack = far_capture(40, 40, 1, lights.directions, bowl());
+  std::vector<std::vector<float>> found;
+  for (const int n : {1, 2, 7}) {
+    const ThreadLimit limit(n);
+    const SurfaceEstimate surface = photometric_stereo(stack, lights, {}, {});
+    found.emplace_back(surface.normal.pixels().begin(), surface.normal.pixels().end());
+  }
+  EXPECT_EQ(found[0], found[1]);
+  EXPECT_EQ(found[0], found[2]);
+}
+
+}  // namespace
+}  // namespace haarlight
