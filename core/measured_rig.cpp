@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <fmt/format.h>
 
@@ -49,6 +50,25 @@ void put(std::string& out, std::string_view key, const std::vector<int>& list) {
   if (!list.empty()) {
     out += fmt::format("{} = [{}]\n", key, fmt::join(list, ", "));
   }
+}
+
+void put(std::string& out, std::string_view key, const Eigen::VectorXd& x) {
+  out += fmt::format("{} = [", key);
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    out += fmt::format("{}{:.12g}", i > 0 ? ", " : "", x[i]);
+  }
+  out += "]\n";
+}
+
+void put(std::string& out, std::string_view key, const std::vector<double>& list) {
+  if (list.empty()) {
+    return;
+  }
+  out += fmt::format("{} = [", key);
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    out += fmt::format("{}{:.5g},", i % 12 == 0 ? "\n  " : " ", list[i]);
+  }
+  out += "\n]\n";
 }
 
 std::optional<Measured> read_measured(ConfigTable& t, std::string_view key, Range range) {
@@ -112,6 +132,84 @@ MeasuredLights read_light_table(ConfigTable& t) {
   return l;
 }
 
+Eigen::Vector3d read_vector(ConfigTable& t, std::string_view key) {
+  const std::vector<double> x = t.numbers(key, 3);
+  return {x[0], x[1], x[2]};
+}
+
+void require_amounts(ConfigTable& t, std::string_view key, const std::vector<double>& list) {
+  for (const double x : list) {
+    if (!(x >= 0.0 && x <= 1e6)) {
+      t.problem(key, fmt::format("{} is out of range", x), "calibrate again");
+      return;
+    }
+  }
+}
+
+MeasuredFace read_face(ConfigTable& t) {
+  MeasuredFace f;
+  f.id = t.text("id");
+  f.with = t.text("with");
+  f.centre = read_vector(t, "centre");
+  f.centre_sigma = read_vector(t, "centre_sigma");
+  f.u = read_vector(t, "u");
+  f.v = read_vector(t, "v");
+  f.emits = read_vector(t, "emits");
+  Eigen::Matrix3d frame;
+  frame << f.u, f.v, f.emits;
+  if (!(frame.transpose() * frame).isIdentity(1e-6)) {
+    t.problem("u", "u, v and emits are not unit vectors at right angles", "calibrate again");
+  }
+  f.turn_sigma_deg = read_vector(t, "turn_sigma_deg");
+  f.lobe_mu = read_measured(t, "lobe_mu", {.min = 0.0, .max = 1e3});
+  f.power = t.numbers_or("power", {});
+  require_amounts(t, "power", f.power);
+  f.power_sigma = t.numbers_or("power_sigma", {});
+  require_amounts(t, "power_sigma", f.power_sigma);
+  if (f.power.size() != f.power_sigma.size()) {
+    t.problem("power_sigma", "power and power_sigma are of different length",
+              "calibrate again");
+  }
+  f.reduced_chi2 = t.number_or("reduced_chi2", 0.0, kPositive);
+  return f;
+}
+
+MeasuredPlane read_plane(ConfigTable& t) {
+  MeasuredPlane plane;
+  plane.id = t.text("id");
+  plane.with = t.text("with");
+  plane.camera = t.text("camera");
+  plane.n = read_vector(t, "n");
+  if (std::abs(plane.n.norm() - 1.0) > 1e-6) {
+    t.problem("n", "n is not of length 1", "calibrate again");
+  }
+  plane.d = t.number("d", {.min = -1e6, .max = 1e6});
+  plane.distance_sigma = t.number("distance_sigma", kPositive);
+  plane.tilt_sigma_deg = t.number("tilt_sigma_deg", kPositive);
+  plane.rms_px = t.number_or("rms_px", 0.0, kPositive);
+  return plane;
+}
+
+MeasuredLens read_lens(ConfigTable& t) {
+  MeasuredLens lens;
+  const auto take_into = [&t](std::string_view key, auto& out) {
+    const std::vector<double> x = t.numbers(key, static_cast<std::size_t>(out.size()));
+    for (Eigen::Index i = 0; i < out.size(); ++i) {
+      out[i] = x[static_cast<std::size_t>(i)];
+    }
+  };
+  take_into("lens_k", lens.k);
+  take_into("lens_k_sigma", lens.k_sigma);
+  take_into("lens_dist", lens.distortion);
+  take_into("lens_dist_sigma", lens.distortion_sigma);
+  lens.rms_px = t.number("lens_rms_px", kPositive);
+  lens.n_views = static_cast<int>(t.integer("lens_views", {.min = 0, .max = 1e6}));
+  if (!(lens.k[0] > 0.0 && lens.k[1] > 0.0)) {
+    t.problem("lens_k", "a focal length that is not positive", "calibrate again");
+  }
+  return lens;
+}
+
 MeasuredCamera read_camera(ConfigTable& t) {
   MeasuredCamera c;
   c.id = t.text("id");
@@ -134,6 +232,9 @@ MeasuredCamera read_camera(ConfigTable& t) {
   c.full_well_e = read_measured(t, "full_well", {.min = 1.0, .max = 1e12});
   c.black_dn = read_measured(t, "black", {.min = 0.0, .max = 65535.0});
   c.linearity_percent = read_measured(t, "linearity_percent", kPositive);
+  if (t.has("lens_k")) {
+    c.lens = read_lens(t);
+  }
   if (c.timestamp == TimestampMeaning::end_frame && !c.read_us) {
     t.problem("read_us", "a stamp at the end of the frame without read_us", "measure again");
   }
@@ -197,15 +298,35 @@ std::string to_toml(const MeasuredRig& m) {
     put(out, "unseen", m.lights->unseen);
     put(out, "miswired", m.lights->miswired);
     put(out, "miswired_to", m.lights->miswired_to);
-    if (!m.lights->power.empty()) {
-      out += "power = [";
-      for (std::size_t i = 0; i < m.lights->power.size(); ++i) {
-        out += fmt::format("{}{:.5g},", i % 12 == 0 ? "\n  " : " ", m.lights->power[i]);
-      }
-      out += "\n]\n";
-    }
+    put(out, "power", m.lights->power);
     out +=
         fmt::format("power_sigma = {}\nn = {}\n", number(m.lights->power_sigma), m.lights->n);
+  }
+  for (const MeasuredFace& f : m.faces) {
+    out += "\n[[measured.face]]\n";
+    put(out, "id", f.id);
+    put(out, "with", f.with);
+    put(out, "centre", Eigen::VectorXd(f.centre));
+    put(out, "centre_sigma", Eigen::VectorXd(f.centre_sigma));
+    put(out, "u", Eigen::VectorXd(f.u));
+    put(out, "v", Eigen::VectorXd(f.v));
+    put(out, "emits", Eigen::VectorXd(f.emits));
+    put(out, "turn_sigma_deg", Eigen::VectorXd(f.turn_sigma_deg));
+    put(out, "lobe_mu", f.lobe_mu);
+    put(out, "power", f.power);
+    put(out, "power_sigma", f.power_sigma);
+    out += fmt::format("reduced_chi2 = {}\n", number(f.reduced_chi2));
+  }
+  for (const MeasuredPlane& plane : m.planes) {
+    out += "\n[[measured.plane]]\n";
+    put(out, "id", plane.id);
+    put(out, "with", plane.with);
+    put(out, "camera", plane.camera);
+    put(out, "n", Eigen::VectorXd(plane.n));
+    out += fmt::format("d = {:.12g}\n", plane.d);
+    out += fmt::format("distance_sigma = {}\ntilt_sigma_deg = {}\nrms_px = {}\n",
+                       number(plane.distance_sigma), number(plane.tilt_sigma_deg),
+                       number(plane.rms_px));
   }
   for (const MeasuredCamera& c : m.cameras) {
     out += "\n[[measured.camera]]\n";
@@ -225,6 +346,14 @@ std::string to_toml(const MeasuredRig& m) {
     put(out, "full_well", c.full_well_e);
     put(out, "black", c.black_dn);
     put(out, "linearity_percent", c.linearity_percent);
+    if (c.lens) {
+      put(out, "lens_k", Eigen::VectorXd(c.lens->k));
+      put(out, "lens_k_sigma", Eigen::VectorXd(c.lens->k_sigma));
+      put(out, "lens_dist", Eigen::VectorXd(c.lens->distortion));
+      put(out, "lens_dist_sigma", Eigen::VectorXd(c.lens->distortion_sigma));
+      out += fmt::format("lens_rms_px = {}\nlens_views = {}\n", number(c.lens->rms_px),
+                         c.lens->n_views);
+    }
   }
   return out;
 }
@@ -247,6 +376,12 @@ MeasuredRig parse_measured(const std::string& text, const std::string& name) {
   }
   if (auto lights = top->table("lights")) {
     m.lights = read_light_table(*lights);
+  }
+  for (ConfigTable& face : top->tables("face")) {
+    m.faces.push_back(read_face(face));
+  }
+  for (ConfigTable& plane : top->tables("plane")) {
+    m.planes.push_back(read_plane(plane));
   }
   for (ConfigTable& camera : top->tables("camera")) {
     m.cameras.push_back(read_camera(camera));
@@ -306,6 +441,68 @@ std::string describe_lights(const Rig& rig) {
   return fmt::format("{}", fmt::join(faces, ", "));
 }
 
+std::string describe_face(const Face& face) {
+  return fmt::format("{} x {}, pitch {:g} mm", face.rows, face.cols, face.pitch_mm);
+}
+
+namespace {
+
+void apply_face(const MeasuredFace& m, const std::string& name, Rig& rig) {
+  const auto face = std::find_if(rig.faces.begin(), rig.faces.end(),
+                                 [&](const Face& f) { return f.id == m.id; });
+  if (face == rig.faces.end()) {
+    throw Error("stale: face \"" + m.id + "\" was calibrated, the rig has none", name,
+                "calibrate again (haarlight rig calibrate lights), or move this file away");
+  }
+  if (const std::string now = describe_face(*face); now != m.with) {
+    throw_stale("face " + m.id, m.with, now, name);
+  }
+  if (!m.power.empty() && m.power.size() != static_cast<std::size_t>(face->n_lights())) {
+    throw Error(fmt::format("{} powers for the {} lights of face {}", m.power.size(),
+                            face->n_lights(), m.id),
+                name, "calibrate again (haarlight rig calibrate lights)");
+  }
+  face->centre = m.centre;
+  face->u = m.u.normalized();
+  face->v = m.v.normalized();
+  face->emits = m.emits.normalized();
+  take(m.lobe_mu, face->lobe_mu);
+}
+
+void apply_plane(const MeasuredPlane& m, const std::string& name, Rig& rig) {
+  const auto plane = std::find_if(rig.planes.begin(), rig.planes.end(),
+                                  [&](const ShadowPlane& p) { return p.id == m.id; });
+  const auto camera = std::find_if(rig.cameras.begin(), rig.cameras.end(),
+                                   [&](const CameraSpec& c) { return c.id == m.camera; });
+  if (plane == rig.planes.end() || camera == rig.cameras.end()) {
+    throw Error("stale: plane \"" + m.id + "\" was calibrated with camera \"" + m.camera +
+                    "\"; the rig lacks one of them",
+                name,
+                "calibrate again (haarlight rig calibrate plane), or move this file away");
+  }
+  if (const std::string now = describe_view(*camera); now != m.with) {
+    throw_stale("plane " + m.id, m.with, now, name);
+  }
+  const double hand = plane->u.cross(plane->v).dot(plane->n) < 0.0 ? -1.0 : 1.0;
+  plane->n = m.n.normalized();
+  plane->d = m.d;
+  plane->origin -= (plane->n.dot(plane->origin) + plane->d) * plane->n;
+  plane->u = (plane->u - plane->n.dot(plane->u) * plane->n).normalized();
+  plane->v = hand * plane->n.cross(plane->u);
+}
+
+}  // namespace
+
+std::string describe_view(const CameraSpec& camera) {
+  std::string out = "world_from_cam";
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 4; ++col) {
+      out += fmt::format(" {:.6g}", camera.model.world_from_cam.matrix()(row, col) + 0.0);
+    }
+  }
+  return out;
+}
+
 void apply_measured(MeasuredRig measured, const std::string& name, Rig& rig) {
   if (measured.controller) {
     const MeasuredController& m = *measured.controller;
@@ -332,6 +529,9 @@ void apply_measured(MeasuredRig measured, const std::string& name, Rig& rig) {
       throw Error(fmt::format("{} relative powers for {} lights", m.power.size(), n), name,
                   "measure again (haarlight rig commission)");
     }
+  }
+  for (const MeasuredFace& m : measured.faces) {
+    apply_face(m, name, rig);
   }
   for (const MeasuredCamera& m : measured.cameras) {
     const auto camera = std::find_if(rig.cameras.begin(), rig.cameras.end(),
@@ -360,6 +560,16 @@ void apply_measured(MeasuredRig measured, const std::string& name, Rig& rig) {
     take(m.read_e, camera->noise.read_e);
     take(m.full_well_e, camera->noise.full_well_e);
     take(m.black_dn, camera->noise.black_dn);
+    if (m.lens) {
+      camera->model.fx = m.lens->k[0];
+      camera->model.fy = m.lens->k[1];
+      camera->model.cx = m.lens->k[2];
+      camera->model.cy = m.lens->k[3];
+      camera->model.distortion = m.lens->distortion;
+    }
+  }
+  for (const MeasuredPlane& m : measured.planes) {
+    apply_plane(m, name, rig);
   }
   rig.measured = std::make_shared<const MeasuredRig>(std::move(measured));
 }
@@ -385,6 +595,34 @@ std::string describe_changes(const Rig& written, const Rig& merged) {
     change(list, "read noise", c.noise.read_e, d.noise.read_e, " e");
     change(list, "full well", c.noise.full_well_e, d.noise.full_well_e, " e");
     change(list, "black", c.noise.black_dn, d.noise.black_dn, " DN");
+    change(list, "fx", c.model.fx, d.model.fx, " px");
+    change(list, "fy", c.model.fy, d.model.fy, " px");
+    change(list, "cx", c.model.cx, d.model.cx, " px");
+    change(list, "cy", c.model.cy, d.model.cy, " px");
+  }
+  for (std::size_t i = 0; i < std::min(written.planes.size(), merged.planes.size()); ++i) {
+    const ShadowPlane& before = written.planes[i];
+    const ShadowPlane& after = merged.planes[i];
+    if (before.n != after.n || before.d != after.d) {
+      const double tilted = std::acos(std::clamp(before.n.dot(after.n), -1.0, 1.0));
+      list.push_back(
+          fmt::format("plane {} is {:.2f} mm and {:.2f} degrees from where the rig "
+                      "file has it",
+                      after.id, std::abs(after.n.dot(before.origin) + after.d),
+                      tilted * 180.0 / std::numbers::pi));
+    }
+  }
+  for (std::size_t i = 0; i < std::min(written.faces.size(), merged.faces.size()); ++i) {
+    const Face& f = written.faces[i];
+    const Face& g = merged.faces[i];
+    if (f.centre != g.centre || f.emits != g.emits) {
+      const double turned = std::acos(std::clamp(f.emits.dot(g.emits), -1.0, 1.0));
+      list.push_back(
+          fmt::format("face {} is {:.2f} mm and {:.2f} degrees from where the rig "
+                      "file has it",
+                      g.id, (f.centre - g.centre).norm(), turned * 180.0 / std::numbers::pi));
+    }
+    change(list, "lobe_mu of face " + g.id, f.lobe_mu, g.lobe_mu, "");
   }
   if (merged.measured != nullptr && merged.measured->lights &&
       !merged.measured->lights->dead.empty()) {

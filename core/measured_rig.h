@@ -24,6 +24,16 @@ struct Measured {
   std::int64_t n = 0;
 };
 
+/// A camera's lens from pictures of a chessboard, as in CameraModel.
+struct MeasuredLens {
+  Eigen::Vector4d k = Eigen::Vector4d::Zero();  ///< fx, fy, cx, cy, pixels (centres at +0.5)
+  Eigen::Vector4d k_sigma = Eigen::Vector4d::Zero();
+  Eigen::Matrix<double, 5, 1> distortion = Eigen::Matrix<double, 5, 1>::Zero();
+  Eigen::Matrix<double, 5, 1> distortion_sigma = Eigen::Matrix<double, 5, 1>::Zero();
+  double rms_px = 0.0;
+  int n_views = 0;
+};
+
 struct MeasuredCamera {
   std::string id;
   std::string with;      ///< describe_camera() of that time
@@ -39,6 +49,19 @@ struct MeasuredCamera {
   std::optional<Measured> full_well_e;
   std::optional<Measured> black_dn;
   std::optional<Measured> linearity_percent;  ///< largest departure from a line, 5 to 95 %
+  std::optional<MeasuredLens> lens;
+};
+
+/// A shadow plane from a picture of a chessboard on it, in the world of its camera's pose.
+struct MeasuredPlane {
+  std::string id;
+  std::string with;  ///< describe_view() of the camera that saw it
+  std::string camera;
+  Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
+  double d = 0.0;
+  double distance_sigma = 0.0;  ///< of its distance from the camera, mm
+  double tilt_sigma_deg = 0.0;
+  double rms_px = 0.0;
 };
 
 struct MeasuredController {
@@ -61,12 +84,30 @@ struct MeasuredLights {
   std::int64_t n = 0;  ///< frames a light
 };
 
+/// A face as calibration found it.
+struct MeasuredFace {
+  std::string id;
+  std::string with;  ///< describe_face() of that time
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  Eigen::Vector3d centre_sigma = Eigen::Vector3d::Zero();  ///< mm, along the world's axes
+  Eigen::Vector3d u = Eigen::Vector3d::UnitX();
+  Eigen::Vector3d v = Eigen::Vector3d::UnitY();
+  Eigen::Vector3d emits = -Eigen::Vector3d::UnitZ();
+  Eigen::Vector3d turn_sigma_deg = Eigen::Vector3d::Zero();  ///< about the world's axes
+  std::optional<Measured> lobe_mu;
+  std::vector<double> power;        ///< of each light, mean 1; 0: unseen
+  std::vector<double> power_sigma;  ///< relative
+  double reduced_chi2 = 0.0;        ///< 1: noise alone
+};
+
 struct MeasuredRig {
   std::string date;      ///< ISO 8601, UTC
   std::string tool;      ///< "haarlight 0.1.0"
   std::string rig_hash;  ///< content_hash of the hand-written text at that time
   std::optional<MeasuredController> controller;
   std::optional<MeasuredLights> lights;
+  std::vector<MeasuredFace> faces;
+  std::vector<MeasuredPlane> planes;
   std::vector<MeasuredCamera> cameras;
 };
 
@@ -92,6 +133,9 @@ struct RigText {
 [[nodiscard]] std::string describe_camera(const CameraSpec& camera);
 [[nodiscard]] std::string describe_controller(const ControllerSpec& controller);
 [[nodiscard]] std::string describe_lights(const Rig& rig);
+[[nodiscard]] std::string describe_face(const Face& face);
+/// Where a camera stands, as the rig file has it.
+[[nodiscard]] std::string describe_view(const CameraSpec& camera);
 
 /// Puts the measured values over the written ones and keeps them in rig.measured.
 /// @throws Error  measured with other settings than the rig has now

@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
+#include "apps/haarlight/rig_calibrate.h"
 #include "apps/haarlight/rig_predict.h"
 #include "apps/haarlight/verb.h"
 #include "capture/commission.h"
@@ -36,6 +37,8 @@ struct RigArguments {
   bool timing_only = false;
   bool json = false;
   PredictArguments predict;
+  std::string file;  ///< calibrate: the rig file, RIG being what to calibrate
+  CalibrateArguments calibrate;
 };
 
 /// The body of an answer from a local address; empty: nobody answers.
@@ -147,9 +150,13 @@ void keep_others(const std::filesystem::path& file, MeasuredRig& measured) {
     if (!measured.lights) {
       measured.lights = std::move(old.lights);
     }
+    measured.faces = std::move(old.faces);
+    measured.planes = std::move(old.planes);
     for (MeasuredCamera& camera : old.cameras) {
       if (camera.id != measured.cameras.front().id) {
         measured.cameras.push_back(std::move(camera));
+      } else {
+        measured.cameras.front().lens = camera.lens;
       }
     }
   } catch (const Error& error) {
@@ -313,14 +320,42 @@ void add_rig(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<RigArguments>();
   Command verb =
       root.add_verb("rig", "Examine a rig, measure what it really does, or predict it");
-  verb.option("ACTION", &arguments->action,
-              "doctor: what is there, what was expected, and the cure; lights nothing\n"
-              "commission: measure delays, time stamps, noise and lights by flashing them\n"
-              "predict: how finely shadows will be sampled, from the file alone",
-              {.type = "doctor|commission|predict",
-               .choices = {"doctor", "commission", "predict"},
-               .is_required = true});
-  verb.option("RIG", &arguments->rig, "Rig file", {.type = "RIG.toml", .is_required = true});
+  verb.option(
+      "ACTION", &arguments->action,
+      "doctor: what is there, what was expected, and the cure; lights nothing\n"
+      "commission: measure delays, time stamps, noise and lights by flashing them\n"
+      "calibrate camera|plane|lights: the lens and the plane from pictures of a printed "
+      "chessboard,\nwhere the lights are from a capture of a flat matte sheet\n"
+      "predict: how finely shadows will be sampled, from the file alone",
+      {.type = "doctor|commission|calibrate|predict",
+       .choices = {"doctor", "commission", "calibrate", "predict"},
+       .is_required = true});
+  verb.option("RIG", &arguments->rig, "Rig file; after calibrate: camera, plane or lights",
+              {.type = "RIG.toml", .is_required = true});
+  verb.option("FILE", &arguments->file, "calibrate: the rig file", {.type = "RIG.toml"});
+  verb.option("--session", &arguments->calibrate.session,
+              "calibrate lights: the capture of the sheet, one light a picture",
+              {.type = "SESSION"});
+  verb.option("--picture", &arguments->calibrate.pictures,
+              "calibrate camera, plane: a picture of the chessboard; may be repeated",
+              {.type = "PICTURE"});
+  verb.option("--board", &arguments->calibrate.board,
+              "calibrate camera, plane: the board's inner corners (default 9,6)",
+              {.type = "COLUMNS,ROWS", .delimiter = ',', .count = 2});
+  verb.option("--square", &arguments->calibrate.square_mm,
+              "calibrate camera, plane: a square's side, mm", {.shows_default = true});
+  verb.option(
+      "--region", &arguments->calibrate.region,
+      "calibrate lights: the sheet on the plane, mm along its u and v (default: the middle "
+      "four fifths)",
+      {.type = "U0,U1,V0,V1", .delimiter = ',', .count = 4});
+  verb.option("--sheet", &arguments->calibrate.sheet_mm,
+              "calibrate lights: the sheet's thickness over the plane, mm",
+              {.shows_default = true});
+  verb.option(
+      "--lobe", &arguments->calibrate.lobe,
+      "calibrate lights: free finds one exponent for each face; given takes the rig file's",
+      {.choices = {"free", "given"}, .shows_default = true});
   verb.flag("--json", &arguments->json, "doctor, predict: the table as JSON");
   verb.option("--object-height", &arguments->predict.object_height,
               "predict: lowest and highest point of the object over the plane, mm",
@@ -333,7 +368,8 @@ void add_rig(Command root, Invocation& invocation) {
               "predict: heights over the plane of surfaces to draw on, mm",
               {.type = "MM,...", .delimiter = ','});
   verb.option("--camera", &arguments->camera,
-              "commission: the camera that looks (default: the first)", {.type = "ID"});
+              "commission, calibrate: the camera that looks (default: the first)",
+              {.type = "ID"});
   verb.flag("--flash-ok", &arguments->flash_ok,
             "commission: begin without asking; the room is clear of people at risk from "
             "flashing light");
@@ -343,7 +379,8 @@ void add_rig(Command root, Invocation& invocation) {
               "commission: switches of the light at each of two exposures",
               {.bounds = Bounds{20, 2000}, .shows_default = true});
   verb.option("--page", &arguments->page,
-              "commission: the page with figures (default: NAME.commission.html)",
+              "commission, calibrate: the page with figures (default: NAME.commission.html, "
+              "NAME.lights.html, ...)",
               {.type = "FILE"});
   verb.footer(
       "commission writes NAME.measured.toml beside the rig file; every program then puts these "
@@ -353,11 +390,27 @@ void add_rig(Command root, Invocation& invocation) {
       "Examples:\n"
       "  haarlight rig doctor configs/rigs/small8.toml\n"
       "  haarlight rig commission configs/rigs/small8.toml --flash-ok\n"
+      "  haarlight rig calibrate lights configs/rigs/small8.toml --session sheet.session\n"
       "  haarlight rig predict configs/rigs/cube32.toml --object-height 76,128 "
       "--receiver=-100,50");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     report.add_input(arguments->rig);
     report.add_asked("action", arguments->action);
+    if (arguments->action == "calibrate") {
+      CalibrateArguments calibrate = arguments->calibrate;
+      calibrate.rig = arguments->file;
+      calibrate.page = arguments->page;
+      calibrate.camera = arguments->camera;
+      const std::string& what = arguments->rig;
+      if (arguments->file.empty() ||
+          (what != "camera" && what != "plane" && what != "lights")) {
+        throw Error("calibrate what, of which rig?", what,
+                    "haarlight rig calibrate camera|plane|lights RIG.toml", ExitCode::usage);
+      }
+      return what == "camera"  ? run_calibrate_camera(calibrate, common, report)
+             : what == "plane" ? run_calibrate_plane(calibrate, common, report)
+                               : run_calibrate_lights(calibrate, common, report);
+    }
     if (arguments->action == "predict") {
       run_predict(arguments->rig, arguments->predict, arguments->json, report);
       return ExitCode::done;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/error.h"
+#include "core/measured_rig.h"
 
 namespace haarlight {
 
@@ -24,6 +25,25 @@ double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
   return off_axis > 0.0 ? value * std::pow(off_axis, light.mu) : 0.0;
 }
 
+namespace {
+
+/// By `rig calibrate lights`; 1 where that was not done. A light it did not see stays at 1.
+double calibrated_power(const Rig& rig, const LightElement& element) {
+  if (rig.measured == nullptr) {
+    return 1.0;
+  }
+  const Face& face = rig.faces[static_cast<std::size_t>(element.face)];
+  for (const MeasuredFace& measured : rig.measured->faces) {
+    const auto at = static_cast<std::size_t>(element.row * face.cols + element.col);
+    if (measured.id == face.id && at < measured.power.size() && measured.power[at] > 0.0) {
+      return measured.power[at];
+    }
+  }
+  return 1.0;
+}
+
+}  // namespace
+
 CaptureLights capture_lights(const Session& session) {
   CaptureLights lights;
   const auto n = session.info().lights.size();
@@ -32,6 +52,7 @@ CaptureLights capture_lights(const Session& session) {
     lights.are_near = true;
     for (const LightElement& element : light_elements(*session.rig())) {
       lights.near.push_back({element.centre, element.emits, element.lobe_mu});
+      lights.near.back().power.setConstant(calibrated_power(*session.rig(), element));
       lights.directions.push_back((element.centre - session.rig()->object_centre).normalized());
     }
     return lights;

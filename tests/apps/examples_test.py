@@ -79,6 +79,24 @@ class Examples(unittest.TestCase):
         self.addCleanup(served.terminate)
         wait_for(ready.exists, 120, "the simulator")
 
+    def capture_sheet(self, rig):
+        """sheet.session: the empty plane, by a daemon that has ended afterwards."""
+        with (self.folder / "sheet.log").open("w") as log:
+            daemon = subprocess.Popen([self.programs.daemon, rig], cwd=self.folder, stdout=log,
+                                      stderr=log)
+        url = re.search(r"(?m)^port = (\d+)", (self.folder / rig).read_text())[1]
+        url = f"http://127.0.0.1:{url}"
+        try:
+            wait_for(lambda: self.programs.run("status", "--daemon", url).returncode == 0, 30,
+                     "the daemon")
+            done = self.programs.run("capture", "configs/plans/quick.toml", "--daemon", url,
+                                     "--quiet", cwd=self.folder)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            shutil.copytree(self.folder / done.stdout.strip(), self.folder / "sheet.session")
+        finally:
+            daemon.terminate()
+            self.assertEqual(daemon.wait(timeout=30), 0)
+
     def phase(self):
         return self.programs.run("status", "--daemon", self.url).stdout.split()[0]
 
@@ -107,6 +125,7 @@ class Examples(unittest.TestCase):
 
         run_examples("check", "plan", "advise", "cameras")
         self.begin_simulator("configs/rigs/small8.toml")
+        self.capture_sheet("configs/rigs/small8.toml")
         run_examples("rig")
         rig = VirtualRig(self.programs, "configs/rigs/cube32.toml", "configs/scenes/airplane.toml",
                          self.folder, self.url, cwd=self.folder)

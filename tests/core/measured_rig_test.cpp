@@ -1,5 +1,6 @@
 #include "core/measured_rig.h"
 
+#include <Eigen/Geometry>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -28,6 +29,21 @@ MeasuredRig some_measurement(const Rig& rig) {
   m.lights =
       MeasuredLights{describe_lights(rig), {9, 41}, {}, {20, 21}, {21, 20}, {}, 0.004, 2};
   m.lights->power.assign(64, 1.0);
+  MeasuredFace f;
+  f.id = rig.faces[0].id;
+  f.with = describe_face(rig.faces[0]);
+  f.centre = rig.faces[0].centre + Eigen::Vector3d(1.5, -0.25, 3.0);
+  f.centre_sigma = {0.1, 0.1, 0.2};
+  const Eigen::AngleAxisd turn(0.02, Eigen::Vector3d::UnitX());
+  f.u = turn * rig.faces[0].u;
+  f.v = turn * rig.faces[0].v;
+  f.emits = turn * rig.faces[0].emits;
+  f.turn_sigma_deg = {0.01, 0.01, 0.02};
+  f.lobe_mu = Measured{1.25, 0.01, 100000};
+  f.power.assign(64, 1.0);
+  f.power_sigma.assign(64, 0.002);
+  f.reduced_chi2 = 1.02;
+  m.faces.push_back(f);
   MeasuredCamera c;
   c.id = "main";
   c.with = describe_camera(rig.cameras[0]);
@@ -40,6 +56,23 @@ MeasuredRig some_measurement(const Rig& rig) {
   c.read_e = Measured{4.1, 0.02, 1000};
   c.full_well_e = Measured{14500.0, 40.0, 1000};
   c.black_dn = Measured{200.0, 0.02, 1000};
+  MeasuredLens lens;
+  lens.k = {88.5, 88.25, 32.5, 23.75};
+  lens.k_sigma = {0.1, 0.1, 0.2, 0.2};
+  lens.distortion << -0.05, 0.01, 1e-4, -2e-4, 0.0;
+  lens.distortion_sigma << 0.01, 0.02, 1e-4, 1e-4, 0.0;
+  lens.rms_px = 0.08;
+  lens.n_views = 12;
+  c.lens = lens;
+  MeasuredPlane plane;
+  plane.id = rig.planes[0].id;
+  plane.with = describe_view(rig.cameras[0]);
+  plane.camera = "main";
+  plane.n = Eigen::Vector3d(0.01, 0.0, 1.0).normalized();
+  plane.d = -2.5;
+  plane.distance_sigma = 0.1;
+  plane.tilt_sigma_deg = 0.02;
+  m.planes.push_back(plane);
   m.cameras.push_back(c);
   return m;
 }
@@ -70,6 +103,51 @@ TEST(MeasuredRig, WinsOverTheRigFileBesideIt) {
             written.controller.latch_us);
   EXPECT_THAT(describe_changes(written, rig),
               HasSubstr("latch 812.2 us (the rig file says 200)"));
+}
+
+TEST(MeasuredRig, AFaceIsWhereItWasCalibrated) {
+  const testing::TemporaryFolder folder;
+  const Rig written = small_rig();
+  write_file_atomically(folder / "r.toml", written.text);
+  MeasuredRig m = some_measurement(written);
+  write_file_atomically(folder / "r.measured.toml", to_toml(m));
+  const Rig merged = read_rig(folder / "r.toml");
+  EXPECT_TRUE(merged.faces[0].centre.isApprox(m.faces[0].centre, 1e-12));
+  EXPECT_TRUE(merged.faces[0].emits.isApprox(m.faces[0].emits, 1e-10));
+  EXPECT_EQ(merged.faces[0].lobe_mu, 1.25);
+  EXPECT_THAT(describe_changes(written, merged), HasSubstr("3.36 mm and 1.15 degrees"));
+  m.faces[0].with = "9 x 9, pitch 1 mm";
+  write_file_atomically(folder / "r.measured.toml", to_toml(m));
+  EXPECT_THROW((void)read_rig(folder / "r.toml"), Error);
+  m.faces[0].with = describe_face(written.faces[0]);
+  m.faces[0].power.resize(3);
+  m.faces[0].power_sigma.resize(3);
+  write_file_atomically(folder / "r.measured.toml", to_toml(m));
+  EXPECT_THROW((void)read_rig(folder / "r.toml"), Error);
+}
+
+TEST(MeasuredRig, LensAndPlaneAreThoseOfTheCalibration) {
+  const testing::TemporaryFolder folder;
+  const Rig written = small_rig();
+  write_file_atomically(folder / "r.toml", written.text);
+  const MeasuredRig m = some_measurement(written);
+  write_file_atomically(folder / "r.measured.toml", to_toml(m));
+  const Rig merged = read_rig(folder / "r.toml");
+  EXPECT_EQ(merged.cameras[0].model.fx, 88.5);
+  EXPECT_EQ(merged.cameras[0].model.cy, 23.75);
+  EXPECT_EQ(merged.cameras[0].model.distortion[3], -2e-4);
+  const ShadowPlane& plane = merged.planes[0];
+  EXPECT_NEAR(plane.n.dot(plane.origin) + plane.d, 0.0, 1e-9);
+  EXPECT_NEAR(plane.u.dot(plane.n), 0.0, 1e-12);
+  EXPECT_TRUE(plane.u.cross(plane.v).isApprox(plane.n, 1e-12));
+  EXPECT_THAT(describe_changes(written, merged), HasSubstr("plane ground is 2.50 mm"));
+  // The camera stands elsewhere: the plane was seen from there.
+  std::string moved = written.text;
+  const std::size_t at = moved.find("-560");
+  ASSERT_NE(at, std::string::npos);
+  moved.replace(at, 4, "-580");
+  write_file_atomically(folder / "r.toml", moved);
+  EXPECT_THROW((void)read_rig(folder / "r.toml"), Error);
 }
 
 TEST(MeasuredRig, StaysWithASession) {

@@ -1,0 +1,153 @@
+#include "core/chessboard.h"
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "core/random.h"
+
+namespace haarlight {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr int kWidth = 320;
+constexpr int kHeight = 240;
+constexpr int kSub = 3;  // samples along a pixel's side
+
+CameraModel true_camera() {
+  CameraModel camera;
+  camera.width = kWidth;
+  camera.height = kHeight;
+  camera.fx = 402.0;
+  camera.fy = 398.5;
+  camera.cx = 163.2;
+  camera.cy = 117.6;
+  camera.distortion << -0.12, 0.05, 8e-4, -6e-4, 0.0;
+  return camera;
+}
+
+/// Directions of every sample of a picture, camera frame.
+const std::vector<Vector3d>& sample_rays() {
+  static const std::vector<Vector3d> rays = [] {
+    std::vector<Vector3d> out;
+    const CameraModel camera = true_camera();
+    for (int y = 0; y < kHeight * kSub; ++y) {
+      for (int x = 0; x < kWidth * kSub; ++x) {
+        out.push_back(ray_through(camera, (x + 0.5) / kSub, (y + 0.5) / kSub).direction_world);
+      }
+    }
+    return out;
+  }();
+  return rays;
+}
+
+/// The board in closed form: each sample's ray meets the plane in a square, or beside the
+/// board.
+Image<float> render(const Chessboard& board, const Eigen::Isometry3d& cam_from_board,
+                    std::uint64_t seed) {
+  Image<float> picture(kHeight, kWidth, 1);
+  const Eigen::Isometry3d board_from_cam = cam_from_board.inverse();
+  const Vector3d eye = board_from_cam.translation();
+  for (int y = 0; y < kHeight * kSub; ++y) {
+    for (int x = 0; x < kWidth * kSub; ++x) {
+      const Vector3d d = board_from_cam.linear() *
+                         sample_rays()[static_cast<std::size_t>(y * kWidth * kSub + x)];
+      const Vector3d at = eye - eye.z() / d.z() * d;
+      const int i = static_cast<int>(std::floor(at.x() / board.square_mm)) + 1;
+      const int j = static_cast<int>(std::floor(at.y() / board.square_mm)) + 1;
+      const bool is_board = i >= 0 && j >= 0 && i <= board.cols && j <= board.rows;
+      const double white = !is_board || (i + j) % 2 == 0 ? 0.85 : 0.06;
+      picture(y / kSub, x / kSub) += static_cast<float>(white / (kSub * kSub));
+    }
+  }
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const auto key = static_cast<std::uint64_t>(y * kWidth + x);
+      picture(y, x) += static_cast<float>(0.004 * standard_normal(hash_key(seed, key)));
+    }
+  }
+  return picture;
+}
+
+/// The board's middle on the axis at `distance`, turned about x, then y, then z.
+Eigen::Isometry3d pose(const Chessboard& board, double distance, double ax, double ay,
+                       double az, const Vector2d& aside) {
+  Eigen::Isometry3d out = Eigen::Isometry3d::Identity();
+  out.translate(Vector3d(aside.x(), aside.y(), distance));
+  out.rotate(Eigen::AngleAxisd(az, Vector3d::UnitZ()));
+  out.rotate(Eigen::AngleAxisd(ay, Vector3d::UnitY()));
+  out.rotate(Eigen::AngleAxisd(ax, Vector3d::UnitX()));
+  out.translate(-0.5 * board.square_mm * Vector3d(board.cols - 1, board.rows - 1, 0.0));
+  return out;
+}
+
+TEST(Chessboard, CornersAreFoundToAFractionOfAPixel) {
+  const Chessboard board;
+  const Eigen::Isometry3d place = pose(board, 400.0, 0.3, -0.2, 0.1, {0.0, 0.0});
+  const auto corners = find_chessboard(render(board, place, 1).view(), board);
+  ASSERT_TRUE(corners.has_value());
+  ASSERT_EQ(corners->size(), 54U);
+  const CameraModel camera = true_camera();
+  // Our order may run from the other end of the board.
+  const auto expected = [&](int i) { return project(camera, place * board.corner(i)).value(); };
+  const bool is_turned = ((*corners)[0] - expected(0)).norm() > 5.0;
+  for (int i = 0; i < 54; ++i) {
+    const Vector2d miss =
+        (*corners)[static_cast<std::size_t>(i)] - expected(is_turned ? 53 - i : i);
+    EXPECT_LT(miss.norm(), 0.25) << i << ": half a pixel off would be a wrong centre";
+  }
+  EXPECT_FALSE(find_chessboard(Image<float>(kHeight, kWidth, 1).view(), board).has_value());
+}
+
+TEST(Chessboard, CameraAndPlaneAreFoundWithinTheirUncertainty) {
+  const Chessboard board;
+  std::vector<std::vector<Vector2d>> views;
+  std::uint64_t seed = 0;
+  for (const auto& [ax, ay, az, x, y] :
+       {std::array{0.5, 0.0, 0.0, 0.0, 0.0}, std::array{-0.5, 0.1, 0.2, 25.0, 10.0},
+        std::array{0.1, 0.5, -0.3, -25.0, 12.0}, std::array{0.0, -0.5, 0.4, 20.0, -18.0},
+        std::array{0.35, 0.35, 0.1, -22.0, -15.0}, std::array{-0.35, 0.3, -0.2, 0.0, 20.0},
+        std::array{0.3, -0.4, 0.0, 30.0, 0.0}, std::array{-0.3, -0.35, 0.3, -30.0, -5.0}}) {
+    const Eigen::Isometry3d place = pose(board, 400.0, ax, ay, az, {x, y});
+    auto corners = find_chessboard(render(board, place, ++seed).view(), board);
+    ASSERT_TRUE(corners.has_value()) << seed;
+    views.push_back(std::move(*corners));
+  }
+  const CameraFit fit = fit_camera(views, board, kWidth, kHeight);
+  const CameraModel truth = true_camera();
+  EXPECT_LT(fit.rms_px, 0.1);
+  Eigen::Matrix<double, 9, 1> miss;
+  miss << fit.camera.fx - truth.fx, fit.camera.fy - truth.fy, fit.camera.cx - truth.cx,
+      fit.camera.cy - truth.cy, fit.camera.distortion - truth.distortion;
+  for (int i = 0; i < 8; ++i) {
+    EXPECT_GT(fit.sigma[i], 0.0);
+    // Corners are found with a small bias of their own beside their noise: 4 sigmas, as said.
+    EXPECT_LT(std::abs(miss[i]), 4.0 * fit.sigma[i]) << i << " sigma " << fit.sigma[i];
+  }
+  EXPECT_EQ(fit.camera.distortion[4], 0.0);
+  EXPECT_LT(fit.sigma[2], 0.5);
+
+  const Eigen::Isometry3d place = pose(board, 360.0, 0.6, 0.1, 0.05, {5.0, 5.0});
+  const auto corners = find_chessboard(render(board, place, 99).view(), board);
+  ASSERT_TRUE(corners.has_value());
+  const PlaneFit plane = fit_plane(truth, *corners, board);
+  Vector3d n = place.linear().col(2);
+  n = n.dot(place.translation()) > 0.0 ? Vector3d(-n) : n;
+  const double tilt = std::acos(std::min(1.0, plane.n_cam.dot(n))) * 180.0 / std::numbers::pi;
+  EXPECT_LT(tilt, 4.0 * plane.tilt_sigma_deg) << plane.tilt_sigma_deg;
+  EXPECT_NEAR(plane.d_mm, -n.dot(place.translation()), 4.0 * plane.distance_sigma_mm);
+  EXPECT_LT(plane.distance_sigma_mm, 0.5);
+  EXPECT_LT(plane.tilt_sigma_deg, 0.3);
+  EXPECT_THROW((void)fit_plane(truth, std::span<const Vector2d>(*corners).first(10), board),
+               Error);
+  views.resize(2);
+  EXPECT_THROW((void)fit_camera(views, board, kWidth, kHeight), Error);
+}
+
+}  // namespace
+}  // namespace haarlight
