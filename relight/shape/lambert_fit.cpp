@@ -31,6 +31,18 @@ std::int32_t octave_part(double value) {
                                    19U);
 }
 
+double own_scales(RobustLoss loss) {
+  switch (loss) {
+    case RobustLoss::huber:
+      return 0.1;
+    case RobustLoss::cauchy:
+      return 0.5;
+    case RobustLoss::tukey:
+      return 3.0;
+  }
+  return 0.0;
+}
+
 }  // namespace
 
 std::string_view to_string(LambertMethod method) noexcept {
@@ -68,7 +80,7 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
       r_(n_lights),
       light_(static_cast<std::size_t>(n_lights)) {
   HAARLIGHT_EXPECTS(options.keep > 0.0 && options.keep <= 1.0 && options.dark_share >= 0.0 &&
-                        options.dark_share < 1.0 && options.loss_scales > 0.0,
+                        options.dark_share < 1.0 && options.loss_scales >= 0.0,
                     "shares within 0 to 1");
   sorted_.reserve(static_cast<std::size_t>(n_lights));
 }
@@ -196,7 +208,8 @@ void LambertFitter::trim(Vector3d& b) {
 }
 
 void LambertFitter::reweight(Vector3d& b) {
-  const double c = options_.loss_scales;
+  const double c =
+      options_.loss_scales > 0.0 ? options_.loss_scales : own_scales(options_.loss);
   for (int round = 0; round < options_.max_rounds; ++round) {
     residuals(b);
     const double scale = std::max(kSigmaOfMedian * select(r_, n_ / 2), kLeastScale * b.norm());

@@ -36,7 +36,9 @@ struct LambertOptions {
   double dark_level = 0.0;  ///< and samples at or below this value
   double keep = 0.6;        ///< trimmed: share of the samples that count
   RobustLoss loss = RobustLoss::tukey;
-  double loss_scales = 3.0;  ///< c; the scale is 1.4826 times the median |residual|
+  /// c; the scale is 1.4826 times the median |residual|. 0: huber 0.1, cauchy 0.5, tukey 3, by
+  /// rendered captures with highlights (docs/numerics/shape.md).
+  double loss_scales = 0.0;
   int max_rounds = 20;
 };
 

@@ -18,7 +18,7 @@ namespace {
 using testing::field;
 
 constexpr int kWidth = 150;
-constexpr int kHeight = 90;
+constexpr int kHeight = 40;
 constexpr double kWidthMm = 200.0;
 
 /// A square array of lights above the picture, as a rig has them.
@@ -136,7 +136,7 @@ TEST(NearFit, TheReferenceIsExactInEveryBasis) {
         std::pair{ReflectanceBasis::hsh, 9}, std::pair{ReflectanceBasis::hsh, 16}}) {
     NearFitOptions options = linear_options(NearSolve::exact, n);
     options.basis = basis;
-    for (const auto& [x, y] : {std::pair{0, 0}, std::pair{149, 89}, std::pair{80, 20}}) {
+    for (const auto& [x, y] : {std::pair{0, 0}, std::pair{149, 39}, std::pair{80, 20}}) {
       const Eigen::Vector3d point = geometry.points.at(x + 0.5, y + 0.5);
       Eigen::VectorXd values(3 * 49);
       for (std::size_t i = 0; i < 49; ++i) {
@@ -175,7 +175,7 @@ TEST(NearFit, FastLoopsAreTheReference) {
       options.transfer = transfer;
       options.ridge = 1e-4;
       const FitResult result = fit_near(*rows, geometry, options);
-      for (const auto& [x, y] : {std::pair{0, 0}, std::pair{149, 89}, std::pair{70, 33}}) {
+      for (const auto& [x, y] : {std::pair{0, 0}, std::pair{149, 39}, std::pair{70, 33}}) {
         Eigen::VectorXd values(3 * 64);
         for (int i = 0; i < 64; ++i) {
           for (int c = 0; c < 3; ++c) {
@@ -196,8 +196,8 @@ TEST(NearFit, FastLoopsAreTheReference) {
 }
 
 TEST(NearFit, InterpolatingBetweenFinePixelsLosesLittle) {
-  // 0.3 mm a pixel: knots are 19 mm apart, 0.064 of the lights' height.
-  const NearGeometry geometry = array_above(8, 300.0, 1.0, 45.0);
+  // 0.2 mm a pixel: knots are 13 mm apart, 0.043 of the lights' distance.
+  const NearGeometry geometry = array_above(8, 300.0, 1.0, 30.0);
   const auto rows =
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 9), Transfer::linear);
   NearFitOptions options = linear_options(NearSolve::exact);
@@ -229,7 +229,7 @@ TEST(NearFit, InterpolatingBetweenCoarsePixelsIsRefused) {
 }
 
 TEST(NearFit, DoesNotDependOnThreads) {
-  const NearGeometry geometry = array_above(4, 300.0, 1.0, 45.0);
+  const NearGeometry geometry = array_above(4, 300.0, 1.0, 30.0);
   const auto rows =
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 4), Transfer::linear);
   for (const NearSolve solve : {NearSolve::exact, NearSolve::interpolated}) {

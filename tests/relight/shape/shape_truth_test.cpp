@@ -123,7 +123,6 @@ TEST_F(RtiSynth, TheMEstimatorOnLinearLight) {
     LambertOptions fit;
     fit.method = LambertMethod::m_estimator;
     fit.loss = loss;
-    fit.loss_scales = loss == RobustLoss::tukey ? 3.0 : loss == RobustLoss::cauchy ? 0.5 : 0.1;
     static_cast<void>(measure(kSingle, true, fit));
     EXPECT_LE(measure(kMulti, true, fit).mean_deg, 10.4) << static_cast<int>(loss);
   }

@@ -1,4 +1,4 @@
-#include "relight/light/near_alternation.h"
+#include "relight/light/calibrate_with_shape.h"
 
 #include <algorithm>
 #include <cmath>
