@@ -80,7 +80,7 @@ OpenCapture open_session(const FitArguments& arguments, const CommonOptions& com
   options.transfer = is_linear ? Transfer::linear : Transfer::srgb;
   options.develop.memory_bytes = common.memory_bytes;
   capture.rows = session_rows(*capture.session, options);
-  capture.directions = capture_lights(*capture.session).directions;
+  capture.directions = picture_directions(*capture.session);
   return capture;
 }
 

@@ -27,6 +27,12 @@ double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
 
 namespace {
 
+/// From the world to x right, y up, z to the camera.
+Eigen::Matrix3d turn_of(const CameraModel& camera) {
+  const Eigen::Matrix3d world_from_cam = camera.world_from_cam.linear();
+  return Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal() * world_from_cam.transpose();
+}
+
 /// By `rig calibrate lights`; 1 where that was not done. A light it did not see stays at 1.
 double calibrated_power(const Rig& rig, const LightElement& element) {
   if (rig.measured == nullptr) {
@@ -68,6 +74,23 @@ CaptureLights capture_lights(const Session& session) {
   return lights;
 }
 
+std::vector<Eigen::Vector3d> picture_directions(const Rig& rig) {
+  if (rig.cameras.empty()) {
+    throw Error("the rig has no camera", rig.name, "add [[camera]] to the rig file");
+  }
+  const Eigen::Matrix3d turn = turn_of(rig.cameras.front().model);
+  std::vector<Eigen::Vector3d> directions;
+  for (const LightElement& element : light_elements(rig)) {
+    directions.emplace_back(turn * (element.centre - rig.object_centre).normalized());
+  }
+  return directions;
+}
+
+std::vector<Eigen::Vector3d> picture_directions(const Session& session) {
+  return session.rig().has_value() ? picture_directions(*session.rig())
+                                   : capture_lights(session).directions;
+}
+
 PixelPoints PixelPoints::orthographic(int width, int height, double width_mm) {
   HAARLIGHT_EXPECTS(width > 0 && height > 0 && width_mm > 0.0, "a picture with a width");
   PixelPoints points;
@@ -90,8 +113,7 @@ PixelPoints PixelPoints::on_plane(const CameraModel& camera, const Eigen::Vector
   points.camera_ = camera;
   points.n_ = n;
   points.d_ = d;
-  const Eigen::Matrix3d world_from_cam = camera.world_from_cam.linear();
-  points.turn_ = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal() * world_from_cam.transpose();
+  points.turn_ = turn_of(camera);
   return points;
 }
 

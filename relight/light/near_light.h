@@ -40,6 +40,12 @@ struct CaptureLights {
 /// A rig's elements with their lobes and measured powers, or an import's list.
 [[nodiscard]] CaptureLights capture_lights(const Session& session);
 
+/// CaptureLights::directions in the picture's frame (x right, y up, z to the camera), which is
+/// what pictures that are lit by direction count in; an import's are in it already.
+[[nodiscard]] std::vector<Eigen::Vector3d> picture_directions(const Session& session);
+/// Of a rig, as its first camera sees it.
+[[nodiscard]] std::vector<Eigen::Vector3d> picture_directions(const Rig& rig);
+
 /// Where each pixel sees the target's reference plane, and which way the picture lies.
 class PixelPoints {
  public:

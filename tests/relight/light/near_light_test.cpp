@@ -56,5 +56,28 @@ TEST(NearLight, CameraPixelsLieOnThePlane) {
   EXPECT_THROW(PixelPoints::on_plane(camera, Eigen::Vector3d::UnitZ(), -2000.0), Error);
 }
 
+/// A step towards a light moves in the picture the way its direction says.
+TEST(NearLight, PictureDirectionsAreAsTheCameraSeesThem) {
+  const Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");
+  const CameraModel& camera = rig.cameras.front().model;
+  const std::vector<Eigen::Vector3d> directions = picture_directions(rig);
+  ASSERT_EQ(directions.size(), 1024U);
+  const Eigen::Vector3d centre = rig.object_centre;
+  const Eigen::Vector2d from = project(camera, centre).value();
+  for (int k = 0; k < rig.n_lights(); k += 31) {
+    const Eigen::Vector3d& d = directions[static_cast<std::size_t>(k)];
+    EXPECT_NEAR(d.norm(), 1.0, 1e-12);
+    const Eigen::Vector3d to_light = (light_element(rig, k).centre - centre).normalized();
+    constexpr double kStepMm = 1e-3;
+    const Eigen::Vector2d to = project(camera, centre + kStepMm * to_light).value();
+    // The camera looks at the object's centre within some degrees, so a step along the view
+    // shows by that angle.
+    const Eigen::Vector2d seen = (to - from).cwiseProduct(Eigen::Vector2d(1.0, -1.0));
+    const double pixels_a_mm = camera.fx / (camera.centre_world() - centre).norm();
+    EXPECT_LT((seen / (kStepMm * pixels_a_mm) - d.head<2>()).norm(), 0.1) << k;
+    EXPECT_GT(d.z(), -0.2);
+  }
+}
+
 }  // namespace
 }  // namespace haarlight
