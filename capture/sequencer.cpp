@@ -1,6 +1,8 @@
 /// @file
 /// The sequencer: phases, requests of people, and the one step.
 
+#include "capture/sequencer.h"
+
 #include <algorithm>
 #include <cmath>
 #include <iterator>

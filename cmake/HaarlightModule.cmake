@@ -1,19 +1,21 @@
 # haarlight_add_module(NAME SOURCES a.cpp ... [HEADERS a.h ...] [PUBLIC_DEPS ...] [PRIVATE_DEPS ...])
 #   A library haarlight_NAME with alias haarlight::NAME. Sources are relative to the calling
-#   folder; headers default to the sources' names with .h, where they exist. Its headers are
-#   compiled alone by the target all_verify_interface_header_sets.
+#   folder. HEADERS: those without a source of their name, which the target
+#   all_verify_interface_header_sets compiles alone; the others stand first in their source.
 #
-# haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...] [NO_TSAN] [TOGETHER])
+# haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...]
+#                    [SLOW Suite.Test ...] [NO_TSAN] [TOGETHER])
 #   A GoogleTest program NAME whose tests ctest finds. Labels: unit (default), golden, property,
-#   slow (release build only), soak (./check --full only). NO_TSAN: no thread of its own
+#   slow (release build only), soak (./check --full only). SLOW: those of a unit program's tests
+#   that count as slow all the same (GoogleTest patterns). NO_TSAN: no thread of its own
 #   beyond core/parallel.h's loops; left out of the tsan build. TOGETHER: one test for ctest,
 #   where the program's tests share what is dear to make.
 #
 # haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
-#   With clang and HAARLIGHT_FUZZ a libFuzzer program; in every other build a program that replays
-#   the corpus, registered as a test.
+#   With HAARLIGHT_FUZZ a libFuzzer program, and a test that runs it over the corpus once; in other
+#   builds nothing.
 #
-# The targets unit_tests and slow_tests build what the labels ask for; fuzzers, the fuzzers.
+# The targets unit_tests and slow_tests build what the labels ask for.
 
 include(GoogleTest)
 add_custom_target(unit_tests)
@@ -24,23 +26,29 @@ function(haarlight_add_module)
   set(target haarlight_${ARG_NAME})
   add_library(${target} STATIC ${ARG_SOURCES})
   add_library(haarlight::${ARG_NAME} ALIAS ${target})
-  set(headers ${ARG_HEADERS})
-  foreach(source IN LISTS ARG_SOURCES)
-    string(REGEX REPLACE "\\.cpp$" ".h" header ${source})
-    if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/${header})
-      list(APPEND headers ${header})
-    endif()
-  endforeach()
-  list(REMOVE_DUPLICATES headers)
   target_sources(${target} PUBLIC FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR}
-                                  FILES ${headers})
+                                  FILES ${ARG_HEADERS})
   target_include_directories(${target} PUBLIC ${PROJECT_SOURCE_DIR})
   target_link_libraries(${target} PUBLIC ${ARG_PUBLIC_DEPS} PRIVATE haarlight::warnings
                                          ${ARG_PRIVATE_DEPS})
 endfunction()
 
+# Of haarlight_add_test's program those tests that FILTER names.
+macro(haarlight_register_tests FILTER LABELS SUFFIX)
+  if(ARG_TOGETHER)
+    add_test(NAME ${ARG_NAME}${SUFFIX} COMMAND ${ARG_NAME} --gtest_filter=${FILTER}
+             WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
+    set_tests_properties(${ARG_NAME}${SUFFIX} PROPERTIES LABELS "${LABELS}" TIMEOUT 600)
+  else()
+    gtest_discover_tests(${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
+                         TEST_FILTER "${FILTER}" TEST_LIST ${ARG_NAME}${SUFFIX}
+                         DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
+                         PROPERTIES LABELS "${LABELS}" TIMEOUT 600)
+  endif()
+endmacro()
+
 function(haarlight_add_test)
-  cmake_parse_arguments(ARG "NO_TSAN;TOGETHER" "NAME" "SOURCES;DEPS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "NO_TSAN;TOGETHER" "NAME" "SOURCES;DEPS;LABELS;SLOW" ${ARGN})
   if(HAARLIGHT_TSAN AND ARG_NO_TSAN)
     return()
   endif()
@@ -54,13 +62,11 @@ function(haarlight_add_test)
   if(NOT ARG_LABELS)
     set(ARG_LABELS unit)
   endif()
-  if(ARG_TOGETHER)
-    add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
-    set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
-  else()
-    gtest_discover_tests(${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
-                         DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
-                         PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT 600)
+  string(JOIN ":" slow ${ARG_SLOW})
+  haarlight_register_tests("-${slow}" "${ARG_LABELS}" "")
+  if(ARG_SLOW)
+    haarlight_register_tests("${slow}" slow .slow)
+    add_dependencies(slow_tests ${ARG_NAME})
   endif()
   if("slow" IN_LIST ARG_LABELS OR "soak" IN_LIST ARG_LABELS)
     add_dependencies(slow_tests ${ARG_NAME})
@@ -71,20 +77,14 @@ endfunction()
 
 function(haarlight_add_fuzzer)
   cmake_parse_arguments(ARG "" "NAME;CORPUS" "SOURCES;DEPS" ${ARGN})
-  if(HAARLIGHT_FUZZ)
-    add_executable(${ARG_NAME} ${ARG_SOURCES})
-    if(NOT TARGET fuzzers)
-      add_custom_target(fuzzers)
-    endif()
-    add_dependencies(fuzzers ${ARG_NAME})
-    target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
-  elseif(HAARLIGHT_TSAN)
-    return()  # one thread: nothing for ThreadSanitizer
-  else()
-    add_executable(${ARG_NAME} ${ARG_SOURCES} ${PROJECT_SOURCE_DIR}/tests/fuzz/replay_main.cpp)
-    add_test(NAME ${ARG_NAME}.corpus COMMAND ${ARG_NAME} ${CMAKE_CURRENT_SOURCE_DIR}/${ARG_CORPUS})
-    set_tests_properties(${ARG_NAME}.corpus PROPERTIES LABELS unit)
-    add_dependencies(unit_tests ${ARG_NAME})
+  if(NOT HAARLIGHT_FUZZ)
+    return()
   endif()
+  add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings)
+  target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
+  add_test(NAME ${ARG_NAME}.corpus
+           COMMAND ${ARG_NAME} -runs=0 ${CMAKE_CURRENT_SOURCE_DIR}/${ARG_CORPUS})
+  set_tests_properties(${ARG_NAME}.corpus PROPERTIES LABELS unit)
+  add_dependencies(unit_tests ${ARG_NAME})
 endfunction()

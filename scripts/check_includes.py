@@ -2,7 +2,8 @@
 """Holds the includes to the plan of the house (docs/architecture.md).
 
 Every room may include its own files and those of the rooms listed for it. Third-party headers that
-are slow or that would leak a device's types stay inside .cpp files.
+are slow or that would leak a device's types stay inside .cpp files. A source includes the header of
+its own name first: so each build shows that the header stands alone.
 """
 
 import pathlib
@@ -65,11 +66,14 @@ def problems_of(path: pathlib.Path) -> list[str]:
     room = name.split("/")[0]
     allowed = ROOMS[room]
     found = []
+    own = path.with_suffix(".h").relative_to(ROOT).as_posix()
+    first = None
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         match = INCLUDE.match(line)
         if not match:
             continue
         quote, header = match.groups()
+        first = first or header
         target = header.split("/")[0]
         if quote == '"' and target not in ROOMS:
             found.append(f"{name}:{number}: \"{header}\" is not written from the root")
@@ -83,6 +87,8 @@ def problems_of(path: pathlib.Path) -> list[str]:
                 found.append(f"{name}:{number}: <{header}> belongs in a .cpp file")
             elif files is not None and name not in files:
                 found.append(f"{name}:{number}: only {', '.join(files)} may include <{header}>")
+    if path.suffix == ".cpp" and (ROOT / own).exists() and first != own:
+        found.append(f"{name}: its first include is not \"{own}\"")
     return found
 
 

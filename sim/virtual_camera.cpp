@@ -308,7 +308,8 @@ void VirtualCamera::read_out(const Exposure& exposure, std::uint64_t noise_key,
         if (electrons >= kPoissonLimit || electrons == 0.0F) {
           electrons += std::sqrt(electrons + read2) * z;
         } else {
-          electrons = static_cast<float>(poisson(electrons, hash_key(noise_key, ~x, y + 1U))) +
+          electrons = static_cast<float>(poisson(
+                          electrons, hash_key(noise_key, ~x, static_cast<unsigned>(y) + 1U))) +
                       read * z;
         }
       }

@@ -110,7 +110,7 @@ class Fourier {
 /// Two rows at a time, as real and imaginary part.
 class RowPair {
  public:
-  explicit RowPair(int n) : n_(n), fourier_(n), v_(static_cast<std::size_t>(n)) {
+  explicit RowPair(int n) : fourier_(n), v_(static_cast<std::size_t>(n)) {
     for (int k = 0; k < n; ++k) {
       turn_.push_back(root_of_unity(k, 2 * n));
     }
@@ -166,7 +166,6 @@ class RowPair {
   }
 
  private:
-  int n_;
   Fourier fourier_;
   std::vector<Complex> v_;
   std::vector<Complex> turn_;  ///< exp(-i pi k / 2 n)

@@ -15,8 +15,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr std::size_t kRowsATask = 16;
-
 Image<float> turned(ImageView<const float> normals, const Eigen::Matrix3d& turn) {
   Image<float> out(normals.height(), normals.width(), 3);
   for (int y = 0; y < normals.height(); ++y) {

@@ -333,7 +333,9 @@ namespace shim = haarlight::shim;
 // The C library's own declarations carry attributes and variadic forms; these stand beside
 // them.
 #pragma GCC diagnostic ignored "-Wattributes"
+#if !defined(__clang__)
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
 
 extern "C" {
 
