@@ -230,32 +230,28 @@ class Handlers {
   }
 
   [[nodiscard]] HttpResponse shot(const HttpRequest& request) const {
-    const auto folder = folder_of(request);
-    const auto shot = whole_number(request.captures.at("shot"));
-    const auto file = folder && shot ? newest_frame(*folder, *shot) : std::nullopt;
-    if (!file) {
-      return missing("no frame of this shot yet",
-                     "GET /v1/sessions/ID/shots lists their states");
+    const auto found = frame_of(request);
+    if (!found) {
+      return no_frame_yet();
     }
-    const MappedFile mapped(*file);
-    const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file->string());
+    const auto& [folder, file] = *found;
+    const MappedFile mapped(file);
+    const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file.string());
     const FrameDescription description =
-        frame_description_from_json(header.description, file->string());
+        frame_description_from_json(header.description, file.string());
     return json_response({{"shot", description.shot},
                           {"attempt", description.attempt},
-                          {"file", fs::relative(*file, *folder).string()},
+                          {"file", fs::relative(file, folder).string()},
                           {"evidence", Json::parse(evidence_to_json(description.evidence))}});
   }
 
   [[nodiscard]] HttpResponse shot_preview(const HttpRequest& request) const {
-    const auto folder = folder_of(request);
-    const auto shot = whole_number(request.captures.at("shot"));
-    const auto file = folder && shot ? newest_frame(*folder, *shot) : std::nullopt;
-    if (!file) {
-      return missing("no frame of this shot yet",
-                     "GET /v1/sessions/ID/shots lists their states");
+    const auto found = frame_of(request);
+    if (!found) {
+      return no_frame_yet();
     }
-    return {.content_type = "image/jpeg", .body = frame_preview(*file, info_of(*folder).form)};
+    return {.content_type = "image/jpeg",
+            .body = frame_preview(found->file, info_of(found->folder).form)};
   }
 
   [[nodiscard]] HttpResponse live_preview() const {
@@ -348,6 +344,23 @@ class Handlers {
   }
 
  private:
+  struct ShotFrame {
+    fs::path folder;  ///< of its session
+    fs::path file;
+  };
+  /// The newest frame of the shot that is asked for.
+  [[nodiscard]] std::optional<ShotFrame> frame_of(const HttpRequest& request) const {
+    const auto folder = folder_of(request);
+    const auto shot = whole_number(request.captures.at("shot"));
+    auto file = folder && shot ? newest_frame(*folder, *shot) : std::nullopt;
+    if (!file) {
+      return std::nullopt;
+    }
+    return ShotFrame{*folder, *std::move(file)};
+  }
+  static HttpResponse no_frame_yet() {
+    return missing("no frame of this shot yet", "GET /v1/sessions/ID/shots lists their states");
+  }
   [[nodiscard]] std::optional<fs::path> folder_of(const HttpRequest& request) const {
     const std::string& id = request.captures.at("id");
     std::error_code ignored;

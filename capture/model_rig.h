@@ -145,6 +145,7 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   void queue_job(std::function<void()> work);
   void start_job();
   void end_job(std::optional<EventBody> answer);
+  void fail_job(std::uint64_t job, Errc code, const char* what);
   void light_job(std::uint64_t job, std::uint32_t tag, std::optional<ConfirmRequest> confirm);
   void show(std::uint64_t job, std::uint32_t tag);
   void change_light(std::uint32_t tag, std::int64_t delay_ns);

@@ -77,16 +77,18 @@ void ModelRig::reboot() {
   bus_back_ns_ = now_ns_ + some_ns(800'000.0);
 }
 
+/// Nobody answers: the fault comes after the time that waiting takes.
+void ModelRig::fail_job(std::uint64_t job, Errc code, const char* what) {
+  at(now_ns_ + kNoAnswerNs, [this, job, code, what] {
+    end_job(event::LightFault{job, code, what});
+  });
+}
+
 /// Confirm, then latch; every bus exchange takes time and may go wrong.
 void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
                          std::optional<ConfirmRequest> confirm) {
-  const auto fault = [this, job](Errc code, const char* what) {
-    at(now_ns_ + kNoAnswerNs, [this, job, code, what] {
-      end_job(event::LightFault{job, code, what});
-    });
-  };
   if (now_ns_ < bus_back_ns_ || !is_connected_) {
-    fault(Errc::device_gone, "connection reset");
+    fail_job(job, Errc::device_gone, "connection reset");
     return;
   }
   if (!confirm) {
@@ -94,7 +96,7 @@ void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
     return;
   }
   if (happens(config_.faults.light_timeout)) {
-    fault(Errc::timeout, "status: no answer");
+    fail_job(job, Errc::timeout, "status: no answer");
     return;
   }
   const std::int64_t request_ns = now_ns_;
@@ -106,7 +108,7 @@ void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
     const bool is_up = is_connected_;
     at(answer_ns, [=, this] {
       if (!is_up) {
-        fault(Errc::device_gone, "status: connection reset");
+        fail_job(job, Errc::device_gone, "status: connection reset");
         return;
       }
       send(event::LightConfirmed{confirm->frame, request_ns, shown, boot, temperature_c()});
@@ -196,13 +198,8 @@ void ModelRig::upload(const action::UploadTable& table) {
 
 void ModelRig::arm(const action::ArmBlock& block) {
   const std::uint64_t job = block.job;
-  const auto fault = [this, job](Errc code, const char* what) {
-    at(now_ns_ + kNoAnswerNs, [this, job, code, what] {
-      end_job(event::LightFault{job, code, what});
-    });
-  };
   if (now_ns_ < bus_back_ns_ || !is_connected_) {
-    fault(Errc::device_gone, "connection reset");
+    fail_job(job, Errc::device_gone, "connection reset");
     return;
   }
   const bool is_lost = happens(config_.faults.light_timeout);
@@ -222,7 +219,7 @@ void ModelRig::arm(const action::ArmBlock& block) {
       n_strobes_ = 0;
     }
     if (!is_connected_ || is_lost || end > table_.size()) {
-      fault(is_connected_ ? Errc::timeout : Errc::device_gone, "arming: no answer");
+      fail_job(job, is_connected_ ? Errc::timeout : Errc::device_gone, "arming: no answer");
       return;
     }
     at(ack_ns, [=, this] {

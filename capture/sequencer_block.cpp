@@ -175,6 +175,20 @@ void Stepper::on(const event::TableUploaded& e) {
   arm_block();
 }
 
+void Stepper::take_pending(int n_most) {
+  SequencerState::Block& b = s_.block;
+  for (; n_most > 0 && !s_.pending.empty(); --n_most) {
+    const auto next = static_cast<std::size_t>(b.first) + static_cast<std::size_t>(b.n_armed);
+    if (s_.pending.front() != b.table[next]) {
+      return;
+    }
+    shot_state(s_.pending.front()) = ShotState::exposing;
+    b.shots.push_back(s_.pending.front());
+    s_.pending.pop_front();
+    ++b.n_armed;
+  }
+}
+
 void Stepper::arm_block() {
   SequencerState::Block& b = s_.block;
   if (b.step != SequencerState::Block::Step::exposing || !s_.is_exposure_seen) {
@@ -183,15 +197,7 @@ void Stepper::arm_block() {
   const int n_left = static_cast<int>(b.table.size()) - b.first;
   b.n_armed = 0;
   b.shots.clear();
-  const int most = std::clamp(block_credit(), 1, n_left);
-  while (b.n_armed < most && !s_.pending.empty() &&
-         s_.pending.front() ==
-             b.table[static_cast<std::size_t>(b.first) + static_cast<std::size_t>(b.n_armed)]) {
-    shot_state(s_.pending.front()) = ShotState::exposing;
-    b.shots.push_back(s_.pending.front());
-    s_.pending.pop_front();
-    ++b.n_armed;
-  }
+  take_pending(std::clamp(block_credit(), 1, n_left));
   if (b.n_armed == 0) {  // something else was put before it meanwhile
     b.step = SequencerState::Block::Step::none;
     advance_block();
@@ -230,22 +236,14 @@ void Stepper::extend_block() {
     return;
   }
   const int n_left = static_cast<int>(b.table.size()) - b.first - b.n_armed;
-  int n_more = std::min(block_credit(), n_left);
+  const int n_more = std::min(block_credit(), n_left);
   // Few exchanges, but never so few that the table runs dry.
   const bool is_near_end = b.n_armed - static_cast<int>(b.counter) <= 2;
   if (n_more < 1 || (n_more < std::min(4, n_left) && !is_near_end)) {
     return;
   }
   const int before = b.n_armed;
-  while (n_more > 0 && !s_.pending.empty() &&
-         s_.pending.front() ==
-             b.table[static_cast<std::size_t>(b.first) + static_cast<std::size_t>(b.n_armed)]) {
-    shot_state(s_.pending.front()) = ShotState::exposing;
-    b.shots.push_back(s_.pending.front());
-    s_.pending.pop_front();
-    ++b.n_armed;
-    --n_more;
-  }
+  take_pending(n_more);
   b.is_decided.resize(static_cast<std::size_t>(b.n_armed), false);
   if (b.n_armed > before) {
     out_.emplace_back(action::ExtendBlock{b.job, b.n_armed});

@@ -161,6 +161,8 @@ class Stepper {
   void begin_block();
   void upload_block(int n_shots);
   void arm_block();
+  /// Takes up to `n_most` pending shots, as long as they are the table's next.
+  void take_pending(int n_most);
   void extend_block();
   void take_block_frame(const event::FrameArrived& e);
   /// Decides every frame whose readings are there; ends a block that is over.

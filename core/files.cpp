@@ -1,5 +1,6 @@
 #include "core/files.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -37,6 +38,46 @@ void write_all(int fd, std::span<const std::byte> bytes, const std::filesystem::
   }
 }
 
+struct OpenFile {
+  Fd fd;
+  std::size_t size = 0;
+};
+
+OpenFile open_file(const std::filesystem::path& path) {
+  Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat info {};
+  if (!fd.is_open() || ::fstat(fd.get(), &info) != 0) {
+    throw Error(fmt::format("cannot open: {}", std::strerror(errno)), path.string(),
+                "check the name and its rights");
+  }
+  if (!S_ISREG(info.st_mode)) {
+    throw Error("not a file", path.string(), "name a file");
+  }
+  return {std::move(fd), static_cast<std::size_t>(info.st_size)};
+}
+
+/// The first `n_bytes`, fewer where the file has shrunk since it was opened.
+std::string read_bytes(const OpenFile& file, std::size_t n_bytes,
+                       const std::filesystem::path& path) {
+  std::string text(n_bytes, '\0');
+  std::size_t done = 0;
+  while (done < text.size()) {
+    const ssize_t n = ::read(file.fd.get(), text.data() + done, text.size() - done);
+    if (n < 0 && errno == EINTR) {
+      continue;
+    }
+    if (n < 0) {
+      throw_io("read", path, errno);
+    }
+    if (n == 0) {
+      break;
+    }
+    done += static_cast<std::size_t>(n);
+  }
+  text.resize(done);
+  return text;
+}
+
 std::filesystem::path folder_of(const std::filesystem::path& path) {
   return path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
 }
@@ -51,20 +92,12 @@ void Fd::reset(int fd) noexcept {
 }
 
 MappedFile::MappedFile(const std::filesystem::path& path) {
-  const Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  struct stat info {};
-  if (!fd.is_open() || ::fstat(fd.get(), &info) != 0) {
-    throw Error(fmt::format("cannot open: {}", std::strerror(errno)), path.string(),
-                "check the name and its rights");
-  }
-  if (!S_ISREG(info.st_mode)) {
-    throw Error("not a file", path.string(), "name a file");
-  }
-  size_ = static_cast<std::size_t>(info.st_size);
+  const OpenFile file = open_file(path);
+  size_ = file.size;
   if (size_ == 0) {
     return;
   }
-  void* mapped = ::mmap(nullptr, size_, PROT_READ, MAP_SHARED, fd.get(), 0);
+  void* mapped = ::mmap(nullptr, size_, PROT_READ, MAP_SHARED, file.fd.get(), 0);
   if (mapped == MAP_FAILED) {
     const int error = errno;
     size_ = 0;
@@ -101,37 +134,17 @@ void drop_pages(std::span<const std::byte> mapped) noexcept {
 }
 
 std::string read_file(const std::filesystem::path& path, std::uintmax_t max_bytes) {
-  const Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  struct stat info {};
-  if (!fd.is_open() || ::fstat(fd.get(), &info) != 0) {
-    throw Error(fmt::format("cannot open: {}", std::strerror(errno)), path.string(),
-                "check the name and its rights");
+  const OpenFile file = open_file(path);
+  if (std::uintmax_t{file.size} > max_bytes) {
+    throw Error(fmt::format("{} bytes, more than the {} expected here", file.size, max_bytes),
+                path.string(), "is this the right file?");
   }
-  if (!S_ISREG(info.st_mode)) {
-    throw Error("not a file", path.string(), "name a file");
-  }
-  if (static_cast<std::uintmax_t>(info.st_size) > max_bytes) {
-    throw Error(
-        fmt::format("{} bytes, more than the {} expected here", info.st_size, max_bytes),
-        path.string(), "is this the right file?");
-  }
-  std::string text(static_cast<std::size_t>(info.st_size), '\0');
-  std::size_t done = 0;
-  while (done < text.size()) {
-    const ssize_t n = ::read(fd.get(), text.data() + done, text.size() - done);
-    if (n < 0 && errno == EINTR) {
-      continue;
-    }
-    if (n < 0) {
-      throw_io("read", path, errno);
-    }
-    if (n == 0) {
-      break;
-    }
-    done += static_cast<std::size_t>(n);
-  }
-  text.resize(done);
-  return text;
+  return read_bytes(file, file.size, path);
+}
+
+std::string read_head(const std::filesystem::path& path, std::size_t n_bytes) {
+  const OpenFile file = open_file(path);
+  return read_bytes(file, std::min(file.size, n_bytes), path);
 }
 
 PendingFile::PendingFile(std::filesystem::path path) : path_(std::move(path)) {

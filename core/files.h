@@ -71,6 +71,10 @@ void drop_pages(std::span<const std::byte> mapped) noexcept;
 [[nodiscard]] std::string read_file(const std::filesystem::path& path,
                                     std::uintmax_t max_bytes = std::uintmax_t{1} << 31U);
 
+/// The first bytes of a file: `n_bytes`, or all of a shorter one.
+/// @throws Error  missing, unreadable
+[[nodiscard]] std::string read_head(const std::filesystem::path& path, std::size_t n_bytes);
+
 /// Writes to a temporary name beside `path`, syncs, renames, syncs the folder.
 /// @throws Error(io)  naming the step that failed; the temporary file is removed
 void write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes);

@@ -64,17 +64,14 @@ Result<void> ProfileLightArray::resynchronise() {
     if (auto ok = write(value, "setting it up"); !ok) {
       return ok;
     }
-    const bool is_bit =
-        value.write == WriteFunction::coil || value.write == WriteFunction::coils;
-    const auto got =
-        read(is_bit ? CheckFunction::coils : CheckFunction::holding, value.address, 1);
+    const auto got = read_back(value);
     if (!got) {
       return tl::unexpected<Fault>(got.error());
     }
-    if (got->front() != value.value) {
+    if (*got != value.value) {
       return link_.lose(Fault{Errc::protocol,
                               fmt::format("{}: address {} was set to {} and reads {}", name(),
-                                          value.address, value.value, got->front()),
+                                          value.address, value.value, *got),
                               0, __FILE__, __LINE__});
     }
   }
@@ -160,6 +157,16 @@ Result<ProfileLightArray::Values> ProfileLightArray::read(CheckFunction function
     }
   }
   return values;
+}
+
+Result<std::uint16_t> ProfileLightArray::read_back(const ProfileValue& value) {
+  const bool is_bit = value.write == WriteFunction::coil || value.write == WriteFunction::coils;
+  const auto got =
+      read(is_bit ? CheckFunction::coils : CheckFunction::holding, value.address, 1);
+  if (!got) {
+    return tl::unexpected<Fault>(got.error());
+  }
+  return got->front();
 }
 
 Result<void> ProfileLightArray::write_channels(const Values& wanted) {
@@ -248,17 +255,14 @@ Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t 
     if (!value.is_kept) {
       continue;
     }
-    const bool is_bit =
-        value.write == WriteFunction::coil || value.write == WriteFunction::coils;
-    const auto got =
-        read(is_bit ? CheckFunction::coils : CheckFunction::holding, value.address, 1);
+    const auto got = read_back(value);
     if (!got) {
       return tl::unexpected<Fault>(got.error());
     }
-    if (got->front() != value.value) {
+    if (*got != value.value) {
       link_.on(LinkEvent::doubt);
       return fail(Errc::protocol, fmt::format("{}: the latch reads {}, expected {}", name(),
-                                              got->front(), value.value));
+                                              *got, value.value));
     }
   }
   held_ = wanted;

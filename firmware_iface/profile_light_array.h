@@ -54,6 +54,8 @@ class ProfileLightArray final : public LightArray {
   [[nodiscard]] Result<void> demand(Result<registers::Exception> answer, const char* operation);
   [[nodiscard]] Result<void> write(const ProfileValue& value, const char* operation);
   [[nodiscard]] Result<Values> read(CheckFunction function, std::uint16_t first, std::size_t n);
+  /// What stands where `value` was written.
+  [[nodiscard]] Result<std::uint16_t> read_back(const ProfileValue& value);
   [[nodiscard]] Result<void> write_channels(const Values& wanted);
   /// Compares what the channels hold with `wanted`.
   [[nodiscard]] Result<void> confirm(const Values& wanted);

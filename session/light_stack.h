@@ -2,8 +2,10 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/files.h"
 #include "core/image.h"
@@ -42,8 +44,10 @@ class LightStack {
   void check() const;
 
   /// One light's picture gathered from all bands, (height, width, channels). O(size of the
-  /// stack).
+  /// stack): for many lights use for_each_light_image().
   [[nodiscard]] Image<float> light_image(int k) const;
+  /// Those of lights [first, first + n) in one pass over the stack.
+  [[nodiscard]] std::vector<Image<float>> light_images(int first, int n) const;
 
  private:
   LightStack(std::filesystem::path path, const StackShape& shape, MappedFile file);
@@ -53,6 +57,11 @@ class LightStack {
   MappedFile file_;
   std::uint64_t data_offset_ = 0;
 };
+
+/// Calls visit(k, picture) for every light in order. As many pictures as `memory_bytes` hold
+/// (one at least) are gathered in one pass over the stack.
+void for_each_light_image(const LightStack& stack, std::uint64_t memory_bytes,
+                          const std::function<void(int, const Image<float>&)>& visit);
 
 /// Writes a stack band by band, in order; the file appears in `finish()`.
 class LightStackWriter {

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -86,9 +87,7 @@ void open_session(const BasesArguments& arguments, const CommonOptions& common,
   DevelopOptions options;
   options.memory_bytes = common.memory_bytes;
   options.progress = common.progress();
-  if (!arguments.transfer.empty()) {
-    options.unknown_as = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
-  }
+  options.unknown_as = transfer_asked(arguments.transfer);
   capture.session = Session::open(arguments.input);
   const SessionInfo& info = capture.session->info();
   options.plate = sharing_plate(*capture.session, PlateChoice::parse(arguments.plate));
@@ -295,10 +294,7 @@ void add_bases(Command root, Invocation& invocation) {
               {.bounds = Bounds{0.0, 40.0}, .shows_default = true});
   verb.option("--pca-rank", &arguments->pca_rank, "The most vectors of PCA that are tried",
               {.bounds = Bounds{1.0, 4096.0}, .shows_default = true});
-  verb.option(
-      "--transfer", &arguments->transfer,
-      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
-      {.choices = {"srgb", "linear"}});
+  add_transfer_option(verb, arguments->transfer);
   verb.footer(
       "What the columns mean: docs/numerics/bases.md.\n"
       "Examples:\n"

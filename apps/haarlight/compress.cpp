@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/ranks.h"
@@ -63,9 +64,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   if (arguments.worst_pixel) {
     options.worst_pixel = *arguments.worst_pixel;
   }
-  if (!arguments.transfer.empty()) {
-    options.unknown_as = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
-  }
+  options.unknown_as = transfer_asked(arguments.transfer);
   options.basis = arguments.basis == "haar" ? BasisKind::haar : BasisKind::direct;
   options.memory_bytes = common.memory_bytes;
   options.rank = {ranks.i(), ranks.n(), [&ranks] { ranks.wait_for_all(); }};
@@ -161,10 +160,7 @@ void add_compress(Command root, Invocation& invocation) {
   verb.option("--basis", &arguments->basis,
               "haar: lights in square grids of 2, 4, 8, ... a side; direct: any lights",
               {.choices = {"haar", "direct"}, .shows_default = true});
-  verb.option(
-      "--transfer", &arguments->transfer,
-      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
-      {.choices = {"srgb", "linear"}});
+  add_transfer_option(verb, arguments->transfer);
   verb.footer(
       "Killed, it goes on where it was when the same command is given again.\n\n"
       "Examples:\n"

@@ -4,11 +4,10 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/display_exposure.h"
+#include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "relight/basis/compress_session.h"
 #include "relight/shape/corrected_light.h"
 #include "session/develop.h"
 #include "session/light_file.h"
@@ -24,8 +23,7 @@ struct CorrectArguments {
   std::string out;
   std::string fall_off = "plane";
   std::string transfer;
-  double width_mm = 0.0;
-  double height_mm = 0.0;
+  PlaneArguments plane;
 };
 
 ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& common,
@@ -39,15 +37,10 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
     throw Error("only the lights' directions are known: fall-off needs their places",
                 arguments.session, "import the capture with positions (--places positions)");
   }
-  const PixelPoints pixels = pixel_points(session, arguments.width_mm, arguments.height_mm);
-  DevelopOptions options;
-  options.memory_bytes = common.memory_bytes;
-  options.progress = common.progress();
-  options.plate = sharing_plate(session, {});
-  if (!arguments.transfer.empty()) {
-    options.unknown_as = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
-  }
-  const LightStack stack = develop(session, options);
+  const PixelPoints pixels =
+      pixel_points(session, arguments.plane.width_mm, arguments.plane.height_mm);
+  const LightStack stack =
+      develop(session, develop_options(session, common, arguments.transfer));
   const StackShape& shape = stack.shape();
   const LightCorrection correction(
       lights.near, pixels, shape.width, shape.height, pixels.plane_normal(),
@@ -55,25 +48,22 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
   const fs::path folder = arguments.out;
   fs::create_directories(folder / "fall-off");
   std::vector<std::string> names;
-  std::vector<Eigen::Vector3d> directions;
   double least = 1.0;
   std::uint64_t bytes = 0;
   Progress progress("correct", static_cast<std::size_t>(shape.n_lights), common.progress());
-  for (int k = 0; k < shape.n_lights; ++k) {
+  for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const std::string name = fmt::format("light_{:04}.exr", k);
     const Image<float> map = correction.attenuation(k);
     for (const float value : map.pixels()) {
       least = std::min(least, double{value});
     }
     write_image(folder / "fall-off" / name, map.view());
-    write_image(folder / name, correction.corrected(stack.light_image(k).view(), k).view());
+    write_image(folder / name, correction.corrected(picture.view(), k).view());
     bytes += fs::file_size(folder / name) + fs::file_size(folder / "fall-off" / name);
     names.push_back(name);
-    directions.emplace_back(pixels.picture_from_world() *
-                            lights.directions[static_cast<std::size_t>(k)]);
     progress.advance();
-  }
-  write_file_atomically(folder / "lights.lp", format_lp(directions, names));
+  });
+  write_file_atomically(folder / "lights.lp", format_lp(picture_directions(session), names));
   report.add_reached("lights", std::int64_t{shape.n_lights});
   report.add_reached("least_fall_off", least);
   report.set_bytes(bytes);
@@ -95,16 +85,8 @@ void add_correct(Command root, Invocation& invocation) {
               "plane: distance, lobe and the reference plane's shading, so that a flat target "
               "comes out even; distance: without the shading",
               {.choices = {"plane", "distance"}, .shows_default = true});
-  verb.option("--width-mm", &arguments->width_mm,
-              "What the picture shows across, for an imported capture",
-              {.type = "MM", .bounds = Bounds{0.0, 1e6}});
-  verb.option("--height-mm", &arguments->height_mm,
-              "Mean height of the object above the rig's plane",
-              {.type = "MM", .bounds = Bounds{-1e5, 1e5}});
-  verb.option(
-      "--transfer", &arguments->transfer,
-      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
-      {.choices = {"srgb", "linear"}});
+  add_plane_options(verb, arguments->plane);
+  add_transfer_option(verb, arguments->transfer);
   verb.footer(
       "Writes light_0000.exr ... (linear), lights.lp with their directions, and in fall-off/ "
       "each light's\nattenuation, 1 in the middle. `haarlight import` reads the folder "

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -40,16 +41,17 @@ struct DevelopArguments {
 
 /// One EXR a light; with standard errors light_0000.error.exr beside it.
 std::uint64_t write_pictures(const LightStack& stack, const std::string& ending,
-                             const fs::path& folder, ProgressStyle style) {
+                             const fs::path& folder, const CommonOptions& common) {
   fs::create_directories(folder);
-  Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights), style);
+  Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights),
+                    common.progress());
   std::uint64_t bytes = 0;
-  for (int k = 0; k < stack.shape().n_lights; ++k) {
+  for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const fs::path file = folder / fmt::format("light_{:04}{}.exr", k, ending);
-    write_image(file, stack.light_image(k).view());
+    write_image(file, picture.view());
     bytes += fs::file_size(file);
     progress.advance();
-  }
+  });
   return bytes;
 }
 
@@ -63,9 +65,7 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   options.progress = common.progress();
   options.use_cache = !common.force;
   options.cache_folder = arguments.cache;
-  if (!arguments.transfer.empty()) {
-    options.unknown_as = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
-  }
+  options.unknown_as = transfer_asked(arguments.transfer);
   if (arguments.demosaic != "bilinear") {
     options.demosaic = arguments.demosaic == "none" ? Demosaic::none : Demosaic::edge_aware;
   }
@@ -99,10 +99,9 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   report.add_reached("bands", std::int64_t{shape.n_bands()});
   if (!arguments.exr.empty()) {
     require_absent(arguments.exr, common.force);
-    bytes += write_pictures(stack, "", arguments.exr, options.progress);
+    bytes += write_pictures(stack, "", arguments.exr, common);
     if (developed.standard_error) {
-      bytes +=
-          write_pictures(*developed.standard_error, ".error", arguments.exr, options.progress);
+      bytes += write_pictures(*developed.standard_error, ".error", arguments.exr, common);
     }
   }
   report.add_reached("saturated_in_all", static_cast<std::int64_t>(developed.n_saturated));
@@ -137,10 +136,7 @@ void add_develop(Command root, Invocation& invocation) {
   verb.option("--cache", &arguments->cache,
               "Keep the result here instead of SESSION/cache (a read-only session)",
               {.type = "DIR"});
-  verb.option(
-      "--transfer", &arguments->transfer,
-      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
-      {.choices = {"srgb", "linear"}});
+  add_transfer_option(verb, arguments->transfer);
   verb.option(
       "--plate", &arguments->plate,
       "Captures of several lights at once: the clean plate that shares their light out, "

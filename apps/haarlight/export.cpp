@@ -7,13 +7,13 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/verb.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/log.h"
-#include "relight/basis/compress_session.h"
 #include "session/develop.h"
 
 namespace haarlight {
@@ -50,25 +50,21 @@ double choose_exposure(const LightStack& stack) {
 std::vector<std::string> write_pictures(const Session& session,
                                         const ExportArguments& arguments,
                                         const CommonOptions& common) {
-  DevelopOptions options;
-  options.memory_bytes = common.memory_bytes;
-  options.progress = common.progress();
-  options.plate = sharing_plate(session, {});
-  const LightStack stack = develop(session, options);
+  const LightStack stack = develop(session, develop_options(session, common));
   const bool is_exr = !arguments.exr.empty();
   const double exposure = is_exr ? 1.0 : choose_exposure(stack);
   const fs::path folder = is_exr ? arguments.exr : arguments.png;
   require_absent(folder, common.force);
   fs::create_directories(folder);
   std::vector<std::string> names;
-  for (int k = 0; k < stack.shape().n_lights; ++k) {
+  for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const fs::path file = folder / fmt::format("light_{:04}.{}", k, is_exr ? "exr" : "png");
-    write_image(file, stack.light_image(k).view(), exposure);
+    write_image(file, picture.view(), exposure);
     names.push_back(fs::absolute(file)
                         .lexically_normal()
                         .lexically_relative(fs::absolute(arguments.out).parent_path())
                         .generic_string());
-  }
+  });
   if (is_exr) {
     fmt::print("{}: {} linear pictures\n", folder.string(), names.size());
   } else {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <fstream>
 #include <string>
 #include <vector>
 
@@ -10,12 +9,15 @@
 
 #include "core/config_table.h"
 #include "core/error.h"
+#include "core/files.h"
 
 namespace haarlight {
 
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr std::size_t kHead = 4096;  // bytes in which a file says what it is
 
 constexpr std::array<std::string_view, 7> kWords{"rig",    "plan",        "shot-list", "scene",
                                                  "faults", "environment", "basis"};
@@ -37,19 +39,6 @@ const std::vector<KindKeys>& kinds_of_toml() {
       {FileKind::faults, {"frames", "bus", "restart"}},
   };
   return kKinds;
-}
-
-/// The first bytes of a file.
-std::string read_head(const fs::path& path) {
-  constexpr std::size_t kHead = 4096;
-  std::ifstream in(path, std::ios::binary);
-  if (!in) {
-    throw Error("cannot read the file", path.string(), "check the name and its rights");
-  }
-  std::string head(kHead, '\0');
-  in.read(head.data(), static_cast<std::streamsize>(head.size()));
-  head.resize(static_cast<std::size_t>(in.gcount()));
-  return head;
 }
 
 FileKind recognise_toml(const fs::path& path) {
@@ -96,7 +85,7 @@ FileKind recognise_file(const fs::path& path) {
     }
     return FileKind::environment;  // six faces
   }
-  const std::string head = read_head(path);
+  const std::string head = read_head(path, kHead);
   if (head.starts_with("\x89HLB")) {
     return FileKind::basis;
   }

@@ -342,17 +342,7 @@ Image<float> judge_composite(const Truth& scene, const Image<float>& picture,
   Image<float> truth =
       render_lit(all, scene.view, scene.lights, scene.weights, options).radiance;
   const Achieved found = compare(picture.pixels(), truth.pixels());
-  std::vector<float> object_picture;
-  std::vector<float> object_truth;
-  for (int y = 0; y < drawn.height(); ++y) {
-    for (int x = 0; x < 3 * drawn.width(); ++x) {
-      if (drawn(y, x / 3) != 0) {
-        object_picture.push_back(picture(y, x / 3, x % 3));
-        object_truth.push_back(truth(y, x / 3, x % 3));
-      }
-    }
-  }
-  const Achieved of_object = compare(object_picture, object_truth);
+  const Achieved of_object = compare_drawn(picture, truth, drawn);
   report.add_reached("relative_l2", found.relative_l2);
   report.add_reached("psnr_db", found.psnr_db);
   report.add_reached("object_relative_l2", of_object.relative_l2);

@@ -1,5 +1,5 @@
 /// @file
-/// `haarlight shape SESSION --out FOLDER`: normals, albedo, heights and a mesh of a capture.
+/// `haarlight shape INPUT --out FOLDER`: normals, albedo, heights and a mesh of a capture.
 
 #include <algorithm>
 #include <map>
@@ -7,14 +7,18 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/log.h"
-#include "relight/basis/compress_session.h"
+#include "relight/fit/far_fit.h"
+#include "relight/fit/recipe_choice.h"
+#include "relight/formats/reflectance_file.h"
 #include "relight/shape/near_alternation.h"
 #include "relight/shape/normal_picture.h"
+#include "relight/shape/rti_normals.h"
 #include "relight/shape/surface_mesh.h"
 #include "session/develop.h"
 #include "session/sensor_response.h"
@@ -27,17 +31,16 @@ namespace fs = std::filesystem;
 using Eigen::Vector3d;
 
 struct ShapeArguments {
-  std::string session;
+  std::string input;
   std::string out;
-  std::string method = "trimmed";
+  std::string method;  ///< empty: trimmed, or what the file holds
   std::string loss = "tukey";
   std::string light = "automatic";
   std::string integrate = "poisson";
   std::string mesh = "both";
   std::string mask;
   std::string transfer;
-  double width_mm = 0.0;
-  double height_mm = 0.0;
+  PlaneArguments plane;
   double keep = LambertOptions{}.keep;
   double dark_share = LambertOptions{}.dark_share;
   double max_tilt_deg = SurfaceMeshOptions{}.max_tilt_deg;
@@ -47,20 +50,20 @@ struct ShapeArguments {
 };
 
 /// White is the object. @throws Error  another size
-Image<std::uint8_t> read_mask(const std::string& file, const FrameForm& shape) {
+Image<std::uint8_t> read_mask(const std::string& file, int width, int height) {
   if (file.empty()) {
     return {};
   }
   const PictureFile picture = read_picture(file);
-  if (picture.pixels.width() != shape.width || picture.pixels.height() != shape.height) {
+  if (picture.pixels.width() != width || picture.pixels.height() != height) {
     throw Error(fmt::format("a mask of {} x {} for pictures of {} x {}", picture.pixels.width(),
-                            picture.pixels.height(), shape.width, shape.height),
+                            picture.pixels.height(), width, height),
                 file, "draw the mask on one of the capture's own pictures");
   }
-  Image<std::uint8_t> mask(shape.height, shape.width, 1);
+  Image<std::uint8_t> mask(height, width, 1);
   bool is_any = false;
-  for (int y = 0; y < shape.height; ++y) {
-    for (int x = 0; x < shape.width; ++x) {
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
       mask(y, x) = picture.pixels(y, x) > 0.5F ? 1 : 0;
       is_any = is_any || mask(y, x) != 0;
     }
@@ -80,9 +83,9 @@ StereoLights choose_lights(const ShapeArguments& arguments, const Session& sessi
     throw Error("only the lights' directions are known", session.folder().string(),
                 "import the capture with positions (--places positions), or give --light far");
   }
-  lights.are_near =
-      arguments.light == "near" || (arguments.light == "automatic" && all.are_near &&
-                                    (session.rig().has_value() || arguments.width_mm > 0.0));
+  lights.are_near = arguments.light == "near" ||
+                    (arguments.light == "automatic" && all.are_near &&
+                     (session.rig().has_value() || arguments.plane.width_mm > 0.0));
   for (const NearLight& light : lights.near) {
     lights.powers.push_back(light.power);
   }
@@ -110,6 +113,7 @@ std::vector<float> clip_levels(const Session& session) {
 
 ShapeOptions shape_options(const ShapeArguments& arguments) {
   const std::map<std::string, LambertMethod> methods = {
+      {"", LambertOptions{}.method},
       {"least-squares", LambertMethod::least_squares},
       {"trimmed", LambertMethod::trimmed},
       {"m-estimator", LambertMethod::m_estimator}};
@@ -121,29 +125,15 @@ ShapeOptions shape_options(const ShapeArguments& arguments) {
       {"frankot-chellappa", Integrator::frankot_chellappa},
       {"robust", Integrator::robust}};
   ShapeOptions options;
-  options.stereo.fit.method = methods.at(arguments.method);
+  if (const auto method = methods.find(arguments.method); method != methods.end()) {
+    options.stereo.fit.method = method->second;
+  }
   options.stereo.fit.loss = losses.at(arguments.loss);
   options.stereo.fit.keep = arguments.keep;
   options.stereo.fit.dark_share = arguments.dark_share;
   options.integrate.method = integrators.at(arguments.integrate);
   options.max_rounds = arguments.max_rounds;
   return options;
-}
-
-/// In the picture's frame: x right, y up, z to the camera.
-Image<float> picture_normals(const Shape& shape, const PixelPoints& pixels) {
-  Image<float> out = shape.surface.normal;
-  for (int y = 0; y < out.height(); ++y) {
-    for (int x = 0; x < out.width(); ++x) {
-      const Vector3d n =
-          pixels.picture_from_world() *
-          Vector3d(double{out(y, x, 0)}, double{out(y, x, 1)}, double{out(y, x, 2)});
-      for (int c = 0; c < 3; ++c) {
-        out(y, x, c) = static_cast<float>(n[c]);
-      }
-    }
-  }
-  return out;
 }
 
 std::vector<float> known_values(const Image<float>& picture, const Image<std::uint8_t>& known) {
@@ -158,18 +148,32 @@ std::vector<float> known_values(const Image<float>& picture, const Image<std::ui
   return values;
 }
 
-void write_shape(const ShapeArguments& arguments, const Shape& shape, const PixelPoints& pixels,
-                 const fs::path& folder) {
-  const Image<float> normals = picture_normals(shape, pixels);
+/// What was found, and where its pixels are.
+struct Found {
+  Shape shape;
+  PixelPoints pixels;
+  std::string by;  ///< what the normals come from, for people
+  bool has_scale = false;
+  bool is_measured = true;  ///< albedo and errors are there
+};
+
+void write_shape(const ShapeArguments& arguments, const Found& found, const fs::path& folder) {
+  const Shape& shape = found.shape;
+  const PixelPoints& pixels = found.pixels;
+  const std::string picture = found.is_measured ? "albedo.png" : "front.png";
+  const Image<float> normals =
+      turned_normals(shape.surface.normal.view(), pixels.picture_from_world());
   write_image(folder / "normals.png", normal_map(normals.view()).view());
   write_image(folder / "normals.exr", normals.view());
   const Image<std::uint8_t> good = shape.surface.is_good();
   const double exposure = display_exposure(known_values(shape.surface.albedo, good), 0.99);
-  write_image(folder / "albedo.png", shape.surface.albedo.view(), exposure);
-  write_image(folder / "albedo.exr", shape.surface.albedo.view());
-  write_image(folder / "error.exr", shape.surface.error.view());
-  write_image(folder / "error.png", shape.surface.error.view(),
-              display_exposure(known_values(shape.surface.error, good), 0.99));
+  write_image(folder / picture, shape.surface.albedo.view(), exposure);
+  if (found.is_measured) {
+    write_image(folder / "albedo.exr", shape.surface.albedo.view());
+    write_image(folder / "error.exr", shape.surface.error.view());
+    write_image(folder / "error.png", shape.surface.error.view(),
+                display_exposure(known_values(shape.surface.error, good), 0.99));
+  }
   write_image(folder / "height.tif", shape.height.view());
   write_image(folder / "height.exr", shape.height.view());
   EnhancedLook look;
@@ -195,17 +199,22 @@ void write_shape(const ShapeArguments& arguments, const Shape& shape, const Pixe
     write_ply(mesh, folder / "mesh.ply");
   }
   if (arguments.mesh != "ply") {
-    write_obj(mesh, folder / "mesh.obj", "albedo.png");
+    write_obj(mesh, folder / "mesh.obj", picture);
   }
 }
 
-void add_results(const Shape& shape, Report& report) {
+void add_results(const Found& found, Report& report) {
+  const Shape& shape = found.shape;
   const SurfaceEstimate& surface = shape.surface;
   report.add_reached("good_pixels", surface.n_in(PixelState::good));
   report.add_detail("masked_pixels", surface.n_in(PixelState::masked));
-  report.add_detail("dark_pixels", surface.n_in(PixelState::too_dark));
-  report.add_detail("saturated_pixels", surface.n_in(PixelState::saturated));
-  report.add_detail("ambiguous_pixels", surface.n_in(PixelState::ambiguous));
+  if (found.is_measured) {
+    report.add_detail("dark_pixels", surface.n_in(PixelState::too_dark));
+    report.add_detail("saturated_pixels", surface.n_in(PixelState::saturated));
+    report.add_detail("ambiguous_pixels", surface.n_in(PixelState::ambiguous));
+  } else {
+    report.add_detail("pixels_without_a_peak", surface.n_in(PixelState::too_dark));
+  }
   report.add_reached("heights_range", shape.bow_mm);
   report.add_reached("is_settled", shape.is_settled);
   report.add_detail("height_changes", shape.changes);
@@ -217,38 +226,80 @@ void add_results(const Shape& shape, Report& report) {
   report.add_detail("solver_iterations", std::int64_t{shape.map.iterations});
 }
 
-ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
-                   Report& report) {
-  report.add_input(arguments.session);
-  report.add_asked("method", arguments.method);
-  report.add_asked("integrate", arguments.integrate);
-  if (Vector3d(arguments.preview[0], arguments.preview[1], arguments.preview[2]).norm() ==
-      0.0) {
-    throw Error("--preview 0,0,0 is no direction", "", "for example: --preview 0.5,0.5,1",
-                ExitCode::usage);
+/// A picture without a scale: one unit a pixel.
+PixelPoints pixels_without_scale(int width, int height) {
+  return PixelPoints::orthographic(width, height, width);
+}
+
+/// Normals as RTI viewers take them.
+void find_rti_shape(const ShapeArguments& arguments, const ReflectanceModel& model,
+                    const Image<std::uint8_t>& mask, Found& found) {
+  found.shape = shape_of(rti_surface(model, mask.view(), found.pixels.picture_from_world()),
+                         found.pixels, shape_options(arguments).integrate);
+  found.is_measured = false;
+}
+
+Found shape_of_file(const ShapeArguments& arguments, Report& report) {
+  ReflectanceReading reading;
+  reading.transfer = transfer_asked(arguments.transfer).value_or(Transfer::srgb);
+  const ReflectanceModel model = read_reflectance(arguments.input, reading);
+  const std::string basis(to_string(model.basis));
+  if (!arguments.method.empty() && arguments.method != basis) {
+    throw Error(fmt::format("the file holds {}: its normals are not found by {}", basis,
+                            arguments.method),
+                arguments.input, "leave --method out, or give the session", ExitCode::usage);
   }
-  require_absent(arguments.out, common.force);
-  const Session session = Session::open(arguments.session);
-  const StereoLights lights = choose_lights(arguments, session);
-  const Image<std::uint8_t> mask = read_mask(arguments.mask, session.info().form);
-  const bool has_scale = session.rig().has_value() || arguments.width_mm > 0.0;
-  const PixelPoints pixels =
-      lights.are_near || has_scale
-          ? pixel_points(session, arguments.width_mm, arguments.height_mm)
-          : PixelPoints::orthographic(session.info().form.width, session.info().form.height,
-                                      session.info().form.width);
-  DevelopOptions develop_options;
-  develop_options.memory_bytes = common.memory_bytes;
-  develop_options.progress = common.progress();
-  develop_options.plate = sharing_plate(session, {});
-  if (!arguments.transfer.empty()) {
-    develop_options.unknown_as =
-        arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
+  if (model.colour == ReflectanceColour::pca) {
+    throw Error(fmt::format("normals are taken from a PTM or an HSH, not from {}", basis),
+                arguments.input, "make one of it: haarlight convert IN OUT.ptm");
   }
-  Developed developed = develop_all(session, develop_options);
+  report.add_asked("method", basis);
+  const int width = model.planes.width();
+  const int height = model.planes.height();
+  const Image<std::uint8_t> mask = read_mask(arguments.mask, width, height);
+  Found found;
+  found.has_scale = arguments.plane.width_mm > 0.0;
+  found.pixels = found.has_scale
+                     ? PixelPoints::orthographic(width, height, arguments.plane.width_mm)
+                     : pixels_without_scale(width, height);
+  found.by = basis;
+  report.add_detail("light", "far");
+  find_rti_shape(arguments, model, mask, found);
+  return found;
+}
+
+/// Plain least squares on the coded values, as the programs of RTI fit them.
+ReflectanceModel fit_rti(const ShapeArguments& arguments, const CommonOptions& common,
+                         const Session& session) {
+  const bool is_ptm = arguments.method == "ptm";
+  SessionRowsOptions rows;
+  rows.develop.memory_bytes = common.memory_bytes;
+  rows.develop.unknown_as = transfer_asked(arguments.transfer);
+  LightRecipe recipe;
+  recipe.basis = is_ptm ? ReflectanceBasis::ptm : ReflectanceBasis::hsh;
+  recipe.n_terms = is_ptm ? 6 : 9;
+  FarFitOptions options;
+  options.planes.memory_bytes = common.memory_bytes / 4;
+  options.planes.work_folder = fs::absolute(arguments.out).parent_path();
+  options.progress = common.progress();
+  const std::vector<Vector3d> directions = picture_directions(session);
+  for (const std::string& warning : light_warnings(directions)) {
+    log_warning(warning);
+  }
+  const FarFit fit =
+      make_far_fit(is_ptm ? FitForm::ptm : FitForm::hsh9, recipe, directions, {}, {});
+  return fit_far(*session_rows(session, rows), fit, options).model;
+}
+
+/// Photometric stereo.
+Shape measure_shape(const ShapeArguments& arguments, const CommonOptions& common,
+                    const Session& session, const StereoLights& lights,
+                    const PixelPoints& pixels, const Image<std::uint8_t>& mask) {
+  DevelopOptions develop = develop_options(session, common, arguments.transfer);
+  Developed developed = develop_all(session, develop);
   if (developed.n_saturated > 0 && sensor_response(session).is_measured) {
-    develop_options.has_standard_error = true;
-    developed = develop_all(session, develop_options);
+    develop.has_standard_error = true;
+    developed = develop_all(session, develop);
   }
   ShapeOptions options = shape_options(arguments);
   options.stereo.progress = common.progress();
@@ -258,18 +309,68 @@ ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
     errors.emplace(*developed.standard_error);
     options.stereo.errors = &*errors;
   }
-  const Shape shape =
-      recover_shape(LightStackSource(developed.stack), lights, pixels, mask.view(), options);
+  return recover_shape(LightStackSource(developed.stack), lights, pixels, mask.view(), options);
+}
+
+Found shape_of_session(const ShapeArguments& arguments, const CommonOptions& common,
+                       Report& report) {
+  const bool is_rti = arguments.method == "ptm" || arguments.method == "hsh";
+  report.add_asked("method", arguments.method.empty() ? "trimmed" : arguments.method);
+  if (is_rti && arguments.light == "near") {
+    throw Error(fmt::format("{} knows lights by their directions alone", arguments.method),
+                "--light near", "leave it out, or choose another --method", ExitCode::usage);
+  }
+  const Session session = Session::open(arguments.input);
+  const FrameForm& form = session.info().form;
+  StereoLights lights = choose_lights(arguments, session);
+  lights.are_near = lights.are_near && !is_rti;
+  const Image<std::uint8_t> mask = read_mask(arguments.mask, form.width, form.height);
+  Found found;
+  found.has_scale = session.rig().has_value() || arguments.plane.width_mm > 0.0;
+  found.pixels =
+      lights.are_near || found.has_scale
+          ? pixel_points(session, arguments.plane.width_mm, arguments.plane.height_mm)
+          : pixels_without_scale(form.width, form.height);
+  const char* model = lights.are_near ? "near" : "far";
+  report.add_detail("light", model);
+  found.by = fmt::format("{} lights, {}", lights.directions.size(),
+                         is_rti ? arguments.method.c_str() : model);
+  if (is_rti) {
+    find_rti_shape(arguments, fit_rti(arguments, common, session), mask, found);
+  } else {
+    found.shape = measure_shape(arguments, common, session, lights, found.pixels, mask);
+  }
+  if (lights.are_near) {
+    found.by += fmt::format(", {} rounds", found.shape.changes.size());
+  }
+  return found;
+}
+
+ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
+                   Report& report) {
+  report.add_input(arguments.input);
+  report.add_asked("integrate", arguments.integrate);
+  if (Vector3d(arguments.preview[0], arguments.preview[1], arguments.preview[2]).norm() ==
+      0.0) {
+    throw Error("--preview 0,0,0 is no direction", "", "for example: --preview 0.5,0.5,1",
+                ExitCode::usage);
+  }
+  require_absent(arguments.out, common.force);
+  const bool is_file =
+      fs::is_regular_file(arguments.input) ||
+      (fs::exists(arguments.input) && recognise_reflectance(arguments.input).has_value());
+  const Found found =
+      is_file ? shape_of_file(arguments, report) : shape_of_session(arguments, common, report);
+  const Shape& shape = found.shape;
   if (shape.surface.n_in(PixelState::good) == 0) {
-    throw Error("no pixel has a normal", arguments.session,
+    throw Error("no pixel has a normal", arguments.input,
                 "look at the pictures' exposure, the mask and the list of lights");
   }
   const fs::path folder = arguments.out;
   fs::create_directories(folder);
-  write_shape(arguments, shape, pixels, folder);
-  add_results(shape, report);
-  report.add_detail("light", lights.are_near ? "near" : "far");
-  report.add_detail("unit", has_scale ? "mm" : "pixels");
+  write_shape(arguments, found, folder);
+  add_results(found, report);
+  report.add_detail("unit", found.has_scale ? "mm" : "pixels");
   std::uint64_t bytes = 0;
   for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
     bytes += file.file_size();
@@ -283,14 +384,15 @@ ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
     log_warning(fmt::format("the integration stopped at a residual of {:.3g}",
                             shape.map.solver_residual));
   }
-  fmt::print(
-      "{}: {} lights, {}; normals of {} pixels ({} too dark, {} saturated, {} ambiguous), "
-      "heights over {:.4g} {}{}\n",
-      arguments.out, lights.directions.size(), lights.are_near ? "near" : "far",
-      shape.surface.n_in(PixelState::good), shape.surface.n_in(PixelState::too_dark),
-      shape.surface.n_in(PixelState::saturated), shape.surface.n_in(PixelState::ambiguous),
-      shape.bow_mm, has_scale ? "mm" : "pixel widths",
-      lights.are_near ? fmt::format(", {} rounds", shape.changes.size()) : "");
+  const SurfaceEstimate& surface = shape.surface;
+  const std::int64_t n_dark = surface.n_in(PixelState::too_dark);
+  fmt::print("{}: {}; normals of {} pixels ({}), heights over {:.4g} {}\n", arguments.out,
+             found.by, surface.n_in(PixelState::good),
+             found.is_measured ? fmt::format("{} too dark, {} saturated, {} ambiguous", n_dark,
+                                             surface.n_in(PixelState::saturated),
+                                             surface.n_in(PixelState::ambiguous))
+                               : fmt::format("{} have none", n_dark),
+             shape.bow_mm, found.has_scale ? "mm" : "pixel widths");
   return shape.is_settled && shape.map.is_converged ? ExitCode::done : ExitCode::target_missed;
 }
 
@@ -300,12 +402,18 @@ void add_shape(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ShapeArguments>();
   Command verb =
       root.add_verb("shape", "Recover normals, albedo, heights and a mesh of a capture");
-  verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
+  verb.option("INPUT", &arguments->input,
+              "Session folder; or a .ptm, .rti or web folder, for the normals that RTI viewers "
+              "take from it",
+              {.type = "SESSION|FILE", .is_required = true});
   verb.option("-o,--out", &arguments->out, "Folder to write",
               {.type = "FOLDER", .is_required = true});
-  verb.option("--method", &arguments->method,
-              "Fit of each pixel; trimmed and m-estimator leave shadows and highlights out",
-              {.choices = {"least-squares", "trimmed", "m-estimator"}, .shows_default = true});
+  verb.option(
+      "--method", &arguments->method,
+      "Fit of each pixel; trimmed and m-estimator leave shadows and highlights out; ptm "
+      "and hsh: as RTI viewers take normals, for comparison (default: trimmed; of a file "
+      "what it holds)",
+      {.choices = {"least-squares", "trimmed", "m-estimator", "ptm", "hsh"}});
   verb.option("--loss", &arguments->loss, "How the m-estimator weighs what fits badly",
               {.choices = {"huber", "cauchy", "tukey"}, .shows_default = true});
   verb.option("--keep", &arguments->keep, "trimmed: the share of a pixel's lights that count",
@@ -317,12 +425,7 @@ void add_shape(Command root, Invocation& invocation) {
               "near: each pixel's own light directions and distances (default: where the "
               "lights' positions and the picture's size are known)",
               {.choices = {"automatic", "near", "far"}});
-  verb.option("--width-mm", &arguments->width_mm,
-              "What the picture shows across, for an imported capture",
-              {.type = "MM", .bounds = Bounds{0.0, 1e6}});
-  verb.option("--height-mm", &arguments->height_mm,
-              "Mean height of the object above the rig's plane",
-              {.type = "MM", .bounds = Bounds{-1e5, 1e5}});
+  add_plane_options(verb, arguments->plane);
   verb.option("--mask", &arguments->mask, "White: the object; black is left out",
               {.type = "PICTURE"});
   verb.option("--integrate", &arguments->integrate,
@@ -340,16 +443,18 @@ void add_shape(Command root, Invocation& invocation) {
             "Leave the mesh open where --integrate robust found cuts");
   verb.option("--preview", &arguments->preview, "Direction of the preview's light",
               {.type = "X,Y,Z", .delimiter = ',', .count = 3});
-  verb.option(
-      "--transfer", &arguments->transfer,
-      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
-      {.choices = {"srgb", "linear"}});
+  add_transfer_option(verb, arguments->transfer);
   verb.footer(
       "Writes normals (.png, .exr), albedo (.png, .exr), error (.png, .exr), height (.tif, "
-      ".exr),\nmesh.ply, mesh.obj and preview.png. The mean height is 0.\n\n"
+      ".exr),\nmesh.ply, mesh.obj and preview.png. The mean height is 0. Normals of ptm and "
+      "hsh "
+      "are not\nmeasured: instead of albedo and error there is front.png, the picture lit from "
+      "the camera.\n\n"
       "Examples:\n"
       "  haarlight shape sessions/airplane --out airplane.shape\n"
-      "  haarlight shape sessions/coin --out coin.shape --light far --integrate robust");
+      "  haarlight shape sessions/coin --out coin.shape --light far --integrate robust\n"
+      "  haarlight shape sessions/coin --out coin.hsh --method hsh\n"
+      "  haarlight shape coin.ptm --out coin.peaks");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_shape(*arguments, common, report);
   });

@@ -1,12 +1,12 @@
 #include "relight/formats/reflectance_file.h"
 
 #include <array>
-#include <fstream>
 #include <string>
 
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/files.h"
 #include "relight/formats/ptm_file.h"
 #include "relight/formats/rti_file.h"
 #include "relight/formats/web_folder.h"
@@ -16,6 +16,8 @@ namespace haarlight {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr std::size_t kHead = 16;  // bytes that tell the formats apart
 
 struct FormatEntry {
   ReflectanceFormat format;
@@ -65,18 +67,6 @@ const FormatEntry& entry_of(ReflectanceFormat format) noexcept {
   return kFormats[static_cast<std::size_t>(format)];
 }
 
-std::string read_head(const fs::path& path) {
-  constexpr std::size_t kHead = 16;
-  std::ifstream in(path, std::ios::binary);
-  if (!in) {
-    throw Error("cannot read the file", path.string(), "check the name and its rights");
-  }
-  std::string head(kHead, '\0');
-  in.read(head.data(), static_cast<std::streamsize>(head.size()));
-  head.resize(static_cast<std::size_t>(in.gcount()));
-  return head;
-}
-
 }  // namespace
 
 std::string_view to_string(ReflectanceFormat format) noexcept { return entry_of(format).name; }
@@ -86,7 +76,7 @@ std::optional<ReflectanceFormat> recognise_reflectance(const fs::path& path) {
   if (fs::is_directory(path, ignored)) {
     return is_web_folder(path) ? std::optional(ReflectanceFormat::web) : std::nullopt;
   }
-  const std::string head = read_head(path);
+  const std::string head = read_head(path, kHead);
   for (const FormatEntry& entry : kFormats) {
     if (entry.is_head(head)) {
       return entry.format;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include "core/error.h"
 
@@ -52,6 +53,25 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
     }
   }
   return count;
+}
+
+Achieved compare_drawn(const Image<float>& picture, const Image<float>& truth,
+                       const Image<std::uint8_t>& drawn) {
+  HAARLIGHT_EXPECTS(picture.width() == drawn.width() && picture.height() == drawn.height() &&
+                        truth.width() == drawn.width() && truth.height() == drawn.height() &&
+                        picture.channels() == 3 && truth.channels() == 3,
+                    "pictures of one size");
+  std::vector<float> found;
+  std::vector<float> expected;
+  for (int y = 0; y < drawn.height(); ++y) {
+    for (int x = 0; x < drawn.width(); ++x) {
+      for (int c = 0; drawn(y, x) != 0 && c < 3; ++c) {
+        found.push_back(picture(y, x, c));
+        expected.push_back(truth(y, x, c));
+      }
+    }
+  }
+  return compare(found, expected);
 }
 
 }  // namespace haarlight

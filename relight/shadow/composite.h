@@ -1,9 +1,11 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 
 #include "core/camera_model.h"
 #include "core/image.h"
+#include "core/tolerance.h"
 #include "relight/shadow/area_mean.h"
 #include "relight/shadow/plane_frame.h"
 #include "render/ray_caster.h"
@@ -43,5 +45,11 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
                            const Image<std::uint8_t>& shows_object, const RayCaster& scene,
                            const CameraModel& camera, const PlaneFrame& frame,
                            const CompositeOptions& options);
+
+/// How far the drawn object's own pixels are from the truth's.
+/// @param picture, truth  (h, w, 3)
+/// @param drawn           (h, w, 1) as CompositeCount has it
+[[nodiscard]] Achieved compare_drawn(const Image<float>& picture, const Image<float>& truth,
+                                     const Image<std::uint8_t>& drawn);
 
 }  // namespace haarlight

@@ -44,6 +44,8 @@ void sum_channels(std::span<const float> values, int channels, std::size_t n_pix
   }
 }
 
+bool all_pixels(int, int) { return true; }
+
 }  // namespace
 
 RigPlate::RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight> lights,
@@ -158,19 +160,31 @@ StackVisibility::StackVisibility(const StackSource& stack, const StackSource& pl
   sampler_.emplace(camera, frame, shows_plane_.view());
 }
 
-void StackVisibility::for_each_tile(
-    const std::function<void(const TileRect& rect, std::span<const float> t,
-                             std::span<const float> b)>& visit) const {
+void StackVisibility::for_each_pixel(
+    const std::function<bool(int y, int x)>& is_wanted,
+    const std::function<void(int y, int x, std::span<const float> t, std::span<float> b)>&
+        visit) const {
   const std::vector<TileRect> tiles = tiles_of(dims_);
   parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
+    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
+    std::vector<float> b_row(t_row.size());
     for (std::size_t i = begin; i < end; ++i) {
-      const auto n = static_cast<std::size_t>(tiles[i].n_pixels()) *
-                     static_cast<std::size_t>(dims_.n_lights);
+      const TileRect& rect = tiles[i];
+      const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
+      const std::size_t n = n_pixels * t_row.size();
       std::vector<float> t(n * static_cast<std::size_t>(dims_.channels));
       std::vector<float> b(n * static_cast<std::size_t>(plate_channels_));
-      stack_.read_tile(tiles[i], t);
-      plate_.read_tile(tiles[i], b);
-      visit(tiles[i], t, b);
+      stack_.read_tile(rect, t);
+      plate_.read_tile(rect, b);
+      for (std::size_t p = 0; p < n_pixels; ++p) {
+        const int x = rect.x0 + static_cast<int>(p) % rect.width;
+        const int y = rect.y0 + static_cast<int>(p) / rect.width;
+        if (is_wanted(y, x)) {
+          sum_channels(t, dims_.channels, n_pixels, p, t_row);
+          sum_channels(b, plate_channels_, n_pixels, p, b_row);
+          visit(y, x, t_row, b_row);
+        }
+      }
     }
   });
 }
@@ -182,25 +196,16 @@ void StackVisibility::fit_scale() {
   std::mutex mutex;
   std::vector<float> values;
   std::vector<double> plate;
-  for_each_tile([&](const TileRect& rect, std::span<const float> t, std::span<const float> b) {
-    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
-    std::vector<float> b_row(t_row.size());
-    const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      const std::size_t x =
-          static_cast<std::size_t>(rect.x0) + p % static_cast<std::size_t>(rect.width);
-      const std::size_t y =
-          static_cast<std::size_t>(rect.y0) + p / static_cast<std::size_t>(rect.width);
-      if (hash_key(y, x) % share != 0) {
-        continue;
-      }
-      sum_channels(t, dims_.channels, n_pixels, p, t_row);
-      sum_channels(b, plate_channels_, n_pixels, p, b_row);
-      const std::lock_guard lock(mutex);
-      values.insert(values.end(), t_row.begin(), t_row.end());
-      plate.insert(plate.end(), b_row.begin(), b_row.end());
-    }
-  });
+  for_each_pixel(
+      [&](int y, int x) {
+        return hash_key(static_cast<std::uint64_t>(y), static_cast<std::uint64_t>(x)) % share ==
+               0;
+      },
+      [&](int, int, std::span<const float> t, std::span<float> b) {
+        const std::lock_guard lock(mutex);
+        values.insert(values.end(), t.begin(), t.end());
+        plate.insert(plate.end(), b.begin(), b.end());
+      });
   // Medians do not depend on the order in which the tiles came.
   scale_ = fit_plate_scale(values, plate);
   if (!(scale_ > 0.0)) {
@@ -212,23 +217,14 @@ void StackVisibility::fit_scale() {
 void StackVisibility::find_plane() {
   Image<std::uint8_t> found(dims_.height, dims_.width, 1);
   shows_object_ = Image<std::uint8_t>(dims_.height, dims_.width, 1);
-  for_each_tile([&](const TileRect& rect, std::span<const float> t, std::span<const float> b) {
-    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
-    std::vector<float> b_row(t_row.size());
-    const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      sum_channels(t, dims_.channels, n_pixels, p, t_row);
-      sum_channels(b, plate_channels_, n_pixels, p, b_row);
-      for (float& value : b_row) {
-        value *= static_cast<float>(scale_);
-      }
-      const int x = rect.x0 + static_cast<int>(p) % rect.width;
-      const int y = rect.y0 + static_cast<int>(p) / rect.width;
-      found(y, x) = haarlight::shows_plane(t_row, b_row, options_.test) ? 1 : 0;
-      const bool is_lit =
-          std::any_of(b_row.begin(), b_row.end(), [](float value) { return value > 0.0F; });
-      shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
+  for_each_pixel(all_pixels, [&](int y, int x, std::span<const float> t, std::span<float> b) {
+    for (float& value : b) {
+      value *= static_cast<float>(scale_);
     }
+    found(y, x) = haarlight::shows_plane(t, b, options_.test) ? 1 : 0;
+    const bool is_lit =
+        std::any_of(b.begin(), b.end(), [](float value) { return value > 0.0F; });
+    shows_object_(y, x) = is_lit && found(y, x) == 0 ? 1 : 0;
   });
   shows_plane_ = grow_hidden(found.view());
 }
@@ -240,23 +236,13 @@ void StackVisibility::load(std::size_t first) {
   first_ = first;
   n_loaded_ = std::min(fits, wanted_.size() - first);
   values_.assign(n_loaded_, Image<float>(dims_.height, dims_.width, 1));
-  for_each_tile([&](const TileRect& rect, std::span<const float> t, std::span<const float> b) {
-    std::vector<float> t_row(static_cast<std::size_t>(dims_.n_lights));
-    std::vector<float> b_row(t_row.size());
-    const auto n_pixels = static_cast<std::size_t>(rect.n_pixels());
-    for (std::size_t p = 0; p < n_pixels; ++p) {
-      sum_channels(t, dims_.channels, n_pixels, p, t_row);
-      sum_channels(b, plate_channels_, n_pixels, p, b_row);
-      const int x = rect.x0 + static_cast<int>(p) % rect.width;
-      const int y = rect.y0 + static_cast<int>(p) / rect.width;
-      for (std::size_t i = 0; i < n_loaded_; ++i) {
-        const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
-        const double plate = scale_ * static_cast<double>(b_row[k]);
-        values_[i](y, x) =
-            plate > 0.0
-                ? static_cast<float>(std::max(0.0, static_cast<double>(t_row[k]) / plate))
-                : kDarkPlate;
-      }
+  for_each_pixel(all_pixels, [&](int y, int x, std::span<const float> t, std::span<float> b) {
+    for (std::size_t i = 0; i < n_loaded_; ++i) {
+      const auto k = static_cast<std::size_t>(wanted_[first_ + i]);
+      const double plate = scale_ * static_cast<double>(b[k]);
+      values_[i](y, x) =
+          plate > 0.0 ? static_cast<float>(std::max(0.0, static_cast<double>(t[k]) / plate))
+                      : kDarkPlate;
     }
   });
 }

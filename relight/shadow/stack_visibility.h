@@ -84,8 +84,11 @@ class StackVisibility {
   void fit_scale();
   void find_plane();
   void load(std::size_t first);
-  void for_each_tile(const std::function<void(const TileRect& rect, std::span<const float> t,
-                                              std::span<const float> b)>& visit) const;
+  /// Calls visit for the pixels that are wanted, with the stack's and the plate's values summed
+  /// over the channels, (n_lights); b may be changed. From several threads.
+  void for_each_pixel(const std::function<bool(int y, int x)>& is_wanted,
+                      const std::function<void(int y, int x, std::span<const float> t,
+                                               std::span<float> b)>& visit) const;
 
   const StackSource& stack_;
   const StackSource& plate_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
@@ -21,15 +22,6 @@ constexpr double kBrightRank = 0.9;
 constexpr double kSigmaOfMedian = 1.4826;
 constexpr double kSettled = 1e-4;     // change of b between rounds, relative: 0.006 degrees
 constexpr double kLeastScale = 1e-6;  // of |b|: float samples of an exact Lambertian
-
-constexpr int kHistogramFrom = 128;
-constexpr int kBuckets = 512;  // 16 an octave: 32 octaves below the largest
-
-/// Sixteenths of an octave, for values >= 0: the exponent and 4 bits of a float.
-std::int32_t octave_part(double value) {
-  return static_cast<std::int32_t>(std::bit_cast<std::uint32_t>(static_cast<float>(value)) >>
-                                   19U);
-}
 
 double own_scales(RobustLoss loss) {
   switch (loss) {
@@ -78,11 +70,13 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
       value_(n_lights),
       w_(n_lights),
       r_(n_lights),
+      ranked_(n_lights),
+      kept_(static_cast<std::size_t>(n_lights)),
+      changed_(static_cast<std::size_t>(n_lights)),
       light_(static_cast<std::size_t>(n_lights)) {
   HAARLIGHT_EXPECTS(options.keep > 0.0 && options.keep <= 1.0 && options.dark_share >= 0.0 &&
                         options.dark_share < 1.0 && options.loss_scales >= 0.0,
                     "shares within 0 to 1");
-  sorted_.reserve(static_cast<std::size_t>(n_lights));
 }
 
 void LambertFitter::accumulate() {
@@ -109,43 +103,67 @@ bool LambertFitter::solve(Vector3d& b) const {
   return b.allFinite();
 }
 
-/// The value of that rank among the first n_. Large sets: a histogram over the logarithm first,
-/// since selection by exchange mispredicts every other branch.
-double LambertFitter::select(const Eigen::ArrayXd& values, int rank) {
-  sorted_.clear();
-  int within = rank;
-  if (n_ < kHistogramFrom) {
-    sorted_.assign(values.data(), values.data() + n_);
-  } else {
-    const double top = values.head(n_).maxCoeff();
-    const std::int32_t last = octave_part(top);
-    const auto bucket = [last](double value) {
-      const std::int32_t below = last - octave_part(std::max(value, 0.0));
-      return static_cast<std::size_t>(kBuckets - 1 - std::min(below, kBuckets - 1));
-    };
-    histogram_.assign(static_cast<std::size_t>(kBuckets), 0);
-    for (int i = 0; i < n_; ++i) {
-      ++histogram_[bucket(values[i])];
-    }
-    std::size_t chosen = 0;
-    while (within >= histogram_[chosen]) {
-      within -= histogram_[chosen];
-      ++chosen;
-    }
-    for (int i = 0; i < n_; ++i) {
-      if (bucket(values[i]) == chosen) {
-        sorted_.push_back(values[i]);
-      }
-    }
+int LambertFitter::count_within(float limit) const {
+  const float* r = ranked_.data();
+  int n = 0;
+  for (int i = 0; i < n_; ++i) {
+    n += r[i] <= limit ? 1 : 0;
   }
-  const auto at = sorted_.begin() + within;
-  std::nth_element(sorted_.begin(), at, sorted_.end());
-  return *at;
+  return n;
+}
+
+/// By interpolation between limits that are too low and too high: counting goes four at a time,
+/// exchanges and histograms do not.
+float LambertFitter::find_limit(int n_wanted, float guess, float reach) const {
+  float low = 0.0F;
+  float high = std::numeric_limits<float>::max();
+  int n_low = 0;
+  int n_high = n_;
+  const auto take = [&](float limit) {
+    const int n = count_within(limit);
+    const bool is_low = n < n_wanted;
+    (is_low ? low : high) = limit;
+    (is_low ? n_low : n_high) = n;
+  };
+  if (reach < guess) {
+    take(guess - reach);
+    take(guess + reach);
+  } else {
+    take(0.0F);
+  }
+  if (n_high == n_) {
+    high = std::min(high, ranked_.head(n_).maxCoeff());
+  }
+  for (int step = 1; n_high > n_wanted; ++step) {
+    // Every third step halves, whatever the distribution.
+    const float share = step % 3 == 0 ? 0.5F
+                                      : (static_cast<float>(n_wanted - n_low) - 0.5F) /
+                                            static_cast<float>(n_high - n_low);
+    const float middle = low + share * (high - low);
+    if (!(middle > low && middle < high)) {
+      break;  // equal values
+    }
+    take(middle);
+  }
+  return high;
+}
+
+float LambertFitter::select(int rank) const {
+  // Floats that are not negative are in the order of their bits, and integers go four at a
+  // time.
+  const auto limit = std::bit_cast<std::int32_t>(find_limit(rank + 1));
+  std::int32_t largest = 0;
+  for (int i = 0; i < n_; ++i) {
+    const auto bits = std::bit_cast<std::int32_t>(ranked_[i]);
+    largest = std::max(largest, bits <= limit ? bits : 0);
+  }
+  return std::bit_cast<float>(largest);
 }
 
 /// Moves the samples that count to the front.
 void LambertFitter::drop_dark() {
-  double bright = select(value_, static_cast<int>(kBrightRank * (n_ - 1)));
+  ranked_.head(n_) = value_.head(n_).cast<float>();
+  auto bright = double{select(static_cast<int>(kBrightRank * (n_ - 1)))};
   if (!(bright > 0.0)) {  // lit by less than a tenth of the lights
     bright = value_.head(n_).maxCoeff();
   }
@@ -177,34 +195,74 @@ void LambertFitter::trim(Vector3d& b) {
   if (n_keep == n_) {
     return;
   }
+  kept_.assign(static_cast<std::size_t>(n_), 1);
+  float most = 0.0F;
+  float reach = std::numeric_limits<float>::max();
   for (int round = 0; round < options_.max_rounds; ++round) {
     residuals(b);
-    const double most = select(r_, n_keep - 1);
-    int n_changed = 0;
-    for (int i = 0; i < n_; ++i) {
-      const double weight = r_[i] <= most ? 1.0 : 0.0;
-      if (weight == w_[i]) {
-        continue;
-      }
-      const Vector3d s(x_[i], y_[i], z_[i]);
-      matrix_ += (weight - w_[i]) * s * s.transpose();
-      right_ += (weight - w_[i]) * value_[i] * s;
-      w_[i] = weight;
-      ++n_changed;
-    }
+    ranked_.head(n_) = r_.head(n_).cast<float>();
+    most = find_limit(n_keep, most, reach);
+    const int n_changed = keep_within(most);
     if (n_changed == 0) {
       break;
     }
+    add_changed(n_changed);
     const Vector3d before = b;
     if (!solve(b)) {
       return;
     }
-    if ((b - before).norm() <= kSettled * b.norm()) {
+    const double moved = (b - before).norm();
+    if (moved <= kSettled * b.norm()) {
       break;
     }
+    reach = static_cast<float>(moved);  // of each residual, and so of the limit
   }
+  w_.head(n_) =
+      Eigen::Map<const Eigen::Array<std::uint8_t, Eigen::Dynamic, 1>>(kept_.data(), n_)
+          .cast<double>();
   accumulate();  // without the rounding of sums that came and went
   (void)solve(b);
+}
+
+/// Brings the sums up to date with the samples that came or went.
+void LambertFitter::add_changed(int n_changed) {
+  double xx = 0.0, xy = 0.0, xz = 0.0, yy = 0.0, yz = 0.0, zz = 0.0;
+  double xv = 0.0, yv = 0.0, zv = 0.0;
+  for (int j = 0; j < n_changed; ++j) {
+    const int i = changed_[static_cast<std::size_t>(j)];
+    const double sign = kept_[static_cast<std::size_t>(i)] != 0 ? 1.0 : -1.0;
+    const double x = sign * x_[i];
+    const double y = sign * y_[i];
+    const double z = sign * z_[i];
+    xx += x * x_[i];
+    xy += x * y_[i];
+    xz += x * z_[i];
+    yy += y * y_[i];
+    yz += y * z_[i];
+    zz += z * z_[i];
+    xv += x * value_[i];
+    yv += y * value_[i];
+    zv += z * value_[i];
+  }
+  Matrix3d change;
+  change << xx, xy, xz, xy, yy, yz, xz, yz, zz;
+  matrix_ += change;
+  right_ += Vector3d(xv, yv, zv);
+}
+
+/// @return  how many samples came or went; changed_ begins with whose
+int LambertFitter::keep_within(float most) {
+  const float* r = ranked_.data();
+  std::uint8_t* kept = kept_.data();
+  int* changed = changed_.data();
+  int n = 0;
+  for (int i = 0; i < n_; ++i) {
+    const std::uint8_t is_kept = r[i] <= most ? 1 : 0;
+    changed[n] = i;
+    n += is_kept != kept[i] ? 1 : 0;
+    kept[i] = is_kept;
+  }
+  return n;
 }
 
 void LambertFitter::reweight(Vector3d& b) {
@@ -212,7 +270,9 @@ void LambertFitter::reweight(Vector3d& b) {
       options_.loss_scales > 0.0 ? options_.loss_scales : own_scales(options_.loss);
   for (int round = 0; round < options_.max_rounds; ++round) {
     residuals(b);
-    const double scale = std::max(kSigmaOfMedian * select(r_, n_ / 2), kLeastScale * b.norm());
+    ranked_.head(n_) = r_.head(n_).cast<float>();
+    const double scale =
+        std::max(kSigmaOfMedian * double{select(n_ / 2)}, kLeastScale * b.norm());
     if (!(scale > 0.0)) {
       return;
     }

@@ -100,16 +100,25 @@ class LambertFitter {
   [[nodiscard]] bool solve(Eigen::Vector3d& b) const;
   void drop_dark();
   void residuals(const Eigen::Vector3d& b);
-  [[nodiscard]] double select(const Eigen::ArrayXd& values, int rank);
+  /// The value of that rank (0: the least) among the first n_ of ranked_.
+  [[nodiscard]] float select(int rank) const;
+  /// A limit within which n_wanted of them lie; more only where values are equal.
+  /// @param guess, reach  looked for at guess - reach to guess + reach first, where both are >
+  /// 0
+  [[nodiscard]] float find_limit(int n_wanted, float guess = 0.0F, float reach = 0.0F) const;
+  [[nodiscard]] int count_within(float limit) const;
   void trim(Eigen::Vector3d& b);
+  [[nodiscard]] int keep_within(float most);
+  void add_changed(int n_changed);
   void reweight(Eigen::Vector3d& b);
 
   LambertOptions options_;
   int n_ = 0;
   int n_clipped_ = 0;
   Eigen::ArrayXd x_, y_, z_, value_, w_, r_;
-  std::vector<double> sorted_;
-  std::vector<int> histogram_;
+  Eigen::ArrayXf ranked_;           ///< values to be ranked, >= 0
+  std::vector<std::uint8_t> kept_;  ///< trimmed: 1 where the sample counts
+  std::vector<int> changed_;        ///< and which came or went
   std::vector<int> light_;
   Eigen::Matrix3d matrix_ = Eigen::Matrix3d::Zero();  ///< sum w s s^T
   Eigen::Vector3d right_ = Eigen::Vector3d::Zero();   ///< sum w s value

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "core/error.h"
-#include "core/parallel.h"
+#include "relight/shape/normal_picture.h"
 #include "relight/shape/slope_field.h"
 
 namespace haarlight {
@@ -14,20 +14,6 @@ namespace haarlight {
 namespace {
 
 using Eigen::Vector3d;
-
-Image<float> turned(ImageView<const float> normals, const Eigen::Matrix3d& turn) {
-  Image<float> out(normals.height(), normals.width(), 3);
-  for (int y = 0; y < normals.height(); ++y) {
-    for (int x = 0; x < normals.width(); ++x) {
-      const Vector3d n = turn * Vector3d(double{normals(y, x, 0)}, double{normals(y, x, 1)},
-                                         double{normals(y, x, 2)});
-      for (int c = 0; c < 3; ++c) {
-        out(y, x, c) = static_cast<float>(n[c]);
-      }
-    }
-  }
-  return out;
-}
 
 /// Where the pixels' surface lies, from what was integrated.
 class PointMaker {
@@ -113,7 +99,32 @@ double place(const PixelPoints& pixels, Shape& shape) {
   return n > 0.0 ? std::sqrt(sum / n) : 0.0;
 }
 
+/// Heights and points from the present normals.
+void find_heights(const PixelPoints& pixels, const IntegrateOptions& options, Shape& shape) {
+  const ImageView<const float> normals = shape.surface.normal.view();
+  const Image<std::uint8_t> good = shape.surface.is_good();
+  const SlopeField slopes =
+      pixels.camera() != nullptr
+          ? perspective_slopes(normals, good.view(), *pixels.camera())
+          : orthographic_slopes(turned_normals(normals, pixels.picture_from_world()).view(),
+                                good.view(), pixels.mm_per_pixel());
+  shape.map = integrate_slopes(slopes, options);
+  shape.changes.push_back(place(pixels, shape));
+}
+
 }  // namespace
+
+Shape shape_of(SurfaceEstimate surface, const PixelPoints& pixels,
+               const IntegrateOptions& options) {
+  Shape shape;
+  shape.surface = std::move(surface);
+  const int h = shape.surface.normal.height();
+  const int w = shape.surface.normal.width();
+  shape.points = Image<float>(h, w, 3);
+  shape.height = Image<float>(h, w, 1);
+  find_heights(pixels, options, shape);
+  return shape;
+}
 
 Shape recover_shape(const StackSource& stack, const StereoLights& lights,
                     const PixelPoints& pixels, ImageView<const std::uint8_t> mask,
@@ -128,15 +139,7 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
   for (int round = 0; round < n_rounds; ++round) {
     shape.surface =
         photometric_stereo(stack, lights, shape.points.view(), mask, options.stereo);
-    const Image<std::uint8_t> good = shape.surface.is_good();
-    const SlopeField slopes =
-        pixels.camera() != nullptr
-            ? perspective_slopes(shape.surface.normal.view(), good.view(), *pixels.camera())
-            : orthographic_slopes(
-                  turned(shape.surface.normal.view(), pixels.picture_from_world()).view(),
-                  good.view(), pixels.mm_per_pixel());
-    shape.map = integrate_slopes(slopes, options.integrate);
-    shape.changes.push_back(place(pixels, shape));
+    find_heights(pixels, options.integrate, shape);
     shape.is_settled = n_rounds == 1 || shape.changes.back() <= settled;
     if (shape.is_settled) {
       break;

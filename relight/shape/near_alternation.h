@@ -38,4 +38,8 @@ struct Shape {
                                   const PixelPoints& pixels, ImageView<const std::uint8_t> mask,
                                   const ShapeOptions& options = {});
 
+/// Heights and points of a surface whose normals are given, once.
+[[nodiscard]] Shape shape_of(SurfaceEstimate surface, const PixelPoints& pixels,
+                             const IntegrateOptions& options = {});
+
 }  // namespace haarlight

@@ -29,6 +29,20 @@ double percentile(std::vector<float> values, double share) {
 
 }  // namespace
 
+Image<float> turned_normals(ImageView<const float> normals, const Eigen::Matrix3d& turn) {
+  HAARLIGHT_EXPECTS(normals.channels() == 3, "normals");
+  Image<float> out(normals.height(), normals.width(), 3);
+  for (int y = 0; y < normals.height(); ++y) {
+    for (int x = 0; x < normals.width(); ++x) {
+      const Vector3d n = turn * normal_at(normals, y, x);
+      for (int c = 0; c < 3; ++c) {
+        out(y, x, c) = static_cast<float>(n[c]);
+      }
+    }
+  }
+  return out;
+}
+
 Image<float> normal_map(ImageView<const float> normals) {
   HAARLIGHT_EXPECTS(normals.channels() == 3, "normals");
   Image<float> out(normals.height(), normals.width(), 3);

@@ -9,6 +9,11 @@
 
 namespace haarlight {
 
+/// Each normal turned from one frame into another; zero ones (unknown) stay zero.
+/// @param normals  (height, width, 3)
+[[nodiscard]] Image<float> turned_normals(ImageView<const float> normals,
+                                          const Eigen::Matrix3d& turn);
+
 /// Linear values whose sRGB coding, as write_image() does it for a .png, is (n + 1) / 2: the
 /// usual normal map, R = x, G = y, B = z. Zero normals (unknown) become black.
 [[nodiscard]] Image<float> normal_map(ImageView<const float> normals);

@@ -58,7 +58,10 @@ class RowSolver {
         options_(options),
         out_(out),
         dims_(stack.dims()),
-        fitter_(dims_.n_lights, options.fit) {
+        fitter_(dims_.n_lights, options.fit),
+        are_lambertian_(lights.are_near &&
+                        std::all_of(lights.near.begin(), lights.near.end(),
+                                    [](const NearLight& light) { return light.mu == 1.0; })) {
     const int n = dims_.n_lights;
     gain_.resize(dims_.channels, n);
     for (Eigen::ArrayXd* array : {&x_, &y_, &z_, &value_, &scale_, &lobe_}) {
@@ -180,6 +183,10 @@ class RowSolver {
     y_ *= lobe_;
     z_ *= lobe_;
     lobe_ = -(axes_.col(0) * x_ + axes_.col(1) * y_ + axes_.col(2) * z_);
+    if (are_lambertian_) {
+      scale_ = (lobe_ > 0.0).select(scale_ / lobe_, 0.0);
+      return;
+    }
     for (int k = 0; k < dims_.n_lights; ++k) {
       const double mu = lights_.near[count(k)].mu;
       if (mu == 0.0) {
@@ -229,6 +236,7 @@ class RowSolver {
   SurfaceEstimate& out_;
   StackDims dims_;
   LambertFitter fitter_;
+  bool are_lambertian_;   ///< near lights, all of mu 1
   Eigen::ArrayXXd gain_;  ///< (channels, n_lights): 1 / power
   Eigen::ArrayX3d places_;
   Eigen::ArrayX3d axes_;

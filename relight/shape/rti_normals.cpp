@@ -1,5 +1,6 @@
 #include "relight/shape/rti_normals.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -8,6 +9,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "relight/shape/normal_picture.h"
 
 namespace haarlight {
 
@@ -120,6 +122,37 @@ RtiNormals rti_normals(const ReflectanceModel& model) {
                  }
                });
   return out;
+}
+
+SurfaceEstimate rti_surface(const ReflectanceModel& model, ImageView<const std::uint8_t> mask,
+                            const Eigen::Matrix3d& picture_from_world) {
+  const RtiNormals found = rti_normals(model);
+  const int h = found.is_known.height();
+  const int w = found.is_known.width();
+  HAARLIGHT_EXPECTS(mask.is_empty() || (mask.height() == h && mask.width() == w),
+                    "a mask of the picture's size");
+  SurfaceEstimate surface{turned_normals(found.normal.view(), picture_from_world.transpose()),
+                          relit(model, Vector3d::UnitZ()), Image<float>(h, w, 1),
+                          Image<std::uint16_t>(h, w, 1), Image<std::uint8_t>(h, w, 1)};
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      const PixelState state = !mask.is_empty() && mask(y, x) == 0 ? PixelState::masked
+                               : found.is_known(y, x) == 0         ? PixelState::too_dark
+                                                                   : PixelState::good;
+      surface.state(y, x) = static_cast<std::uint8_t>(state);
+      for (int c = 0; c < 3; ++c) {
+        float& value = surface.albedo(y, x, c);
+        if (state != PixelState::good) {
+          surface.normal(y, x, c) = 0.0F;
+          value = 0.0F;
+          continue;
+        }
+        value =
+            std::max(0.0F, model.transfer == Transfer::srgb ? linear_from_srgb(value) : value);
+      }
+    }
+  }
+  return surface;
 }
 
 }  // namespace haarlight

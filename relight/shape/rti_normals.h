@@ -6,6 +6,7 @@
 
 #include "core/image.h"
 #include "relight/formats/reflectance.h"
+#include "relight/shape/photometric_stereo.h"
 
 /// @file
 /// Normals as conservators' programs take them from a PTM or an HSH: for comparison with
@@ -40,5 +41,12 @@ struct RtiNormals {
 /// their colour's mean, decoded to linear light.
 /// @throws Error  another basis
 [[nodiscard]] RtiNormals rti_normals(const ReflectanceModel& model);
+
+/// The same as a surface: its normals in the lights' frame, and in the albedo's place the
+/// picture under a light from the camera, in linear light. No errors, no counts.
+/// @param mask  (height, width): 0 is left out; empty: all pixels
+[[nodiscard]] SurfaceEstimate rti_surface(const ReflectanceModel& model,
+                                          ImageView<const std::uint8_t> mask,
+                                          const Eigen::Matrix3d& picture_from_world);
 
 }  // namespace haarlight

@@ -3,11 +3,13 @@
 overwriting, reports, quiet. command_line_test.py BIN, the build's folder apps/. No rig is needed."""
 
 import json
+import math
 import os
 import pathlib
 import pty
 import re
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -15,7 +17,7 @@ import unittest
 import urllib.request
 
 from programs import (SOURCE, Programs, footer_examples, free_port, report_problems,
-                      schema_problems, write_capture, write_relightable)
+                      schema_problems, write_capture, write_png, write_relightable)
 
 DONE, USAGE, BAD_INPUT, UNAVAILABLE = 0, 2, 65, 69
 RIG = SOURCE / "configs/rigs/small8.toml"
@@ -61,7 +63,8 @@ ABSENT = {
                 "object.hlb --light 0 --against absent -o new.png"],
     "view": ["absent.hlb"],
     "correct": ["absent -o new"],
-    "shape": ["absent -o new", "session -o new --mask absent.png"],
+    "shape": ["absent -o new", "session -o new --mask absent.png", "absent.ptm -o new",
+              "session -o new --method ptm --mask absent.png"],
     "bases": ["absent -o new", "object.hlb -o new --plate absent.hlb",
               "object.hlb -o new --lightings absent.json", "object.hlb -o new --regions absent.png"],
     "shadow": ["absent.hlb --scene {scene} --light 0 -o new.png",
@@ -97,7 +100,8 @@ WRITES = {
     "compress": ["session -o taken.hlb --basis direct --plate none"],
     "relight": ["object.hlb --light 0 -o taken.png"],
     "correct": ["near.session -o taken/ --width-mm 300"],
-    "shape": ["session -o taken/", "near.session -o taken/ --width-mm 300 --mesh none"],
+    "shape": ["session -o taken/", "near.session -o taken/ --width-mm 300 --mesh none",
+              "object.ptm -o taken/ --mesh none", "session -o taken/ --method hsh --mesh none"],
     "bases": ["object.hlb -o taken/ --error 0.1 --size 2", "session -o taken/ --basis pca --error 0.1"],
     "shadow": ["plate.hlb --scene {scene} --light 3 --size 16x12 -o taken.png",
                "plate.hlb --scene {scene} --light 3 --size 16x12 --max-error 0.01 -o taken.png",
@@ -109,6 +113,38 @@ WRITES = {
 }
 READS = {"check": "{rig} {plan} {scene} {room} object.hlb", "verify": "session", "rebuild": "session",
          "cameras": ""}
+
+
+def write_sphere(folder, size, radius):
+    """A matte sphere under 36 far lights, sRGB; x right, y up, z to the camera."""
+    folder.mkdir()
+    lines = ["36"]
+    for k in range(36):
+        up = math.radians(25.0 + 60.0 * k / 35)
+        light = (math.cos(up) * math.cos(2.399963 * k), math.cos(up) * math.sin(2.399963 * k),
+                 math.sin(up))
+
+        def value(col, row, light=light):
+            x, y = (col + 0.5 - size / 2) / radius, (size / 2 - row - 0.5) / radius
+            if x * x + y * y >= 1.0:
+                return 0
+            n = (x, y, math.sqrt(1.0 - x * x - y * y))
+            lit = 0.8 * max(0.0, sum(a * b for a, b in zip(n, light)))
+            coded = 12.92 * lit if lit <= 0.0031308 else 1.055 * lit ** (1 / 2.4) - 0.055
+            return round(255 * coded)
+
+        write_png(folder / f"light{k}.png", size, size, value)
+        lines.append(f"light{k}.png " + " ".join(f"{c:.6f}" for c in light))
+    (folder / "dirs.lp").write_text("\n".join(lines) + "\n")
+
+
+def sphere_normals(ply, radius):
+    """Of a mesh of write_sphere()'s picture: ((x, y) in radii, normal) a vertex."""
+    head, body = ply.read_bytes().split(b"end_header\n", 1)
+    n = int(re.search(rb"element vertex (\d+)", head)[1])
+    vertex = struct.Struct("<8f3B")
+    found = [vertex.unpack_from(body, i * vertex.size) for i in range(n)]
+    return [((v[0] / radius, v[1] / radius), v[3:6]) for v in found]
 
 
 class CommandLine(unittest.TestCase):
@@ -417,6 +453,46 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(wrong.returncode, USAGE, wrong.stderr)
                 self.assertIn(words, wrong.stderr)
         self.assertFalse((self.folder / "no.exr").exists())
+
+    def test_shape_takes_normals_as_rti_viewers_do(self):
+        size, radius = 48, 22.0
+        write_sphere(self.folder / "sphere", size, radius)
+        for line in ("import sphere --lights sphere/dirs.lp -o sphere.session",
+                     "fit sphere.session --basis ptm --ridge 0 -o sphere.ptm"):
+            done = self.run_line(line)
+            self.assertEqual(done.returncode, DONE, done.stderr)
+
+        def mean_error(line):
+            done = self.run_line(f"shape {line} --mesh ply --force -o sphere.shape --report sphere.json")
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            self.assertEqual(report_problems(self.folder / "sphere.json", "shape"), [])
+            errors = [math.degrees(math.acos(max(-1.0, min(
+                          1.0, n[0] * x + n[1] * y + n[2] * math.sqrt(1.0 - x * x - y * y)))))
+                      for (x, y), n in sphere_normals(self.folder / "sphere.shape/mesh.ply", radius)
+                      if math.hypot(x, y) < 0.8]
+            self.assertGreater(len(errors), 800)
+            return sum(errors) / len(errors)
+
+        # Matte grey without shadows but its own: 8 bits leave 0.09 degrees. The peaks of exact
+        # biquadratics lie 10.77 degrees off (a fit in doubles, written apart), bytes add 0.01.
+        # hsh: 2.22 measured.
+        for line, expected, within in (("sphere.session", 0.0, 0.2),
+                                       ("sphere.session --method ptm", 10.77, 0.1),
+                                       ("sphere.session --method hsh", 2.2, 0.5),
+                                       ("sphere.ptm", 10.77, 0.1)):
+            with self.subTest(line=line):
+                self.assertAlmostEqual(mean_error(line), expected, delta=within)
+        shown = {path.name for path in (self.folder / "sphere.shape").iterdir()}
+        self.assertIn("front.png", shown)
+        self.assertIn("pixels_without_a_peak",
+                      json.loads((self.folder / "sphere.json").read_text())["details"])
+        for line, words in (("sphere.ptm --method hsh", "holds ptm"),
+                            ("sphere.session --method ptm --light near", "--light near")):
+            with self.subTest(line=line):
+                wrong = self.run_line(f"shape {line} -o no.shape")
+                self.assertEqual(wrong.returncode, USAGE, wrong.stderr)
+                self.assertIn(words, wrong.stderr)
+        self.assertFalse((self.folder / "no.shape").exists())
 
     def test_the_validator_refuses_broken_reports(self):
         schema = {"type": "object", "required": ["a"], "additionalProperties": False,

@@ -63,6 +63,26 @@ TEST(ReadFile, RefusesAFileThatIsTooLarge) {
   EXPECT_THROW((void)read_file(folder.path()), Error);
 }
 
+TEST(ReadHead, GivesTheFirstBytesOrTheWholeOfAShorterFile) {
+  const TemporaryFolder folder;
+  write_file_atomically(folder / "a.txt", "123456");
+  EXPECT_EQ(read_head(folder / "a.txt", 4), "1234");
+  EXPECT_EQ(read_head(folder / "a.txt", 100), "123456");
+  EXPECT_EQ(read_head(folder / "a.txt", 0), "");
+}
+
+TEST(ReadHead, NamesTheFileThatItCannotRead) {
+  const TemporaryFolder folder;
+  for (const std::filesystem::path& path : {folder / "absent.txt", folder.path()}) {
+    try {
+      (void)read_head(path, 4);
+      FAIL() << path << " was read";
+    } catch (const Error& error) {
+      EXPECT_EQ(error.where(), path.string());
+    }
+  }
+}
+
 TEST(RequireAbsent, NamesForceAsTheCure) {
   const TemporaryFolder folder;
   write_file_atomically(folder / "a.txt", "x");

@@ -3,14 +3,13 @@
 
 import {Basis, askWeights, sendEnvironment} from './basis.js';
 import {Engine} from './engine.js';
-import {NoGraphics} from './graphics.js';
 import {FaceLayout, LightMap, SkyLayout} from './light_map.js';
+import {byId, connectTheme, pngOf, save, shellWord, tellProblem, watchGraphics} from './page.js';
 import {FullError} from './page_store.js';
 import {Renderer} from './renderer.js';
 import {ServerError} from './server.js';
 import {Turntable} from './turntable.js';
 
-const byId = id => document.getElementById(id);
 const kPollMs = 60;
 const kRestMs = 150;     // without a movement: the environment rests at its angle
 const kTellMs = 200;
@@ -33,19 +32,7 @@ const page = {
 
 // ---- what went wrong ------------------------------------------------------------------------
 
-function tellProblem(error) {
-  const box = byId('problem');
-  box.hidden = false;
-  if (error instanceof ServerError) {
-    box.textContent = error.message;
-  } else if (error instanceof NoGraphics) {
-    box.textContent = `${error.message}\nCure: use a current Firefox, Chrome, Edge or Safari with WebGL 2, ` +
-      'or `haarlight relight` for single pictures.';
-  } else {
-    box.textContent = `The page made a mistake: ${error.message}\nCure: load the page again.`;
-    throw error;
-  }
-}
+const tell = error => tellProblem(error, 'haarlight relight');
 
 const megabytes = bytes => `${(bytes / 1e6).toFixed(bytes < 1e7 ? 1 : 0)} MB`;
 
@@ -259,9 +246,6 @@ function termsOf(place) {
   return Math.min(all, Math.round(all ** ((place - 1) / (kTermStops - 1))));
 }
 
-/** A word as a shell takes it. */
-const shellWord = text => /^[\w./=+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
-
 const percent = share => share === Infinity ? 'not bounded' : `${Number((100 * share).toPrecision(2))} %`;
 
 let tellAt = 0;
@@ -320,22 +304,11 @@ function tellLoading() {
 
 // ---- controls -------------------------------------------------------------------------------
 
-function save(blob, name) {
-  const link = document.createElement('a');
-  link.href = URL.createObjectURL(blob);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-}
-
 const stem = () => page.basis.about.file.replace(/\.hlb$/, '');
 
 async function savePicture() {
   await page.engine.settled();
-  const {width, height, data} = page.renderer.pixels();
-  const canvas = new OffscreenCanvas(width, height);
-  canvas.getContext('2d').putImageData(new ImageData(data, width, height), 0, 0);
-  save(await canvas.convertToBlob({type: 'image/png'}), `${stem()}.png`);
+  save(await pngOf(page.renderer.pixels()), `${stem()}.png`);
 }
 
 function saveDrives() {
@@ -413,7 +386,7 @@ function connectControls() {
   for (const [id, drive] of [['clear', 0], ['all-lights', 1]]) {
     byId(id).addEventListener('click', () => choose([new Float64Array(page.basis.nLights).fill(drive)], 'painted', 1));
   }
-  byId('save').addEventListener('click', () => savePicture().catch(tellProblem));
+  byId('save').addEventListener('click', () => savePicture().catch(tell));
   byId('save-drives').addEventListener('click', saveDrives);
   byId('environment-file').addEventListener('change', event => {
     if (event.target.files.length > 0) {
@@ -442,16 +415,6 @@ function connectDrop() {
     if (event.dataTransfer.files.length > 0) {
       loadEnvironment(event.dataTransfer.files[0]);
     }
-  });
-}
-
-function connectTheme() {
-  byId('theme').addEventListener('click', () => {
-    const root = document.documentElement;
-    const isDark = root.dataset.theme ? root.dataset.theme === 'dark'
-      : !matchMedia('(prefers-color-scheme: light)').matches;
-    root.dataset.theme = isDark ? 'light' : 'dark';
-    page.maps.forEach(map => map.draw());
   });
 }
 
@@ -516,14 +479,7 @@ async function load() {
 
 async function begin() {
   const canvas = byId('picture');
-  canvas.addEventListener('webglcontextlost', event => {
-    event.preventDefault();
-    page.loading?.abort();
-    tellProblem(new ServerError(0, {
-      what: 'The graphics processor has dropped the page.', where: 'this browser',
-      cure: 'load the page again; close other pages if it comes back',
-    }));
-  });
+  watchGraphics(canvas, () => page.loading?.abort(), tell);
   page.basis = await Basis.open();
   byId('file-name').textContent = page.basis.about.file;
   document.title = `${page.basis.about.file} – haarlight view`;
@@ -537,10 +493,10 @@ async function begin() {
   await load();
 }
 
-connectTheme();
+connectTheme(() => page.maps.forEach(map => map.draw()));
 window.haarlightView = page;  // for the console and for tests
 page.begun = begin().catch(error => {
   if (!page.renderer?.gl.isContextLost()) {
-    tellProblem(error);
+    tell(error);
   }
 });

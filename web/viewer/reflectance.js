@@ -1,11 +1,10 @@
 // The page of a picture that is lit by direction: the ball → the server's map of bytes to colours → the canvas.
 
 import {LightBall} from './light_ball.js';
-import {NoGraphics} from './graphics.js';
+import {byId, connectTheme, pngOf, save, shellWord, tellProblem, watchGraphics} from './page.js';
 import {ReflectanceRenderer, sketchLights} from './reflectance_renderer.js';
-import {ServerError, askBytes, askJson} from './server.js';
+import {askBytes, askJson} from './server.js';
 
-const byId = id => document.getElementById(id);
 const kFirstLight = [-0.5, 0.5];  // upper left, as people expect light to fall
 const kNotes = {
   picture: '',
@@ -16,19 +15,7 @@ const kNotes = {
 
 const page = {about: null, renderer: null, ball: null, asked: null, shown: null, latencies: []};
 
-function tellProblem(error) {
-  const box = byId('problem');
-  box.hidden = false;
-  if (error instanceof ServerError) {
-    box.textContent = error.message;
-  } else if (error instanceof NoGraphics) {
-    box.textContent = `${error.message}\nCure: use a current Firefox, Chrome, Edge or Safari with WebGL 2, ` +
-      'or `haarlight convert` for single pictures.';
-  } else {
-    box.textContent = `The page made a mistake: ${error.message}\nCure: load the page again.`;
-    throw error;
-  }
-}
+const tell = error => tellProblem(error, 'haarlight convert');
 
 const mapOf = ([x, y, z]) => askJson(`/v1/reflectance/light?x=${x}&y=${y}&z=${z}`);
 
@@ -55,7 +42,7 @@ async function lightFrom(light, at) {
         page.latencies.push(performance.now() - begun);
       }
     } catch (error) {
-      tellProblem(error);
+      tell(error);
     } finally {
       page.asking = null;
     }
@@ -74,9 +61,8 @@ function draw() {
   const numbers = shown.light.map(v => Number(v.toFixed(4)));
   byId('light-readout').textContent = `${numbers.join(', ')}: ${height}° over the picture` +
     (Math.hypot(x, y) > 1e-3 ? `, from ${Math.round(Math.atan2(y, x) * 180 / Math.PI)}° against the clock from the right` : '');
-  const file = page.about.file;
-  byId('command').textContent = `haarlight convert ${/^[\w./=+-]+$/.test(file) ? file : `'${file.replaceAll("'", "'\\''")}'`} ` +
-    `picture.png --light ${numbers.join(',')}`;
+  byId('command').textContent =
+    `haarlight convert ${shellWord(page.about.file)} picture.png --light ${numbers.join(',')}`;
 }
 
 function zoom() {
@@ -98,25 +84,13 @@ function showMode() {
 }
 
 async function savePicture() {
-  const {width, height, data} = page.renderer.pixels();
-  const canvas = new OffscreenCanvas(width, height);
-  canvas.getContext('2d').putImageData(new ImageData(data, width, height), 0, 0);
-  const link = document.createElement('a');
-  link.href = URL.createObjectURL(await canvas.convertToBlob({type: 'image/png'}));
-  link.download = `${page.about.file.replace(/\.[^.]*$/, '')}.png`;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  save(await pngOf(page.renderer.pixels()), `${page.about.file.replace(/\.[^.]*$/, '')}.png`);
 }
 
 function connectControls() {
-  byId('theme').addEventListener('click', () => {
-    const root = document.documentElement;
-    const isDark = root.dataset.theme ? root.dataset.theme === 'dark' : !matchMedia('(prefers-color-scheme: light)').matches;
-    root.dataset.theme = isDark ? 'light' : 'dark';
-    page.ball.draw();
-  });
+  connectTheme(() => page.ball.draw());
   byId('zoom').addEventListener('change', zoom);
-  byId('save').addEventListener('click', () => savePicture().catch(tellProblem));
+  byId('save').addEventListener('click', () => savePicture().catch(tell));
   for (const id of ['mode', 'diffuse', 'gloss', 'shine']) {
     byId(id).addEventListener('input', showMode);
   }
@@ -124,14 +98,7 @@ function connectControls() {
 
 async function begin() {
   const canvas = byId('picture');
-  canvas.addEventListener('webglcontextlost', event => {
-    event.preventDefault();
-    page.isLoaded = false;
-    tellProblem(new ServerError(0, {
-      what: 'The graphics processor has dropped the page.', where: 'this browser',
-      cure: 'load the page again; close other pages if it comes back',
-    }));
-  });
+  watchGraphics(canvas, () => { page.isLoaded = false; }, tell);
   page.about = await askJson('/v1/reflectance');
   const {about} = page;
   byId('file-name').textContent = about.file;
@@ -158,4 +125,4 @@ async function begin() {
 
 page.engine = {settled: async () => { while (page.asking) { await page.asking; } }};
 window.haarlightView = page;  // for the console and for tests
-page.begun = begin().catch(tellProblem);
+page.begun = begin().catch(tell);

@@ -1,6 +1,7 @@
 #include "apps/viewer/environment_desk.h"
 
 #include <chrono>
+#include <cstdlib>
 #include <filesystem>
 #include <numbers>
 #include <optional>
@@ -45,6 +46,30 @@ EnvironmentWeights wait_for(EnvironmentDesk& desk, const std::string& id, double
   }
   throw std::runtime_error("no weights after a minute");
 }
+
+/// A variable of the environment that has its old value again at the end.
+class TemporaryVariable {
+ public:
+  TemporaryVariable(const char* name, const std::string& value) : name_(name) {
+    if (const char* old = std::getenv(name)) {
+      old_ = old;
+    }
+    ::setenv(name, value.c_str(), 1);
+  }
+  ~TemporaryVariable() {
+    if (old_) {
+      ::setenv(name_, old_->c_str(), 1);
+    } else {
+      ::unsetenv(name_);
+    }
+  }
+  TemporaryVariable(const TemporaryVariable&) = delete;
+  TemporaryVariable& operator=(const TemporaryVariable&) = delete;
+
+ private:
+  const char* name_;
+  std::optional<std::string> old_;
+};
 
 class Desk : public ::testing::Test {
  protected:
@@ -105,12 +130,17 @@ TEST_F(Desk, KeepsTheLastEnvironmentsOnly) {
   EXPECT_THROW((void)desk.weights("../sky", 0.0, Quality::exact), Error);
 }
 
-TEST_F(Desk, EndsWhileItIsAtWork) {
+TEST_F(Desk, EndsWhileItIsAtWorkAndLeavesNothing) {
+  const std::filesystem::path temporary = folder_ / "tmp";
+  std::filesystem::create_directory(temporary);
+  const std::string bytes = sky_bytes(folder_.path());
+  const TemporaryVariable variable("TMPDIR", temporary.string());
   for (int i = 0; i < 3; ++i) {
     EnvironmentDesk desk(basis_);
-    const std::string id = desk.add(sky_bytes(folder_.path()), "sky.exr");
-    (void)desk.weights(id, 1.0, Quality::exact);
+    const std::string id = desk.add(bytes, "sky.exr");
+    EXPECT_FALSE(desk.weights(id, 1.0, Quality::exact).has_value()) << "it is at work";
   }
+  EXPECT_TRUE(std::filesystem::is_empty(temporary));
 }
 
 TEST(DeskOfAnImport, SharesTheSkyAmongTheLightsDirections) {

@@ -110,6 +110,16 @@ TEST(LightCorrection, LightsBehindTheTargetGiveBlackAndAloneAreRefused) {
   EXPECT_THROW(LightCorrection(lights, pixels, 8, 8, Vector3d::UnitZ(), FallOff::plane), Error);
 }
 
+TEST(NormalPicture, TurnsNormalsAndLeavesUnknownOnes) {
+  Image<float> normals(1, 2, 3);
+  normals(0, 0, 0) = 0.6F;
+  normals(0, 0, 2) = 0.8F;
+  Eigen::Matrix3d turn;  // x to y, y to z, z to x
+  turn << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+  const Image<float> turned = turned_normals(normals.view(), turn);
+  EXPECT_THAT(turned.pixels(), ::testing::ElementsAre(0.8F, 0.6F, 0.0F, 0.0F, 0.0F, 0.0F));
+}
+
 TEST(NormalPicture, CodesNormalsAndShowsGloss) {
   Image<float> normals(1, 3, 3);
   normals(0, 0, 2) = 1.0F;

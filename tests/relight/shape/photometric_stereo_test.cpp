@@ -167,6 +167,53 @@ class CountingStack final : public StackSource {
   mutable std::atomic<int> n_read_{0};
 };
 
+TEST(LambertFitter, TrimsTheWorstByRankWhateverTheNumberOfLights) {
+  for (const int n : {10, 37, 200, 1000}) {
+    for (const double keep : {0.6, 0.83}) {
+      LambertFitter fitter(n, {.keep = keep});
+      const std::vector<Vector3d> lights = dome_directions(n);
+      const Vector3d b(0.1, -0.05, 0.7);
+      for (int k = 0; k < n; ++k) {
+        const double noise = uniform_unit(hash_key(5, static_cast<std::uint64_t>(k))) - 0.5;
+        fitter.add(lights[static_cast<std::size_t>(k)],
+                   b.dot(lights[static_cast<std::size_t>(k)]) + 0.01 * noise, k);
+      }
+      const LambertFit fit = fitter.fit();
+      ASSERT_EQ(fit.state, PixelState::good);
+      EXPECT_EQ(fit.n_used, std::max(6, static_cast<int>(std::ceil(keep * n)))) << n;
+      double worst_kept = 0.0;
+      double best_left = 1.0;
+      for (int i = 0; i < fitter.n_samples(); ++i) {
+        const Vector3d s = fitter.direction(i);
+        const double noise =
+            uniform_unit(hash_key(5, static_cast<std::uint64_t>(fitter.light(i)))) - 0.5;
+        const double residual = std::abs((b - fit.b).dot(s) + 0.01 * noise);
+        if (fitter.weight(i) > 0.0) {
+          worst_kept = std::max(worst_kept, residual);
+        } else {
+          best_left = std::min(best_left, residual);
+        }
+      }
+      // The last step moved b by at most 1e-4 of itself.
+      EXPECT_LT(worst_kept, best_left + 2e-4 * fit.b.norm()) << n;
+    }
+  }
+}
+
+TEST(LambertFitter, EqualSamplesAndBlackOnesAreRankedToo) {
+  LambertFitter fitter(400, {.keep = 0.8});  // part of a hundred equal residuals: all of them
+  for (int k = 0; k < 400; ++k) {
+    // Three directions, each a hundred times, and a hundred samples at or below 0.
+    const Vector3d s =
+        Vector3d(k % 4 == 0 ? 0.5 : 0.0, k % 4 == 1 ? 0.5 : 0.0, 0.8).normalized();
+    fitter.add(s, k % 4 == 3 ? -0.01 * (k % 8) : 0.3 * s.z(), k);
+  }
+  const LambertFit fit = fitter.fit();
+  ASSERT_EQ(fit.state, PixelState::good);
+  EXPECT_EQ(fitter.n_samples(), 300);
+  EXPECT_LT((fit.b - Vector3d(0.0, 0.0, 0.3)).norm(), 1e-12);
+}
+
 TEST(PhotometricStereo, MaskedPixelsAreNotReadAndTheOthersKeepTheirBits) {
   const StereoLights lights = far_lights(9);
   MemoryStack stack = far_capture(kSize, kSize, 1, lights.directions, bowl());

@@ -116,6 +116,32 @@ TEST(RtiNormals, OfAnHshLeanAsItsTermsDo) {
   }
 }
 
+TEST(RtiSurface, HasNormalsInTheLightsFrameAndNoneUnderTheMask) {
+  ReflectanceModel model = model_of(ReflectanceBasis::ptm, ReflectanceColour::rgb, 6);
+  model.transfer = Transfer::linear;
+  const Coefficients k = hill(0.2, -0.3);
+  for (int x = 0; x < 3; ++x) {
+    for (int plane = 0; plane < model.n_planes(); ++plane) {
+      model.planes(1, x, plane) = byte_of(x == 2 ? 0.0 : k[plane % 6]);
+    }
+  }
+  Image<std::uint8_t> mask(2, 3, 1);
+  mask(1, 1) = 1;
+  mask(1, 2) = 1;
+  Eigen::Matrix3d turn;  // world x to the picture's y, y to z, z to x
+  turn << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+  const SurfaceEstimate found = rti_surface(model, mask.view(), turn);
+  EXPECT_EQ(found.n_in(PixelState::good), 1);
+  EXPECT_EQ(found.n_in(PixelState::masked), 4);
+  EXPECT_EQ(found.n_in(PixelState::too_dark), 1) << "no peak";
+  const Vector3d normal = turn * testing::vector_at(found.normal, 1, 1);
+  EXPECT_NEAR(normal.x(), 0.2, 0.02);  // coefficients in steps of 1/64
+  EXPECT_NEAR(normal.y(), -0.3, 0.02);
+  EXPECT_NEAR(found.albedo(1, 1, 0), 0.5, 0.01) << "the constant: lit from the camera";
+  EXPECT_EQ(testing::vector_at(found.normal, 1, 0), Vector3d(Vector3d::Zero()));
+  EXPECT_EQ(testing::vector_at(found.normal, 1, 2), Vector3d(Vector3d::Zero()));
+}
+
 TEST(RtiNormals, RefuseOtherBases) {
   ReflectanceModel model = model_of(ReflectanceBasis::ptm, ReflectanceColour::rgb, 6);
   model.basis = ReflectanceBasis::bilinear;

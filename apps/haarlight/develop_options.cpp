@@ -1,0 +1,40 @@
+#include "apps/haarlight/develop_options.h"
+
+#include "relight/basis/compress_session.h"
+
+namespace haarlight {
+
+void add_transfer_option(Command verb, std::string& transfer) {
+  verb.option(
+      "--transfer", &transfer,
+      "What stands in for the unknown curve of a camera's YUYV or NV12 (default: refuse)",
+      {.choices = {"srgb", "linear"}});
+}
+
+std::optional<Transfer> transfer_asked(const std::string& transfer) {
+  if (transfer.empty()) {
+    return {};
+  }
+  return transfer == "srgb" ? Transfer::srgb : Transfer::linear;
+}
+
+DevelopOptions develop_options(const Session& session, const CommonOptions& common,
+                               const std::string& transfer) {
+  DevelopOptions options;
+  options.memory_bytes = common.memory_bytes;
+  options.progress = common.progress();
+  options.plate = sharing_plate(session, {});
+  options.unknown_as = transfer_asked(transfer);
+  return options;
+}
+
+void add_plane_options(Command verb, PlaneArguments& plane) {
+  verb.option("--width-mm", &plane.width_mm,
+              "What the picture shows across, for an imported capture",
+              {.type = "MM", .bounds = Bounds{0.0, 1e6}});
+  verb.option("--height-mm", &plane.height_mm,
+              "Mean height of the object above the rig's plane",
+              {.type = "MM", .bounds = Bounds{-1e5, 1e5}});
+}
+
+}  // namespace haarlight

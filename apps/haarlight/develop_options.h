@@ -1,0 +1,36 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "apps/haarlight/verb.h"
+#include "core/image_io.h"
+#include "session/develop.h"
+
+/// @file
+/// What the verbs that develop a session share: the unknown curve's stand-in, and how large an
+/// imported picture is.
+
+namespace haarlight {
+
+/// Adds --transfer.
+void add_transfer_option(Command verb, std::string& transfer);
+
+/// What --transfer says; nothing where it was not given.
+[[nodiscard]] std::optional<Transfer> transfer_asked(const std::string& transfer);
+
+/// The common options' memory and progress, the session's own clean plate, --transfer.
+[[nodiscard]] DevelopOptions develop_options(const Session& session,
+                                             const CommonOptions& common,
+                                             const std::string& transfer = {});
+
+/// Where the picture's reference plane is.
+struct PlaneArguments {
+  double width_mm = 0.0;   ///< 0: not given
+  double height_mm = 0.0;  ///< above the rig's plane
+};
+
+/// Adds --width-mm and --height-mm.
+void add_plane_options(Command verb, PlaneArguments& plane);
+
+}  // namespace haarlight

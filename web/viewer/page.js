@@ -1,0 +1,65 @@
+// What both of the viewer's pages do: problems in words, dark and light, files to save.
+
+import {NoGraphics} from './graphics.js';
+import {ServerError} from './server.js';
+
+export const byId = id => document.getElementById(id);
+
+/**
+ * Puts what went wrong on the page; throws again what is our own mistake.
+ * @param instead  the command that needs no graphics
+ */
+export function tellProblem(error, instead) {
+  const box = byId('problem');
+  box.hidden = false;
+  if (error instanceof ServerError) {
+    box.textContent = error.message;
+  } else if (error instanceof NoGraphics) {
+    box.textContent = `${error.message}\nCure: use a current Firefox, Chrome, Edge or Safari with WebGL 2, ` +
+      `or \`${instead}\` for single pictures.`;
+  } else {
+    box.textContent = `The page made a mistake: ${error.message}\nCure: load the page again.`;
+    throw error;
+  }
+}
+
+/** The browser may take the graphics processor away: stop() ends what would use it, tell(error) says so. */
+export function watchGraphics(canvas, stop, tell) {
+  canvas.addEventListener('webglcontextlost', event => {
+    event.preventDefault();
+    stop();
+    tell(new ServerError(0, {
+      what: 'The graphics processor has dropped the page.', where: 'this browser',
+      cure: 'load the page again; close other pages if it comes back',
+    }));
+  });
+}
+
+/** The button that changes dark and light; draw() is for what is drawn on canvases. */
+export function connectTheme(draw) {
+  byId('theme').addEventListener('click', () => {
+    const root = document.documentElement;
+    const isDark = root.dataset.theme ? root.dataset.theme === 'dark'
+      : !matchMedia('(prefers-color-scheme: light)').matches;
+    root.dataset.theme = isDark ? 'light' : 'dark';
+    draw();
+  });
+}
+
+/** A word as a shell takes it. */
+export const shellWord = text => /^[\w./=+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
+
+/** @param pixels  {width, height, data}: RGBA, rows from the top */
+export function pngOf({width, height, data}) {
+  const canvas = new OffscreenCanvas(width, height);
+  canvas.getContext('2d').putImageData(new ImageData(data, width, height), 0, 0);
+  return canvas.convertToBlob({type: 'image/png'});
+}
+
+export function save(blob, name) {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
