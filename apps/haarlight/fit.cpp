@@ -439,7 +439,7 @@ void add_fit(Command root, Invocation& invocation) {
               {.type = "EVERY:REST"});
   verb.option("--near", &arguments->near,
               "Lights are near: every pixel in its own directions, fall-off divided out; "
-              "interpolated: 4 times faster",
+              "interpolated: 3 times faster",
               {.choices = {"off", "exact", "interpolated"}, .shows_default = true});
   verb.option("--width-mm", &arguments->width_mm,
               "With --near, for imported pictures: how wide the target is across the picture",

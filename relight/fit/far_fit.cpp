@@ -7,6 +7,7 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/fit/fit_kernel.h"
+#include "relight/fit/pixel_band.h"
 
 namespace haarlight {
 
@@ -34,35 +35,41 @@ PlaneCodes bounds_of(const Eigen::MatrixXd& matrix, Index row, double added, dou
 class BlockFitter {
  public:
   BlockFitter(const FarFit& fit, std::size_t n_lights)
-      : colour_(fit.model.colour), matrix_(fit.matrix), n_lights_(n_lights) {
+      : colour_(fit.model.colour),
+        // rgb multiplies the pictures' codes as they are.
+        matrix_(colour_ == ReflectanceColour::rgb ? Eigen::MatrixXd(fit.matrix / 65535.0)
+                                                  : fit.matrix),
+        n_lights_(n_lights) {
     const auto n_planes = static_cast<std::size_t>(n_planes_of(colour_, fit.model.n_terms));
     const bool is_lrgb = colour_ == ReflectanceColour::lrgb;
     for (std::size_t p = 0; p < n_planes; ++p) {
       if (is_lrgb && p >= matrix_.n_out()) {
         codes_.push_back({0.0, 1.0 / 65535.0});
-        added_.push_back(0.0F);
+        added_.push_back(0.0);
         continue;
       }
       const auto row = static_cast<Index>(p % matrix_.n_out());
       codes_.push_back(
           bounds_of(fit.matrix, row, fit.added[row], is_lrgb ? kMostLuminance : 1.0));
-      added_.push_back(static_cast<float>(fit.added[row]));
+      added_.push_back(fit.added[row]);
     }
   }
 
   [[nodiscard]] const std::vector<PlaneCodes>& codes() const { return codes_; }
 
   struct Work {
-    std::vector<float> in;
-    std::vector<float> out;
-    std::vector<float> planes;
+    std::vector<float> in;       ///< (n_lights, 3, 64): not for rgb
+    std::vector<float> factors;  ///< (n_lights, 64): lrgb
+    std::vector<float> out;      ///< (n rows of the matrix, 64 or 3 * 64)
   };
   [[nodiscard]] Work make_work() const {
-    constexpr std::size_t kMostOut = 3 * kFitBlock;
-    return {std::vector<float>(n_lights_ * kMostOut),
-            std::vector<float>(std::max((fit_rows_padded(matrix_.n_out()) + 4) * kMostOut,
-                                        n_lights_ * kFitBlock)),
-            std::vector<float>((codes_.size() + 4) * kFitBlock)};
+    const bool is_rgb = colour_ == ReflectanceColour::rgb;
+    const bool is_lrgb = colour_ == ReflectanceColour::lrgb;
+    // Of lrgb three more rows: the colour.
+    return {std::vector<float>(is_rgb ? 0 : n_lights_ * 3 * kFitBlock),
+            std::vector<float>(is_lrgb ? n_lights_ * kFitBlock : 0),
+            std::vector<float>((fit_rows_padded(matrix_.n_out()) + 3) * kFitBlock *
+                               (is_rgb ? 3 : 1))};
   }
 
   /// Pixels [x0, x0 + n) of a row, n <= kFitBlock.
@@ -71,45 +78,34 @@ class BlockFitter {
   void fit(const PlaneWriter& writer, const std::uint16_t* row, std::size_t width,
            std::size_t x0, std::size_t n, Work& work, std::uint16_t* line) const {
     if (colour_ == ReflectanceColour::rgb) {
-      fit_channels(row, width, x0, n, work);
+      fit_channels(writer, row, width, x0, n, work, line);
+      return;
+    }
+    for (std::size_t l = 0; l < n_lights_; ++l) {
+      float* r = work.in.data() + l * 3 * kFitBlock;
+      split_codes(row + (l * width + x0) * 3, n, r, r + kFitBlock, r + 2 * kFitBlock);
+    }
+    if (colour_ == ReflectanceColour::pca) {
+      matrix_.multiply(work.in.data(), kFitBlock, kFitBlock, work.out.data(), kFitBlock);
     } else {
-      for (std::size_t l = 0; l < n_lights_; ++l) {
-        float* r = work.in.data() + l * 3 * kFitBlock;
-        split_codes(row + (l * width + x0) * 3, n, r, r + kFitBlock, r + 2 * kFitBlock);
-      }
-      if (colour_ == ReflectanceColour::pca) {
-        matrix_.multiply(work.in.data(), kFitBlock, kFitBlock, work.planes.data(), kFitBlock);
-      } else {
-        split_luminance(work);
-      }
+      split_luminance(work);
     }
     for (std::size_t p = 0; p < codes_.size(); ++p) {
-      float* values = work.planes.data() + p * kFitBlock;
-      for (std::size_t x = 0; x < n; ++x) {
-        values[x] += added_[p];
-      }
-      writer.encode(p, {values, n}, line + p * width + x0);
+      writer.encode(p, {work.out.data() + p * kFitBlock, n}, added_[p], line + p * width + x0);
     }
   }
 
  private:
   /// One matrix for all channels: they stay side by side until their planes are there.
-  void fit_channels(const std::uint16_t* row, std::size_t width, std::size_t x0, std::size_t n,
-                    Work& work) const {
+  void fit_channels(const PlaneWriter& writer, const std::uint16_t* row, std::size_t width,
+                    std::size_t x0, std::size_t n, Work& work, std::uint16_t* line) const {
     constexpr std::size_t kValues = 3 * kFitBlock;
-    for (std::size_t l = 0; l < n_lights_; ++l) {
-      widen_codes(row + (l * width + x0) * 3, 3 * n, work.in.data() + l * kValues);
-    }
-    matrix_.multiply(work.in.data(), kValues, kValues, work.out.data(), kValues);
+    // Beyond the row's last pixel there is the next row, or the band's margin.
+    matrix_.multiply(row + 3 * x0, 3 * width, kValues, work.out.data(), kValues);
     const std::size_t n_terms = matrix_.n_out();
     for (std::size_t t = 0; t < n_terms; ++t) {
-      const float* from = work.out.data() + t * kValues;
-      for (std::size_t c = 0; c < 3; ++c) {
-        float* to = work.planes.data() + (c * n_terms + t) * kFitBlock;
-        for (std::size_t x = 0; x < kFitBlock; ++x) {
-          to[x] = from[3 * x + c];
-        }
-      }
+      writer.encode_threes(t, n_terms, {work.out.data() + t * kValues, 3 * n}, added_[t],
+                           line + t * width + x0);
     }
   }
 
@@ -142,16 +138,16 @@ class BlockFitter {
     }
     for (std::size_t l = 0; l < n_lights_; ++l) {
       const float* v = work.in.data() + l * 3 * kFitBlock;
-      float* y = work.out.data() + l * kFitBlock;
+      float* y = work.factors.data() + l * kFitBlock;
       for (std::size_t x = 0; x < kFitBlock; ++x) {
         y[x] = v[x] * towards[0][x] + v[kFitBlock + x] * towards[1][x] +
                v[2 * kFitBlock + x] * towards[2][x];
       }
     }
-    matrix_.multiply(work.out.data(), kFitBlock, kFitBlock, work.planes.data(), kFitBlock);
+    matrix_.multiply(work.factors.data(), kFitBlock, kFitBlock, work.out.data(), kFitBlock);
     for (std::size_t c = 0; c < 3; ++c) {
       std::copy(k[c].begin(), k[c].end(),
-                work.planes.begin() + static_cast<std::ptrdiff_t>((n_terms + c) * kFitBlock));
+                work.out.begin() + static_cast<std::ptrdiff_t>((n_terms + c) * kFitBlock));
     }
   }
 
@@ -159,7 +155,7 @@ class BlockFitter {
   FitMatrix matrix_;
   std::size_t n_lights_;
   std::vector<PlaneCodes> codes_;
-  std::vector<float> added_;
+  std::vector<double> added_;
 };
 
 void require_shapes(const PictureShape& shape, const FarFit& fit) {
@@ -209,28 +205,28 @@ FitResult fit_far(PictureRows& rows, const FarFit& fit, const FarFitOptions& opt
   const std::size_t n_row = width * 3 * n_lights;
   const std::size_t band_rows =
       std::clamp<std::size_t>(kBandBytes / (n_row * sizeof(std::uint16_t)), 1, 64);
-  std::vector<std::uint16_t> band(band_rows * n_row);
-  std::vector<std::uint16_t> lines(band_rows * n_planes * width);
+  PixelBand band(band_rows * n_row + 3 * kFitBlock);
   const std::size_t n_blocks = (width + kFitBlock - 1) / kFitBlock;
   const auto height = static_cast<std::size_t>(shape.height);
   Progress progress("fit", height, options.progress);
   rows.rewind();
   for (std::size_t y0 = 0; y0 < height; y0 += band_rows) {
     const std::size_t n = std::min(band_rows, height - y0);
-    rows.read(static_cast<int>(n), std::span(band).first(n * n_row));
+    rows.read(static_cast<int>(n), band.codes().first(n * n_row));
+    const std::span<std::uint16_t> lines = writer.next_rows(n);
     parallel_for(n * n_blocks, 16, [&](std::size_t begin, std::size_t end) {
       BlockFitter::Work work = fitter.make_work();
       for (std::size_t i = begin; i < end; ++i) {
         const std::size_t y = i / n_blocks;
         const std::size_t x0 = i % n_blocks * kFitBlock;
-        fitter.fit(writer, &band[y * n_row], width, x0, std::min(kFitBlock, width - x0), work,
-                   &lines[y * n_planes * width]);
+        fitter.fit(writer, &band.codes()[y * n_row], width, x0, std::min(kFitBlock, width - x0),
+                   work, &lines[y * n_planes * width]);
       }
     });
-    writer.append(std::span(lines).first(n * n_planes * width));
+    writer.append();
     progress.advance(n);
   }
-  band = {};
+  band = PixelBand();
   ReflectanceModel model = fit.model;
   model.transfer = rows.transfer();
   return writer.finish(std::move(model));

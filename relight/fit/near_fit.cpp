@@ -1,7 +1,9 @@
 #include "relight/fit/near_fit.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <span>
 #include <utility>
 
 #include <Eigen/Dense>
@@ -9,10 +11,9 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
-#include "relight/fit/fit_kernel.h"
 #include "relight/fit/light_recipe.h"
 #include "relight/fit/near_kernel.h"
-#include "relight/fit/transfer_table.h"
+#include "relight/fit/pixel_band.h"
 
 namespace haarlight {
 
@@ -25,9 +26,51 @@ using Eigen::VectorXd;
 constexpr std::size_t kBandBytes = std::size_t{48} << 20U;
 /// A light that gives less than this share of its axis' light says nothing of a pixel.
 constexpr double kLeastLobe = 1e-3;
-/// Knots further apart than this share of the lights' distance are refused: at 0.096 pictures
-/// are 45.6 dB from the exact fit's, and the error grows with the square.
-constexpr double kCoarsestCell = 0.05;
+/// Knots further apart than this share of the lights' distance are refused, and so are longer
+/// straight lines between: at 0.158 and 0.048 a picture 37 dB from the truth loses up to 0.007
+/// dB, at 0.21 and 0.083 up to 0.05 dB.
+constexpr double kCoarsestCell = 0.16;
+constexpr double kCoarsestStep = 0.05;
+
+/// Pixels that share an interpolated matrix's way through the caches.
+constexpr std::size_t kSpan = 1024;
+static_assert(kSpan % kNearBlock == 0 && kNearBlock % kNearStep == 0);
+
+/// Cubics through this many knots a side.
+constexpr std::size_t kTaps = 4;
+static_assert(kNearChunk % kNearStep == 0);
+
+/// Evenly spaced knots over one side of the picture, its borders among them.
+struct Knots {
+  std::size_t n = 0;
+  double spacing = 1.0;  ///< pixels
+  Knots(int n_pixels, int grid)
+      : n(std::max<std::size_t>(kTaps,
+                                static_cast<std::size_t>((n_pixels + grid - 1) / grid) + 1)),
+        spacing(n_pixels / static_cast<double>(n - 1)) {}
+  /// The first of the kTaps knots around a place, in pixels.
+  [[nodiscard]] std::size_t first_around(double place) const {
+    const double cell = std::floor(place / spacing);
+    return static_cast<std::size_t>(
+        std::clamp(cell - 1.0, 0.0, static_cast<double>(n - kTaps)));
+  }
+  /// Lagrange's weights of these knots.
+  [[nodiscard]] std::array<float, kTaps> weights_at(double place) const {
+    const double s = place / spacing - static_cast<double>(first_around(place));
+    std::array<float, kTaps> weights{};
+    for (std::size_t i = 0; i < kTaps; ++i) {
+      double weight = 1.0;
+      for (std::size_t j = 0; j < kTaps; ++j) {
+        if (j != i) {
+          weight *=
+              (s - static_cast<double>(j)) / (static_cast<double>(i) - static_cast<double>(j));
+        }
+      }
+      weights[i] = static_cast<float>(weight);
+    }
+    return weights;
+  }
+};
 
 /// Of one pixel and all lights.
 struct LightsSeen {
@@ -99,8 +142,7 @@ void require_lights(const NearGeometry& geometry, const PictureShape& shape,
   HAARLIGHT_EXPECTS(
       options.basis == ReflectanceBasis::ptm || options.basis == ReflectanceBasis::hsh,
       "ptm or hsh");
-  HAARLIGHT_EXPECTS(options.grid > 0 && options.grid % static_cast<int>(kFitBlock) == 0,
-                    "whole blocks between knots");
+  HAARLIGHT_EXPECTS(options.grid > 0, "pixels between knots");
   const double reference = reference_of(geometry, shape);
   for (const double x : {0.0, 0.5, 1.0}) {
     for (const double y : {0.0, 0.5, 1.0}) {
@@ -117,14 +159,21 @@ void require_lights(const NearGeometry& geometry, const PictureShape& shape,
   }
   const Eigen::Vector3d middle_point =
       geometry.points.at(0.5 * shape.width, 0.5 * shape.height);
-  const double cell =
-      (geometry.points.at(0.5 * shape.width + options.grid, 0.5 * shape.height) - middle_point)
-          .norm();
-  if (options.solve == NearSolve::interpolated && cell > kCoarsestCell * reference) {
-    throw Error(fmt::format("{} pixels are {:.0f} mm, the lights {:.0f} mm away: too coarse to "
-                            "interpolate between",
-                            options.grid, cell, reference),
-                "the picture", "fit it with --near exact", ExitCode::usage);
+  const auto length_of = [&](double pixels) {
+    const double x = 0.5 * shape.width + pixels;
+    return (geometry.points.at(x, 0.5 * shape.height) - middle_point).norm();
+  };
+  const double cell = std::max(Knots(shape.width, options.grid).spacing,
+                               Knots(shape.height, options.grid).spacing);
+  const auto step = static_cast<double>(kNearStep);
+  if (options.solve == NearSolve::interpolated &&
+      (length_of(cell) > kCoarsestCell * reference ||
+       length_of(step) > kCoarsestStep * reference)) {
+    throw Error(
+        fmt::format("{:.0f} pixels are {:.0f} mm, the lights {:.0f} mm away: too coarse "
+                    "to interpolate between",
+                    cell, length_of(cell), reference),
+        "the picture", "fit it with --near exact", ExitCode::usage);
   }
   const LightsSeen middle = lights_seen(geometry, reference, middle_point);
   const TermsCondition condition =
@@ -156,6 +205,16 @@ std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const PictureSh
   return codes;
 }
 
+/// A row of knots or of places between them: matrices in float, (n_lights, n_terms) each.
+using MatrixRow = std::vector<std::vector<float>>;
+
+/// What the pixels of a row are interpolated from.
+struct RowBetween {
+  MatrixRow matrices;          ///< at every knot's column
+  std::vector<float> gains;    ///< (n_lights, n_places), every kNearBlock / 2 pixels from 0 on
+  std::vector<char> is_rough;  ///< (n_lights): parabolas do not do somewhere
+};
+
 /// Everything that blocks of pixels share.
 class NearFitter {
  public:
@@ -166,7 +225,10 @@ class NearFitter {
         shape_(shape),
         reference_(reference_of(geometry, shape)),
         ridge_(ridge_diagonal(options, geometry.lights.size())),
-        table_(options.transfer) {
+        form_{options.basis, options.n_terms, options.transfer == Transfer::srgb},
+        n_terms_(static_cast<std::size_t>(options.n_terms)),
+        across_(shape.width, options.grid),
+        down_(shape.height, options.grid) {
     const Eigen::Matrix3d& turn = geometry.points.picture_from_world();
     for (const NearLight& light : geometry.lights) {
       const Eigen::Vector3f at = (turn * light.position_mm).cast<float>();
@@ -176,152 +238,270 @@ class NearFitter {
                           at.z(),
                           {axis.x(), axis.y(), axis.z()},
                           static_cast<float>(light.mu),
-                          static_cast<float>(scale_of(light, reference_))});
+                          static_cast<float>(scale_of(light, reference_) / kWhite)});
     }
   }
 
   struct Work {
-    std::vector<float> in;       ///< (n_lights, 3, 64)
-    std::vector<float> columns;  ///< (kNearChunk, n_padded + 3, 64)
+    // Exact: (kNearChunk, n_padded + 3, kNearBlock); (kSpan / kNearBlock, n_padded, n_padded +
+    // 3, kNearBlock).
+    std::vector<float> columns;
     std::vector<float> sums;
-    std::vector<float> planes;  ///< (n_planes, 64)
-    std::vector<float> gain;
-    FitMatrix matrix;
+    // Interpolated.
+    std::vector<float> values;  ///< (kNearChunk, 3, kNearBlock)
+    std::vector<float> nodes;   ///< (kSpan / kNearStep + 1, kNearChunk, n_terms)
+    std::vector<float> steps;   ///< from node to node
+    std::vector<float> gains;   ///< (kNearBlock)
+    // Both: (kSpan / kNearBlock, n_planes, kNearBlock).
+    std::vector<float> planes;
   };
   [[nodiscard]] Work make_work() const {
-    const std::size_t n_padded = near_terms_padded(options_.n_terms);
-    const auto n_terms = static_cast<std::size_t>(options_.n_terms);
-    return {std::vector<float>(sources_.size() * 3 * kFitBlock),
-            std::vector<float>(kNearChunk * (n_padded + 3) * kNearBlock),
-            std::vector<float>(std::max(n_padded * (n_padded + 3) * kNearBlock,
-                                        fit_rows_padded(2 * n_terms) * 3 * kFitBlock)),
-            std::vector<float>(3 * n_terms * kFitBlock),
-            std::vector<float>(kNearBlock),
-            {}};
+    Work work;
+    if (options_.solve == NearSolve::exact) {
+      const std::size_t n_padded = near_terms_padded(options_.n_terms);
+      work.columns.resize(kNearChunk * (n_padded + 3) * kNearBlock);
+      work.sums.resize(n_padded * (n_padded + 3) * n_blocks_from(0) * kNearBlock);
+    } else {
+      work.values.resize(kNearChunk * 3 * kNearBlock);
+      work.nodes.resize((kSpan / kNearStep + 1) * kNearChunk * n_terms_);
+      work.steps.resize(kSpan / kNearStep * kNearChunk * n_terms_);
+      work.gains.resize(kNearBlock);
+    }
+    work.planes.resize(3 * n_terms_ * kSpan);
+    return work;
+  }
+  /// The planes of a block of kNearBlock pixels in the work, (n_planes, kNearBlock).
+  [[nodiscard]] float* planes_of_block(Work& work, std::size_t i_block) const {
+    return work.planes.data() + i_block * 3 * n_terms_ * kNearBlock;
   }
 
-  /// @param row  (n_lights, width, 3)
-  void fit_exact(const std::uint16_t* row, std::size_t y, std::size_t x0, std::size_t n,
-                 Work& work) const {
+  /// kSpan pixels from x0; those beyond the picture's width mean nothing.
+  /// @param row  (n_lights, width, 3) and a margin of 3 * kNearBlock
+  void fit_exact(const std::uint16_t* row, std::size_t y, std::size_t x0, Work& work) const {
     const std::size_t n_padded = near_terms_padded(options_.n_terms);
     const std::size_t n_columns = n_padded + 3;
-    const NearBlock block = block_at(x0, y);
+    const std::size_t n_sums = n_padded * n_columns * kNearBlock;
+    const std::size_t n_blocks = n_blocks_from(x0);
+    std::array<NearBlock, kSpan / kNearBlock> blocks;
+    for (std::size_t i = 0; i < n_blocks; ++i) {
+      blocks[i] = block_at(x0 + i * kNearBlock, y);
+    }
     std::fill(work.sums.begin(), work.sums.end(), 0.0F);
-    const auto width = static_cast<std::size_t>(shape_.width);
     for (std::size_t first = 0; first < sources_.size(); first += kNearChunk) {
       const std::size_t n_chunk = std::min(kNearChunk, sources_.size() - first);
-      for (std::size_t l = 0; l < n_chunk; ++l) {
-        float* columns = work.columns.data() + l * n_columns * kNearBlock;
-        near_terms(options_.basis, options_.n_terms, sources_[first + l], block, columns,
-                   work.gain.data());
-        float* values = columns + n_padded * kNearBlock;
-        split_codes(row + ((first + l) * width + x0) * 3, n, values, values + kNearBlock,
-                    values + 2 * kNearBlock);
-        for (std::size_t c = 0; c < 3; ++c) {
-          table_.code(values + c * kNearBlock, work.gain.data(), kNearBlock);
+      for (std::size_t i = 0; i < n_blocks; ++i) {
+        for (std::size_t l = 0; l < n_chunk; ++l) {
+          fetch_ahead(row, first + l, x0, i, n_blocks);
+          near_columns(form_, sources_[first + l], blocks[i],
+                       codes_of(row, first + l, x0 + i * kNearBlock),
+                       work.columns.data() + l * n_columns * kNearBlock);
         }
+        add_near_products(work.columns.data(), n_chunk, n_padded,
+                          work.sums.data() + i * n_sums);
       }
-      add_near_products(work.columns.data(), n_chunk, n_padded, work.sums.data());
     }
-    for (std::size_t x = 0; x < n; ++x) {
-      solve_pixel(work, x);
+    for (std::size_t i = 0; i < n_blocks; ++i) {
+      solve_near(work.sums.data() + i * n_sums, ridge_.data(), options_.n_terms,
+                 planes_of_block(work, i));
     }
   }
 
-  /// A knot's matrix; gains are in it where values are fitted as they are.
-  [[nodiscard]] MatrixXd matrix_of_knot(int column, int row) const {
-    const LightsSeen seen =
-        lights_seen(geometry_, reference_,
-                    geometry_.points.at(static_cast<double>(column) * options_.grid,
-                                        static_cast<double>(row) * options_.grid));
-    MatrixXd matrix = matrix_at(options_, seen);
-    if (options_.transfer == Transfer::linear) {
-      matrix = matrix * seen.gains.asDiagonal();
+  /// Rows of the picture that lie among the same kTaps rows of knots as row y.
+  [[nodiscard]] std::size_t n_rows_alike(std::size_t y) const {
+    const std::size_t first = first_knots(y);
+    std::size_t n = 1;
+    while (y + n < static_cast<std::size_t>(shape_.height) && first_knots(y + n) == first) {
+      ++n;
     }
-    return matrix;
+    return n;
+  }
+  /// The first of the rows of knots that a row of pixels needs.
+  [[nodiscard]] std::size_t first_knots(std::size_t y) const {
+    return down_.first_around(static_cast<double>(y) + 0.5);
   }
 
-  /// Between two columns of knots: `work.matrix` holds the left one's and the difference to the
-  /// right one's, at this row.
-  /// @param t0, t1  of the first pixel and the step, 0 at the left knots, 1 at the right ones
-  void fit_interpolated(const std::uint16_t* row, std::size_t y, std::size_t x0, std::size_t n,
-                        float t0, float t1, Work& work) const {
-    constexpr std::size_t kValues = 3 * kFitBlock;
+  /// The matrices of a row of knots.
+  [[nodiscard]] MatrixRow make_knots(std::size_t row) const {
+    MatrixRow knots(across_.n);
+    parallel_for(across_.n, 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const LightsSeen seen =
+            lights_seen(geometry_, reference_,
+                        geometry_.points.at(static_cast<double>(i) * across_.spacing,
+                                            static_cast<double>(row) * down_.spacing));
+        const Eigen::MatrixXf values = matrix_at(options_, seen).cast<float>();
+        knots[i].resize(n_padded_numbers());
+        std::copy_n(values.data(), values.size(), knots[i].begin());
+      }
+    });
+    return knots;
+  }
+
+  /// Rows between the rows of knots around them. @param knots  kTaps rows from first_knots(y0)
+  void between_rows(const std::vector<MatrixRow>& knots, std::size_t y0,
+                    std::span<RowBetween> rows) const {
+    for (RowBetween& row : rows) {
+      row.matrices.resize(across_.n, std::vector<float>(n_padded_numbers()));
+    }
+    parallel_for(across_.n, 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        mix_column(knots, i, y0, rows);
+      }
+    });
+    parallel_for(rows.size(), 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t k = begin; k < end; ++k) {
+        make_gains(y0 + k, rows[k]);
+      }
+    });
+  }
+
+  /// As fit_exact. @param between  between_rows of this row
+  void fit_interpolated(const std::uint16_t* row, const RowBetween& between, std::size_t y,
+                        std::size_t x0, Work& work) const {
+    const std::size_t n_blocks = n_blocks_from(x0);
     const auto width = static_cast<std::size_t>(shape_.width);
-    const bool is_coded = options_.transfer != Transfer::linear;
-    const NearBlock block = is_coded ? block_at(x0, y) : NearBlock{};
-    for (std::size_t l = 0; l < sources_.size(); ++l) {
-      float* values = work.in.data() + l * kValues;
-      const std::uint16_t* codes = row + (l * width + x0) * 3;
-      if (!is_coded) {
-        widen_codes(codes, 3 * n, values);
-        continue;
-      }
-      near_gain(sources_[l], block, work.gain.data());
-      split_codes(codes, n, values, values + kFitBlock, values + 2 * kFitBlock);
-      for (std::size_t c = 0; c < 3; ++c) {
-        table_.code(values + c * kFitBlock, work.gain.data(), kFitBlock);
-      }
-    }
-    work.matrix.multiply(work.in.data(), kValues, kValues, work.sums.data(), kValues);
-    const auto n_terms = static_cast<std::size_t>(options_.n_terms);
-    for (std::size_t t = 0; t < n_terms; ++t) {
-      const float* left = work.sums.data() + t * kValues;
-      const float* difference = left + n_terms * kValues;
-      for (std::size_t c = 0; c < 3; ++c) {
-        float* to = work.planes.data() + (c * n_terms + t) * kFitBlock;
-        for (std::size_t x = 0; x < kFitBlock; ++x) {
-          const std::size_t at = is_coded ? c * kFitBlock + x : 3 * x + c;
-          to[x] = left[at] + (t0 + t1 * static_cast<float>(x)) * difference[at];
+    std::fill(work.planes.begin(), work.planes.end(), 0.0F);
+    for (std::size_t first = 0; first < sources_.size(); first += kNearChunk) {
+      const std::size_t n_chunk = std::min(kNearChunk, sources_.size() - first);
+      make_nodes(between.matrices, first, x0, work);
+      for (std::size_t i = 0; i < n_blocks; ++i) {
+        const std::size_t x = x0 + i * kNearBlock;
+        for (std::size_t l = 0; l < n_chunk; ++l) {
+          fetch_ahead(row, first + l, x0, i, n_blocks);
+        }
+        const float* gains = &between.gains[first * n_places() + 2 * x / kNearBlock];
+        bent_near_values(gains, n_places(), codes_of(row, first, x), 3 * width, n_chunk,
+                         form_.is_coded, work.values.data());
+        for (std::size_t l = 0; l < n_chunk; ++l) {
+          if (between.is_rough[first + l] != 0 && has_rough_gains(gains + l * n_places(), 1)) {
+            near_gains(sources_[first + l], block_at(x, y), work.gains.data());
+            near_values(work.gains.data(), codes_of(row, first + l, x), form_.is_coded,
+                        work.values.data() + l * 3 * kNearBlock);
+          }
+        }
+        constexpr std::size_t kSteps = kNearBlock / kNearStep;
+        for (std::size_t s = 0; s < kSteps; ++s) {
+          const std::size_t at = (i * kSteps + s) * kNearChunk * n_terms_;
+          add_near_between(work.nodes.data() + at, work.steps.data() + at, options_.n_terms,
+                           n_chunk, work.values.data() + s * kNearStep,
+                           planes_of_block(work, i) + s * kNearStep);
         }
       }
     }
   }
 
  private:
+  static constexpr double kWhite = 65535.0;
+
+  /// Blocks of a span that begin within the picture.
+  [[nodiscard]] std::size_t n_blocks_from(std::size_t x0) const {
+    const std::size_t n = std::min(kSpan, static_cast<std::size_t>(shape_.width) - x0);
+    return (n + kNearBlock - 1) / kNearBlock;
+  }
+  /// Places along a row at which gains are known, of the last block's end too.
+  [[nodiscard]] std::size_t n_places() const {
+    return 2 * ((static_cast<std::size_t>(shape_.width) + kNearBlock - 1) / kNearBlock) + 1;
+  }
+  /// Of all lights' terms at one place, whole chunks.
+  [[nodiscard]] std::size_t n_padded_numbers() const {
+    return (sources_.size() + kNearChunk - 1) / kNearChunk * kNearChunk * n_terms_;
+  }
+
+  [[nodiscard]] const std::uint16_t* codes_of(const std::uint16_t* row, std::size_t light,
+                                              std::size_t x) const {
+    return row + (light * static_cast<std::size_t>(shape_.width) + x) * 3;
+  }
+  /// Asks for the codes that are needed after block i of a span, chunk by chunk: each
+  /// light's are elsewhere. Beyond the band nothing happens.
+  void fetch_ahead(const std::uint16_t* row, std::size_t light, std::size_t x0, std::size_t i,
+                   std::size_t n_blocks) const {
+    const std::size_t soon = i + 1;
+    const std::uint16_t* codes =
+        soon < n_blocks
+            ? codes_of(row, light, x0 + soon * kNearBlock)
+            : codes_of(row, light + kNearChunk, x0 + (soon - n_blocks) * kNearBlock);
+    constexpr std::size_t kLine = 64 / sizeof(std::uint16_t);
+    for (std::size_t k = 0; k < 3 * kNearBlock; k += kLine) {
+      __builtin_prefetch(codes + k);
+    }
+  }
+
+  /// Cubics down a column of knots: its matrices at some rows, a few lights at a time, so that
+  /// the knots' own are read once.
+  void mix_column(const std::vector<MatrixRow>& knots, std::size_t column, std::size_t y0,
+                  std::span<RowBetween> rows) const {
+    const std::size_t n = kNearChunk * n_terms_;
+    for (std::size_t first = 0; first < n_padded_numbers(); first += n) {
+      std::array<const float*, kTaps> from{};
+      for (std::size_t k = 0; k < kTaps; ++k) {
+        from[k] = knots[k][column].data() + first;
+      }
+      for (std::size_t y = 0; y < rows.size(); ++y) {
+        mix_near(from, down_.weights_at(static_cast<double>(y0 + y) + 0.5), n,
+                 rows[y].matrices[column].data() + first);
+      }
+    }
+  }
+
+  /// Each light's gains along a row.
+  void make_gains(std::size_t y, RowBetween& row) const {
+    row.gains.resize(sources_.size() * n_places());
+    row.is_rough.resize(sources_.size());
+    std::array<float, kNearBlock> gains{};
+    for (std::size_t first = 0; first < n_places(); first += kNearBlock) {
+      NearBlock places;
+      for (std::size_t k = 0; k < kNearBlock; ++k) {
+        put(places, k, static_cast<double>((first + k) * (kNearBlock / 2)),
+            static_cast<double>(y) + 0.5);
+      }
+      for (std::size_t l = 0; l < sources_.size(); ++l) {
+        near_gains(sources_[l], places, gains.data());
+        std::copy_n(gains.begin(), std::min(kNearBlock, n_places() - first),
+                    row.gains.begin() + static_cast<std::ptrdiff_t>(l * n_places() + first));
+      }
+    }
+    for (std::size_t l = 0; l < sources_.size(); ++l) {
+      const bool is_rough = has_rough_gains(&row.gains[l * n_places()], (n_places() - 1) / 2);
+      row.is_rough[l] = static_cast<char>(is_rough);
+    }
+  }
+
+  /// Cubics along the row: the chunk's matrices every kNearStep pixels, and their steps.
+  void make_nodes(const MatrixRow& matrices, std::size_t first_light, std::size_t x0,
+                  Work& work) const {
+    const std::size_t stride = kNearChunk * n_terms_;
+    for (std::size_t s = 0; s <= n_blocks_from(x0) * kNearBlock / kNearStep; ++s) {
+      // The last step may end beyond the picture: the cubic goes on.
+      const auto place = static_cast<double>(x0 + s * kNearStep);
+      const std::size_t first = across_.first_around(place);
+      std::array<const float*, kTaps> from{};
+      for (std::size_t k = 0; k < kTaps; ++k) {
+        from[k] = matrices[first + k].data() + first_light * n_terms_;
+      }
+      float* node = work.nodes.data() + s * stride;
+      mix_near(from, across_.weights_at(place), stride, node);
+      if (s > 0) {
+        subtract_near(node, node - stride, stride, work.steps.data() + (s - 1) * stride);
+      }
+    }
+  }
+
   [[nodiscard]] NearBlock block_at(std::size_t x0, std::size_t y) const {
     NearBlock block;
     for (std::size_t k = 0; k < kNearBlock; ++k) {
       // Beyond the picture's last column the block repeats it.
       const std::size_t x = std::min(x0 + k, static_cast<std::size_t>(shape_.width) - 1);
-      const Eigen::Vector3f at =
-          (geometry_.points.picture_from_world() *
-           geometry_.points.at(static_cast<double>(x) + 0.5, static_cast<double>(y) + 0.5))
-              .cast<float>();
-      block.x[k] = at.x();
-      block.y[k] = at.y();
-      block.z[k] = at.z();
+      put(block, k, static_cast<double>(x) + 0.5, static_cast<double>(y) + 0.5);
     }
     return block;
   }
-
-  /// The normal equations of one pixel, in double.
-  void solve_pixel(Work& work, std::size_t x) const {
-    constexpr int kMost = 16;
-    const Index n = options_.n_terms;
-    const std::size_t n_columns = near_terms_padded(options_.n_terms) + 3;
-    const auto sum = [&](Index i, std::size_t j) {
-      return static_cast<double>(
-          work.sums[(static_cast<std::size_t>(i) * n_columns + j) * kNearBlock + x]);
-    };
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMost, kMost> normal(n, n);
-    Eigen::Matrix<double, Eigen::Dynamic, 3, 0, kMost, 3> right(n, 3);
-    for (Index i = 0; i < n; ++i) {
-      for (Index j = i; j < n; ++j) {
-        normal(j, i) = sum(i, static_cast<std::size_t>(j));
-      }
-      normal(i, i) += ridge_[i];
-      for (std::size_t c = 0; c < 3; ++c) {
-        right(i, static_cast<Index>(c)) = sum(i, n_columns - 3 + c);
-      }
-    }
-    normal.template selfadjointView<Eigen::Lower>().ldlt().solveInPlace(right);
-    for (Index c = 0; c < 3; ++c) {
-      for (Index i = 0; i < n; ++i) {
-        work.planes[static_cast<std::size_t>(c * n + i) * kFitBlock + x] =
-            static_cast<float>(right(i, c));
-      }
-    }
+  /// The place that (x, y) of the picture sees becomes the block's k-th.
+  void put(NearBlock& block, std::size_t k, double x, double y) const {
+    const Eigen::Vector3f at =
+        (geometry_.points.picture_from_world() * geometry_.points.at(x, y)).cast<float>();
+    block.x[k] = at.x();
+    block.y[k] = at.y();
+    block.z[k] = at.z();
   }
 
   const NearGeometry& geometry_;
@@ -329,37 +509,35 @@ class NearFitter {
   PictureShape shape_;
   double reference_;
   VectorXd ridge_;
-  TransferTable table_;
+  NearForm form_;
+  std::size_t n_terms_;
+  Knots across_;
+  Knots down_;
   std::vector<NearSource> sources_;
 };
 
-/// The matrices of the cells between two rows of knots, left and difference to the right, at
-/// the upper and at the lower row.
-struct CellRow {
-  std::vector<FitMatrix> upper;
-  std::vector<FitMatrix> lower;
-};
+/// The rows of knots around a row of pixels, from top to bottom.
+class KnotRows {
+ public:
+  explicit KnotRows(const NearFitter& fitter) : fitter_(fitter) {}
+  /// kTaps rows of knots.
+  const std::vector<MatrixRow>& around(std::size_t y) {
+    const std::size_t first = fitter_.first_knots(y);
+    const std::size_t known = first_ + rows_.size();
+    const std::size_t past = std::min(first - first_, rows_.size());
+    rows_.erase(rows_.begin(), rows_.begin() + static_cast<std::ptrdiff_t>(past));
+    for (std::size_t row = std::max(first, known); row < first + kTaps; ++row) {
+      rows_.push_back(fitter_.make_knots(row));
+    }
+    first_ = first;
+    return rows_;
+  }
 
-CellRow make_cells(const NearFitter& fitter, int row, std::size_t n_cells, int n_terms) {
-  const std::size_t n_knots = n_cells + 1;
-  std::vector<MatrixXd> knots(2 * n_knots);
-  parallel_for(knots.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      knots[i] = fitter.matrix_of_knot(static_cast<int>(i % n_knots),
-                                       row + static_cast<int>(i / n_knots));
-    }
-  });
-  CellRow cells{std::vector<FitMatrix>(n_cells), std::vector<FitMatrix>(n_cells)};
-  parallel_for(2 * n_cells, 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t left = i / n_cells * n_knots + i % n_cells;
-      MatrixXd pair(2 * n_terms, knots[left].cols());
-      pair << knots[left], knots[left + 1] - knots[left];
-      (i < n_cells ? cells.upper : cells.lower)[i % n_cells] = FitMatrix(pair);
-    }
-  });
-  return cells;
-}
+ private:
+  const NearFitter& fitter_;
+  std::vector<MatrixRow> rows_;
+  std::size_t first_ = 0;
+};
 
 }  // namespace
 
@@ -397,49 +575,44 @@ FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
   const auto n_lights = static_cast<std::size_t>(shape.n_lights);
   const std::size_t n_planes = writer.n_planes();
   const std::size_t n_row = width * 3 * n_lights;
-  const auto grid = static_cast<std::size_t>(options.grid);
   const std::size_t most_rows =
       std::clamp<std::size_t>(kBandBytes / (n_row * sizeof(std::uint16_t)), 1, 64);
-  std::vector<std::uint16_t> band(most_rows * n_row);
-  std::vector<std::uint16_t> lines(most_rows * n_planes * width);
-  const std::size_t n_blocks = (width + kFitBlock - 1) / kFitBlock;
-  const std::size_t n_cells = (width + grid - 1) / grid;
-  CellRow cells;
-  std::size_t cell_row = height;  // none yet
+  PixelBand band(most_rows * n_row + 3 * kNearBlock);
+  const std::size_t n_blocks = (width + kSpan - 1) / kSpan;
+  const bool is_exact = options.solve == NearSolve::exact;
+  KnotRows knots(fitter);
+  std::vector<RowBetween> between(is_exact ? 0 : most_rows);
   Progress progress("fit", height, options.progress);
   rows.rewind();
   for (std::size_t y0 = 0; y0 < height;) {
-    // Bands end where cells end.
-    const std::size_t n = std::min({most_rows, height - y0, grid - y0 % grid});
-    if (options.solve == NearSolve::interpolated && y0 / grid != cell_row) {
-      cell_row = y0 / grid;
-      cells = make_cells(fitter, static_cast<int>(cell_row), n_cells, options.n_terms);
+    std::size_t n = std::min(most_rows, height - y0);
+    if (!is_exact) {
+      n = std::min(n, fitter.n_rows_alike(y0));
+      fitter.between_rows(knots.around(y0), y0, std::span(between).first(n));
     }
-    rows.read(static_cast<int>(n), std::span(band).first(n * n_row));
-    parallel_for(n * n_blocks, 4, [&](std::size_t begin, std::size_t end) {
+    rows.read(static_cast<int>(n), band.codes().first(n * n_row));
+    const std::span<std::uint16_t> lines = writer.next_rows(n);
+    parallel_for(n * n_blocks, 1, [&](std::size_t begin, std::size_t end) {
       NearFitter::Work work = fitter.make_work();
       for (std::size_t i = begin; i < end; ++i) {
         const std::size_t y = i / n_blocks;
-        const std::size_t x0 = i % n_blocks * kFitBlock;
-        const std::size_t n_pixels = std::min(kFitBlock, width - x0);
-        const std::uint16_t* row = &band[y * n_row];
-        if (options.solve == NearSolve::exact) {
-          fitter.fit_exact(row, y0 + y, x0, n_pixels, work);
+        const std::size_t x0 = i % n_blocks * kSpan;
+        const std::uint16_t* row = &band.codes()[y * n_row];
+        if (is_exact) {
+          fitter.fit_exact(row, y0 + y, x0, work);
         } else {
-          const std::size_t cell = x0 / grid;
-          const float step = 1.0F / static_cast<float>(grid);
-          work.matrix.blend(cells.upper[cell], cells.lower[cell],
-                            (static_cast<float>((y0 + y) % grid) + 0.5F) * step);
-          fitter.fit_interpolated(row, y0 + y, x0, n_pixels,
-                                  (static_cast<float>(x0 % grid) + 0.5F) * step, step, work);
+          fitter.fit_interpolated(row, between[y], y0 + y, x0, work);
         }
         for (std::size_t p = 0; p < n_planes; ++p) {
-          writer.encode(p, {work.planes.data() + p * kFitBlock, n_pixels},
-                        &lines[(y * n_planes + p) * width + x0]);
+          for (std::size_t x = x0; x < std::min(x0 + kSpan, width); x += kNearBlock) {
+            const float* planes = fitter.planes_of_block(work, (x - x0) / kNearBlock);
+            writer.encode(p, {planes + p * kNearBlock, std::min(kNearBlock, width - x)}, 0.0,
+                          &lines[(y * n_planes + p) * width + x]);
+          }
         }
       }
     });
-    writer.append(std::span(lines).first(n * n_planes * width));
+    writer.append();
     progress.advance(n);
     y0 += n;
   }

@@ -29,7 +29,7 @@ struct NearGeometry {
 
 enum class NearSolve {
   exact,  ///< every pixel its own least-squares problem
-  /// The solution's matrix on a grid of pixels, straight lines between.
+  /// The solution's matrix on a grid of pixels, cubics between.
   interpolated,
 };
 
@@ -38,7 +38,7 @@ struct NearFitOptions {
   int n_terms = 9;
   double ridge = 1e-4;  ///< as LightRecipe::ridge
   NearSolve solve = NearSolve::exact;
-  int grid = 64;  ///< interpolated: pixels between its knots, a multiple of 64
+  int grid = 64;  ///< interpolated: pixels between its knots, at most
   /// What the corrected values are coded with before they are fitted: viewers expect srgb. The
   /// rows are linear in either case.
   Transfer transfer = Transfer::srgb;

@@ -55,15 +55,33 @@ PlaneScale ptm_scale_over(double a, double b) {
 }  // namespace
 
 void PlaneHistogram::add(std::span<const std::uint16_t> codes) {
-  for (const std::uint16_t code : codes) {
-    ++counts_[code >> 4U];
+  std::uint32_t* bins = quarters_.data();
+  const auto bin_of = [](std::uint16_t code) { return std::size_t{code} >> 4U; };
+  std::size_t i = 0;
+  for (; i + 4 <= codes.size(); i += 4) {
+    ++bins[bin_of(codes[i])];
+    ++bins[kBins + bin_of(codes[i + 1])];
+    ++bins[2 * kBins + bin_of(codes[i + 2])];
+    ++bins[3 * kBins + bin_of(codes[i + 3])];
+  }
+  for (; i < codes.size(); ++i) {
+    ++bins[bin_of(codes[i])];
   }
 }
 
 void PlaneHistogram::add(const PlaneHistogram& other) {
+  const std::vector<std::uint64_t> more = other.counts();
   for (std::size_t i = 0; i < kBins; ++i) {
-    counts_[i] += other.counts_[i];
+    counts_[i] += more[i];
   }
+}
+
+std::vector<std::uint64_t> PlaneHistogram::counts() const {
+  std::vector<std::uint64_t> sums = counts_;
+  for (std::size_t i = 0; i < quarters_.size(); ++i) {
+    sums[i % kBins] += quarters_[i];
+  }
+  return sums;
 }
 
 PlaneRange choose_range(const PlaneHistogram& histogram, const PlaneCodes& codes,

@@ -23,14 +23,17 @@ struct PlaneCodes {
 class PlaneHistogram {
  public:
   static constexpr std::size_t kBins = 4096;
-  PlaneHistogram() : counts_(kBins) {}
+  PlaneHistogram() : counts_(kBins), quarters_(4 * kBins) {}
+  /// At most 2^34 codes in all.
   void add(std::span<const std::uint16_t> codes);
   /// Of planes that must share one range. Both histograms have the same PlaneCodes.
   void add(const PlaneHistogram& other);
-  [[nodiscard]] std::span<const std::uint64_t> counts() const noexcept { return counts_; }
+  [[nodiscard]] std::vector<std::uint64_t> counts() const;
 
  private:
-  std::vector<std::uint64_t> counts_;
+  std::vector<std::uint64_t> counts_;  ///< of other histograms
+  /// Four bins of each, in turn: neighbours are alike, and none waits for the other's count.
+  std::vector<std::uint32_t> quarters_;
 };
 
 /// How ends are chosen.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -23,9 +24,9 @@ namespace {
 
 PlaneStore::PlaneStore(std::uint64_t n_values, std::uint64_t memory_bytes,
                        const std::filesystem::path& folder)
-    : folder_(folder.empty() ? std::filesystem::path(".") : folder) {
+    : folder_(folder.empty() ? std::filesystem::path(".") : folder), n_values_(n_values) {
   if (n_values * sizeof(std::uint16_t) <= memory_bytes) {
-    values_.resize(n_values);
+    values_ = std::make_unique_for_overwrite<std::uint16_t[]>(n_values);
     return;
   }
   file_.reset(::open(folder_.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600));
@@ -39,15 +40,22 @@ PlaneStore::PlaneStore(std::uint64_t n_values, std::uint64_t memory_bytes,
   }
 }
 
-void PlaneStore::append(std::span<const std::uint16_t> values) {
+std::span<std::uint16_t> PlaneStore::room(std::size_t n_values) {
+  HAARLIGHT_EXPECTS(written_ + n_values <= n_values_, "no more than announced");
+  given_ = n_values;
   if (!file_.is_open()) {
-    HAARLIGHT_EXPECTS(written_ + values.size() <= values_.size(), "no more than announced");
-    std::copy(values.begin(), values.end(),
-              values_.begin() + static_cast<std::ptrdiff_t>(written_));
-    written_ += values.size();
+    return {values_.get() + written_, n_values};
+  }
+  buffer_.resize(n_values);
+  return buffer_;
+}
+
+void PlaneStore::keep() {
+  if (!file_.is_open()) {
+    written_ += std::exchange(given_, 0);
     return;
   }
-  const auto bytes = std::as_bytes(values);
+  const auto bytes = std::as_bytes(std::span(buffer_).first(given_));
   std::size_t done = 0;
   while (done < bytes.size()) {
     const ssize_t n = ::write(file_.get(), bytes.data() + done, bytes.size() - done);
@@ -59,19 +67,18 @@ void PlaneStore::append(std::span<const std::uint16_t> values) {
     }
     done += static_cast<std::size_t>(n);
   }
-  written_ += values.size();
+  written_ += std::exchange(given_, 0);
 }
 
-void PlaneStore::read(std::span<std::uint16_t> values) {
-  HAARLIGHT_EXPECTS(read_ + values.size() <= written_, "no more than was written");
+std::span<const std::uint16_t> PlaneStore::next(std::size_t n_values) {
+  HAARLIGHT_EXPECTS(read_ + n_values <= written_, "no more than was written");
+  const std::uint64_t first = std::exchange(read_, read_ + n_values);
   if (!file_.is_open()) {
-    std::copy_n(values_.begin() + static_cast<std::ptrdiff_t>(read_), values.size(),
-                values.begin());
-    read_ += values.size();
-    return;
+    return {values_.get() + first, n_values};
   }
-  const auto bytes = std::as_writable_bytes(values);
-  const std::uint64_t from = read_ * sizeof(std::uint16_t);
+  buffer_.resize(n_values);
+  const auto bytes = std::as_writable_bytes(std::span(buffer_));
+  const std::uint64_t from = first * sizeof(std::uint16_t);
   std::size_t done = 0;
   while (done < bytes.size()) {
     const ssize_t n = ::pread(file_.get(), bytes.data() + done, bytes.size() - done,
@@ -84,7 +91,7 @@ void PlaneStore::read(std::span<std::uint16_t> values) {
     }
     done += static_cast<std::size_t>(n);
   }
-  read_ += values.size();
+  return buffer_;
 }
 
 }  // namespace haarlight

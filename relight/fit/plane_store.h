@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -18,17 +19,22 @@ class PlaneStore {
   /// @throws Error(io)  no file can be made in `folder`
   PlaneStore(std::uint64_t n_values, std::uint64_t memory_bytes,
              const std::filesystem::path& folder);
-  /// @throws Error(io)  the disk is full
-  void append(std::span<const std::uint16_t> values);
-  /// The next values. @throws Error(io)
-  void read(std::span<std::uint16_t> values);
+  /// Where the next values go. Written once, all of them, before keep().
+  [[nodiscard]] std::span<std::uint16_t> room(std::size_t n_values);
+  /// What room() gave is filled. @throws Error(io)  the disk is full
+  void keep();
+  /// The next values, there until the next call. @throws Error(io)
+  [[nodiscard]] std::span<const std::uint16_t> next(std::size_t n_values);
   [[nodiscard]] bool is_on_disk() const noexcept { return file_.is_open(); }
 
  private:
   std::filesystem::path folder_;
   Fd file_;
-  std::vector<std::uint16_t> values_;
+  std::unique_ptr<std::uint16_t[]> values_;
+  std::vector<std::uint16_t> buffer_;  ///< of a file: what is on its way
+  std::uint64_t n_values_;
   std::uint64_t written_ = 0;
+  std::uint64_t given_ = 0;  ///< by room(), not kept yet
   std::uint64_t read_ = 0;
 };
 

@@ -7,6 +7,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "relight/fit/wide_vectors.h"
 
 namespace haarlight {
 
@@ -14,6 +15,33 @@ namespace {
 
 constexpr std::size_t kPixels = 64;    // converted at a time
 constexpr std::size_t kBandRows = 16;  // read back at a time
+
+HAARLIGHT_WIDER void bytes_of(const std::uint16_t* __restrict codes, std::size_t n,
+                              float factor, float shift, std::uint8_t* __restrict bytes) {
+  for (std::size_t x = 0; x < n; ++x) {
+    const float value = factor * static_cast<float>(codes[x]) + shift;
+    const float most = value < 255.0F ? value : 255.0F;
+    bytes[x] = static_cast<std::uint8_t>(static_cast<int>(most > 0.0F ? most : 0.0F));
+  }
+}
+
+HAARLIGHT_WIDER void codes_of(const float* __restrict values, std::size_t n, float scale,
+                              float shift, std::uint16_t* __restrict codes) {
+  for (std::size_t x = 0; x < n; ++x) {
+    const float value = values[x] * scale + shift;
+    const float most = value < 65535.0F ? value : 65535.0F;
+    codes[x] = static_cast<std::uint16_t>(static_cast<int>(most > 0.0F ? most : 0.0F));
+  }
+}
+
+/// What encodes a plane's values: code = value * scale + shift, cut off.
+struct Encoding {
+  float scale = 1.0F;
+  float shift = 0.0F;
+  Encoding(const PlaneCodes& codes, double added)
+      : scale(static_cast<float>(1.0 / codes.step)),
+        shift(static_cast<float>(0.5 + (added - codes.low) / codes.step)) {}
+};
 
 /// 16-bit codes to the planes' bytes.
 class ByteRows {
@@ -33,14 +61,10 @@ class ByteRows {
     for (std::size_t x0 = 0; x0 < width; x0 += kPixels) {
       const std::size_t n = std::min(kPixels, width - x0);
       for (std::size_t p = 0; p < n_planes; ++p) {
-        const std::uint16_t* from = line + p * width + x0;
-        for (std::size_t x = 0; x < n; ++x) {
-          const float value = factor_[p] * static_cast<float>(from[x]) + shift_[p];
-          bytes[x] = static_cast<std::uint8_t>(
-              static_cast<int>(std::min(std::max(value, 0.0F), 255.0F)));
-        }
-        for (std::size_t x = 0; x < n; ++x) {
-          out[(x0 + x) * n_planes + p] = bytes[x];
+        bytes_of(line + p * width + x0, n, factor_[p], shift_[p], bytes.data());
+        std::uint8_t* to = out + x0 * n_planes + p;
+        for (std::size_t x = 0; x < n; ++x, to += n_planes) {
+          *to = bytes[x];
         }
       }
     }
@@ -70,18 +94,36 @@ PlaneWriter::PlaneWriter(int width, int height, std::vector<PlaneCodes> codes,
              options.work_folder),
       histograms_(codes_.size()) {}
 
-void PlaneWriter::encode(std::size_t plane, std::span<const float> values,
+void PlaneWriter::encode(std::size_t plane, std::span<const float> values, double added,
                          std::uint16_t* codes) const {
-  const auto scale = static_cast<float>(1.0 / codes_[plane].step);
-  const auto shift = static_cast<float>(0.5 - codes_[plane].low / codes_[plane].step);
-  for (std::size_t x = 0; x < values.size(); ++x) {
-    const float code = values[x] * scale + shift;
-    codes[x] =
-        static_cast<std::uint16_t>(static_cast<int>(std::min(std::max(code, 0.0F), 65535.0F)));
+  const Encoding encoding(codes_[plane], added);
+  codes_of(values.data(), values.size(), encoding.scale, encoding.shift, codes);
+}
+
+void PlaneWriter::encode_threes(std::size_t plane, std::size_t apart,
+                                std::span<const float> values, double added,
+                                std::uint16_t* codes) const {
+  const Encoding encoding(codes_[plane], added);
+  std::array<std::uint16_t, 3 * kPixels> threes{};
+  for (std::size_t i = 0; i < values.size(); i += threes.size()) {
+    const std::size_t n = std::min(threes.size(), values.size() - i);
+    codes_of(values.data() + i, n, encoding.scale, encoding.shift, threes.data());
+    for (std::size_t c = 0; c < 3; ++c) {
+      std::uint16_t* to = codes + c * apart * width_ + i / 3;
+      for (std::size_t x = 0; x < n / 3; ++x) {
+        to[x] = threes[3 * x + c];
+      }
+    }
   }
 }
 
-void PlaneWriter::append(std::span<const std::uint16_t> lines) {
+std::span<std::uint16_t> PlaneWriter::next_rows(std::size_t n_rows) {
+  rows_ = store_.room(n_rows * n_planes() * width_);
+  return rows_;
+}
+
+void PlaneWriter::append() {
+  const std::span<const std::uint16_t> lines = rows_;
   const std::size_t n_rows = lines.size() / (n_planes() * width_);
   parallel_for(n_planes(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t p = begin; p < end; ++p) {
@@ -90,7 +132,8 @@ void PlaneWriter::append(std::span<const std::uint16_t> lines) {
       }
     }
   });
-  store_.append(lines);
+  store_.keep();
+  rows_ = {};
 }
 
 FitResult PlaneWriter::finish(ReflectanceModel model) {
@@ -120,10 +163,9 @@ FitResult PlaneWriter::finish(ReflectanceModel model) {
   const ByteRows bytes(codes_, result.model.scales);
   Image<std::uint8_t> planes(static_cast<int>(height_), static_cast<int>(width_),
                              static_cast<int>(n_planes()));
-  std::vector<std::uint16_t> lines(kBandRows * n_planes() * width_);
   for (std::size_t y0 = 0; y0 < height_; y0 += kBandRows) {
     const std::size_t n_rows = std::min(kBandRows, height_ - y0);
-    store_.read(std::span(lines).first(n_rows * n_planes() * width_));
+    const std::span<const std::uint16_t> lines = store_.next(n_rows * n_planes() * width_);
     parallel_for(n_rows, 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t y = begin; y < end; ++y) {
         bytes.convert(&lines[y * n_planes() * width_], width_,

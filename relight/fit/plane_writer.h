@@ -38,10 +38,19 @@ class PlaneWriter {
   [[nodiscard]] std::size_t n_planes() const noexcept { return codes_.size(); }
   [[nodiscard]] const std::vector<PlaneCodes>& codes() const noexcept { return codes_; }
 
-  /// Values of a plane at some pixels, as codes. Values beyond the codes' range stop there.
-  void encode(std::size_t plane, std::span<const float> values, std::uint16_t* codes) const;
-  /// The next rows. @param lines  (n_rows, n_planes, width)
-  void append(std::span<const std::uint16_t> lines);
+  /// Where the next rows' codes go, (n_rows, n_planes, width).
+  [[nodiscard]] std::span<std::uint16_t> next_rows(std::size_t n_rows);
+  /// A plane at some pixels, values + added, as codes. What is beyond the codes' range stops
+  /// there.
+  void encode(std::size_t plane, std::span<const float> values, double added,
+              std::uint16_t* codes) const;
+  /// The same of three planes, `apart` each from the next and of the same PlaneCodes, whose
+  /// values stand side by side: R, G, B pixel by pixel.
+  /// @param codes  the first plane's, of a row as in next_rows()
+  void encode_threes(std::size_t plane, std::size_t apart, std::span<const float> values,
+                     double added, std::uint16_t* codes) const;
+  /// What next_rows() gave is filled.
+  void append();
   /// @param model  basis, colour, terms, transfer: gets planes and scales
   [[nodiscard]] FitResult finish(ReflectanceModel model);
 
@@ -52,6 +61,7 @@ class PlaneWriter {
   PlaneOptions options_;
   PlaneStore store_;
   std::vector<PlaneHistogram> histograms_;
+  std::span<std::uint16_t> rows_;  ///< given out by next_rows()
 };
 
 }  // namespace haarlight

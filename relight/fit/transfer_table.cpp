@@ -12,16 +12,4 @@ TransferTable::TransferTable(Transfer transfer) {
   }
 }
 
-void TransferTable::code(float* values, const float* gain, std::size_t n) const {
-  if (table_.empty()) {
-    for (std::size_t k = 0; k < n; ++k) {
-      values[k] *= gain[k];
-    }
-    return;
-  }
-  for (std::size_t k = 0; k < n; ++k) {
-    values[k] = (*this)(values[k] * gain[k]);
-  }
-}
-
 }  // namespace haarlight

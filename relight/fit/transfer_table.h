@@ -25,8 +25,6 @@ class TransferTable {
     const float t = at - static_cast<float>(i);
     return table_[i] + t * (table_[i + 1] - table_[i]);
   }
-  /// values[k] = coded(values[k] * gain[k]).
-  void code(float* values, const float* gain, std::size_t n) const;
 
  private:
   static constexpr float kMost = 4.0F;

@@ -86,12 +86,13 @@ TEST(PlaneStore, GivesBackWhatItGotFromMemoryAndFromDisk) {
   for (const std::uint64_t memory : {std::uint64_t{1} << 20U, std::uint64_t{0}}) {
     PlaneStore store(values.size(), memory, folder.path());
     EXPECT_EQ(store.is_on_disk(), memory == 0);
-    store.append(std::span(values).first(30000));
-    store.append(std::span(values).subspan(30000));
-    std::vector<std::uint16_t> found(values.size());
-    store.read(std::span(found).first(1));
-    store.read(std::span(found).subspan(1));
-    EXPECT_EQ(found, values);
+    std::copy_n(values.begin(), 30000, store.room(30000).begin());
+    store.keep();
+    std::copy_n(values.begin() + 30000, 70000, store.room(70000).begin());
+    store.keep();
+    EXPECT_EQ(store.next(1)[0], values[0]);
+    const auto rest = store.next(values.size() - 1);
+    EXPECT_TRUE(std::equal(rest.begin(), rest.end(), values.begin() + 1));
   }
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
   EXPECT_THROW(PlaneStore(1, 0, folder / "missing"), Error);

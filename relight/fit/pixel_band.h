@@ -1,0 +1,27 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "relight/basis/large_buffer.h"
+
+/// @file
+/// Rows of all pictures of a capture, in large pages: a pixel's values under its lights lie a
+/// row apart each, and a thousand small pages would be looked up again and again.
+
+namespace haarlight {
+
+class PixelBand {
+ public:
+  explicit PixelBand(std::size_t n_codes = 0) : bytes_(n_codes * sizeof(std::uint16_t)) {}
+  [[nodiscard]] std::span<std::uint16_t> codes() const noexcept {
+    return {reinterpret_cast<std::uint16_t*>(bytes_.bytes().data()),
+            bytes_.bytes().size() / sizeof(std::uint16_t)};
+  }
+
+ private:
+  LargeBuffer bytes_;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,39 @@
+#pragma once
+
+/// @file
+/// What loops over pixels need of the machine: wide vectors where it has them.
+
+#if defined(__x86_64__)
+#define HAARLIGHT_FIT_X86 1
+#else
+#define HAARLIGHT_FIT_X86 0
+#endif
+
+// Copies of a plain loop for wider vectors. Without contraction every width gives the same
+// bits.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define HAARLIGHT_WIDER [[gnu::target_clones("arch=skylake-avx512", "avx2", "default")]]
+#else
+#define HAARLIGHT_WIDER
+#endif
+
+namespace haarlight {
+
+/// Which loops of lanes.inc this machine runs.
+enum class VectorWidth { portable, avx2, avx512 };
+
+[[nodiscard]] inline VectorWidth vector_width() {
+#if HAARLIGHT_FIT_X86
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq")) {
+    return VectorWidth::avx512;
+  }
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
+    return VectorWidth::avx2;
+  }
+#endif
+  return VectorWidth::portable;
+}
+
+}  // namespace haarlight
