@@ -81,17 +81,15 @@ FitMatrix::FitMatrix(const Eigen::MatrixXd& matrix)
 void FitMatrix::multiply(const float* in, std::size_t in_stride, std::size_t n, float* out,
                          std::size_t out_stride) const {
   HAARLIGHT_EXPECTS(n % kFitLanes == 0, "whole vectors");
-  static const Multiply<float> kMultiply = choose_multiply<float>();
-  kMultiply(threes_.data(), fit_rows_padded(n_out_) / 3, n_in_, in, in_stride, n, out,
-            out_stride);
+  choose_multiply<float>()(threes_.data(), fit_rows_padded(n_out_) / 3, n_in_, in, in_stride, n,
+                           out, out_stride);
 }
 
 void FitMatrix::multiply(const std::uint16_t* in, std::size_t in_stride, std::size_t n,
                          float* out, std::size_t out_stride) const {
   HAARLIGHT_EXPECTS(n % kFitLanes == 0, "whole vectors");
-  static const Multiply<std::uint16_t> kMultiply = choose_multiply<std::uint16_t>();
-  kMultiply(threes_.data(), fit_rows_padded(n_out_) / 3, n_in_, in, in_stride, n, out,
-            out_stride);
+  choose_multiply<std::uint16_t>()(threes_.data(), fit_rows_padded(n_out_) / 3, n_in_, in,
+                                   in_stride, n, out, out_stride);
 }
 
 void split_codes(const std::uint16_t* codes, std::size_t n_pixels, float* r, float* g,

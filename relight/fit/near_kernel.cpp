@@ -65,19 +65,16 @@ namespace avx512 {
 #endif
 
 const NearLoops& loops() {
-  static const NearLoops kLoops = [] {
-    switch (vector_width()) {
+  switch (vector_width()) {
 #if HAARLIGHT_FIT_X86
-      case VectorWidth::avx512:
-        return avx512::kLoops;
-      case VectorWidth::avx2:
-        return avx2::kLoops;
+    case VectorWidth::avx512:
+      return avx512::kLoops;
+    case VectorWidth::avx2:
+      return avx2::kLoops;
 #endif
-      default:
-        return portable::kLoops;
-    }
-  }();
-  return kLoops;
+    default:
+      return portable::kLoops;
+  }
 }
 
 }  // namespace

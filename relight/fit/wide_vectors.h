@@ -3,6 +3,9 @@
 /// @file
 /// What loops over pixels need of the machine: wide vectors where it has them.
 
+#include <algorithm>
+#include <atomic>
+
 #if defined(__x86_64__)
 #define HAARLIGHT_FIT_X86 1
 #else
@@ -20,10 +23,11 @@
 
 namespace haarlight {
 
-/// Which loops of lanes.inc this machine runs.
+/// Which loops of lanes.inc run.
 enum class VectorWidth { portable, avx2, avx512 };
 
-[[nodiscard]] inline VectorWidth vector_width() {
+/// The widest that this machine has.
+[[nodiscard]] inline VectorWidth machine_vector_width() {
 #if HAARLIGHT_FIT_X86
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
       __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq")) {
@@ -34,6 +38,14 @@ enum class VectorWidth { portable, avx2, avx512 };
   }
 #endif
   return VectorWidth::portable;
+}
+
+/// The widest that is used: less than the machine's where a test asks for it.
+inline std::atomic<VectorWidth> widest_vectors = VectorWidth::avx512;
+
+[[nodiscard]] inline VectorWidth vector_width() {
+  static const VectorWidth kMachines = machine_vector_width();
+  return std::min(kMachines, widest_vectors.load(std::memory_order_relaxed));
 }
 
 }  // namespace haarlight

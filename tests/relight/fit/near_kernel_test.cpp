@@ -1,17 +1,42 @@
 #include "relight/fit/near_kernel.h"
 
+#include <array>
 #include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <string>
 #include <vector>
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
 #include "core/image_io.h"
+#include "relight/fit/fit_kernel.h"
 #include "relight/fit/light_recipe.h"
+#include "relight/fit/wide_vectors.h"
 #include "tests/relight/fit/synthetic_lights.h"
 
 namespace haarlight {
 namespace {
+
+/// Every width of vector that this machine has.
+class NearKernel : public ::testing::TestWithParam<VectorWidth> {
+ protected:
+  void SetUp() override {
+    if (GetParam() > machine_vector_width()) {
+      GTEST_SKIP() << "this machine has no such vectors";
+    }
+    widest_vectors = GetParam();
+  }
+  void TearDown() override { widest_vectors = VectorWidth::avx512; }
+};
+std::string name_of(const ::testing::TestParamInfo<VectorWidth>& width) {
+  return std::array{"Portable", "Avx2", "Avx512"}.at(static_cast<std::size_t>(width.param));
+}
+INSTANTIATE_TEST_SUITE_P(Widths, NearKernel,
+                         ::testing::Values(VectorWidth::portable, VectorWidth::avx2,
+                                           VectorWidth::avx512),
+                         name_of);
 
 NearBlock places() {
   NearBlock block;
@@ -50,7 +75,7 @@ Truth truth_at(const Eigen::Vector3d& light, const Eigen::Vector3d& axis, double
   return {way.normalized(), lobe > 1e-3 ? way.squaredNorm() / lobe : 0.0};
 }
 
-TEST(NearKernel, ColumnsAreTermsAndCorrectedValues) {
+TEST_P(NearKernel, ColumnsAreTermsAndCorrectedValues) {
   const NearBlock block = places();
   const std::vector<std::uint16_t> codes = codes_of_block();
   const Eigen::Vector3d axis = Eigen::Vector3d(0.1, -0.2, -1.0).normalized();
@@ -100,7 +125,7 @@ TEST(NearKernel, ColumnsAreTermsAndCorrectedValues) {
   }
 }
 
-TEST(NearKernel, SolvesEachPixelsProblem) {
+TEST_P(NearKernel, SolvesEachPixelsProblem) {
   const NearBlock block = places();
   const std::vector<std::uint16_t> codes = codes_of_block();
   for (const int n : {4, 9, 16}) {
@@ -143,7 +168,7 @@ TEST(NearKernel, SolvesEachPixelsProblem) {
   }
 }
 
-TEST(NearKernel, SumsBetweenGoAlongTheLine) {
+TEST_P(NearKernel, SumsBetweenGoAlongTheLine) {
   constexpr std::size_t kLights = 5;
   for (const int n : {4, 6, 9, 16}) {
     const auto n_terms = static_cast<std::size_t>(n);
@@ -177,7 +202,7 @@ TEST(NearKernel, SumsBetweenGoAlongTheLine) {
   }
 }
 
-TEST(NearKernel, ATermWithoutLightIsLeftOut) {
+TEST_P(NearKernel, ATermWithoutLightIsLeftOut) {
   std::vector<float> sums(std::size_t{6} * 9 * kNearBlock);
   std::vector<float> planes(12 * kNearBlock, 1.0F);
   const std::vector<double> ridge(4, 0.0);
@@ -185,7 +210,7 @@ TEST(NearKernel, ATermWithoutLightIsLeftOut) {
   EXPECT_EQ(planes, std::vector<float>(12 * kNearBlock, 0.0F));
 }
 
-TEST(NearKernel, ParabolasAreTheGainsBetween) {
+TEST_P(NearKernel, ParabolasAreTheGainsBetween) {
   const NearBlock block = places();
   NearBlock ends;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -213,6 +238,60 @@ TEST(NearKernel, ParabolasAreTheGainsBetween) {
   EXPECT_TRUE(has_rough_gains(gap.data(), 1));
   const std::vector<float> steep = {1.0F, 1.1F, 1.3F};
   EXPECT_TRUE(has_rough_gains(steep.data(), 1));
+}
+
+/// All that the kernels give, one after the other.
+std::vector<float> everything() {
+  const NearBlock block = places();
+  const std::vector<std::uint16_t> codes = codes_of_block();
+  std::vector<float> all;
+  constexpr std::size_t kLights = 20;
+  constexpr std::size_t kColumns = 12 * kNearBlock;
+  std::vector<float> columns(kLights * kColumns);
+  const auto directions = testing::spiral_lights(static_cast<int>(kLights));
+  for (std::size_t l = 0; l < kLights; ++l) {
+    const Eigen::Vector3f at = (400.0 * directions[l]).cast<float>();
+    const NearSource source{
+        at.x(), at.y(), at.z(), {0.0F, 0.6F, -0.8F}, l % 2 == 0 ? 0.73F : 1.0F, 1e-10F};
+    near_columns({ReflectanceBasis::hsh, 9, l % 3 != 0}, source, block, codes.data(),
+                 columns.data() + l * kColumns);
+  }
+  all.insert(all.end(), columns.begin(), columns.end());
+  std::vector<float> sums(9 * kColumns);
+  add_near_products(columns.data(), kLights, 9, sums.data());
+  all.insert(all.end(), sums.begin(), sums.end());
+  std::vector<float> planes(27 * kNearBlock);
+  const std::vector<double> ridge(9, 0.01);
+  solve_near(sums.data(), ridge.data(), 9, planes.data());
+  all.insert(all.end(), planes.begin(), planes.end());
+  add_near_between(columns.data(), columns.data() + 77, 9, kLights, columns.data(),
+                   planes.data());
+  all.insert(all.end(), planes.begin(), planes.end());
+  std::vector<float> values(3 * kNearBlock);
+  const std::vector<float> gains = {1e-5F, 1.1e-5F, 1.15e-5F};
+  bent_near_values(gains.data(), 0, codes.data(), 0, 1, true, values.data());
+  all.insert(all.end(), values.begin(), values.end());
+  const FitMatrix matrix(Eigen::MatrixXd::Random(4, 3));
+  std::vector<float> out(6 * kNearBlock);
+  matrix.multiply(codes.data(), kNearBlock, kNearBlock, out.data(), kNearBlock);
+  all.insert(all.end(), out.begin(), out.end());
+  matrix.multiply(columns.data(), kNearBlock, kNearBlock, out.data(), kNearBlock);
+  all.insert(all.end(), out.begin(), out.end());
+  return all;
+}
+
+TEST(VectorWidth, TheBitsAreTheSameWithAvx2AndAvx512) {
+  if (machine_vector_width() < VectorWidth::avx512) {
+    GTEST_SKIP() << "this machine has no AVX-512";
+  }
+  std::srand(1);
+  const std::vector<float> wide = everything();
+  widest_vectors = VectorWidth::avx2;
+  std::srand(1);
+  const std::vector<float> narrow = everything();
+  widest_vectors = VectorWidth::avx512;
+  ASSERT_EQ(wide.size(), narrow.size());
+  EXPECT_EQ(std::memcmp(wide.data(), narrow.data(), wide.size() * sizeof(float)), 0);
 }
 
 }  // namespace
