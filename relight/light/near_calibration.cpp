@@ -457,6 +457,18 @@ void drop_lonely_points(TargetSamples& samples, std::vector<SampleCounts>& count
   }
 }
 
+/// Masks the samples that fit worst; false where none is left to mask.
+/// @throws Error  a light has too few samples left
+bool leave_outliers_out(TargetSamples& samples, std::span<const NearLight> lights, double share,
+                        std::vector<SampleCounts>& counts) {
+  if (share <= 0.0 || mask_outliers(samples, lights, share, counts) == 0) {
+    return false;
+  }
+  drop_lonely_points(samples, counts);
+  require_lights(samples, lights);
+  return true;
+}
+
 void apply_lobe(const CalibrationOptions& options, std::vector<NearLight>& lights) {
   for (NearLight& light : lights) {
     light.mu = options.lobe == Lobe::paper  ? 0.0
@@ -667,12 +679,9 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
       n_likelihood += fit.n_iterations;
       lights = std::move(fit.lights);
     }
-    if (options.outlier_share <= 0.0 ||
-        mask_outliers(samples, lights, options.outlier_share, counts) == 0) {
+    if (!leave_outliers_out(samples, lights, options.outlier_share, counts)) {
       break;
     }
-    drop_lonely_points(samples, counts);
-    require_lights(samples, lights);
   }
   std::vector<double> albedo;
   double chi2 = std::numeric_limits<double>::quiet_NaN();
@@ -733,12 +742,9 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
       lights = std::move(fit.fit.lights);
       pose = fit.world_from_array;
     }
-    if (options.outlier_share <= 0.0 ||
-        mask_outliers(samples, lights, options.outlier_share, counts) == 0) {
+    if (!leave_outliers_out(samples, lights, options.outlier_share, counts)) {
       break;
     }
-    drop_lonely_points(samples, counts);
-    require_lights(samples, lights);
   }
   std::vector<double> albedo;
   double chi2 = std::numeric_limits<double>::quiet_NaN();

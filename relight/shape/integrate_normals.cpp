@@ -291,22 +291,22 @@ Parts find_parts(ImageView<const std::uint8_t> is_known) {
   const int w = is_known.width();
   Parts parts{Image<int>(h, w, 1), 0};
   std::fill(parts.label.pixels().begin(), parts.label.pixels().end(), -1);
-  std::vector<int> todo;
+  std::vector<int> open;
   const std::span<int> label = parts.label.pixels();
   for (int start = 0; start < h * w; ++start) {
     if (is_known(start / w, start % w) == 0 || label[count(start)] >= 0) {
       continue;
     }
     label[count(start)] = parts.n_parts;
-    todo.push_back(start);
-    while (!todo.empty()) {
-      const int i = todo.back();
-      todo.pop_back();
+    open.push_back(start);
+    while (!open.empty()) {
+      const int i = open.back();
+      open.pop_back();
       const auto visit = [&](int y, int x) {
         if (y >= 0 && y < h && x >= 0 && x < w && is_known(y, x) != 0 &&
             label[count(y * w + x)] < 0) {
           label[count(y * w + x)] = parts.n_parts;
-          todo.push_back(y * w + x);
+          open.push_back(y * w + x);
         }
       };
       const int y = i / w;
