@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <utility>
 
 #include <Eigen/Eigenvalues>
 #include <ceres/gradient_problem.h>
@@ -107,7 +108,7 @@ class VarianceProblem : public ceres::FirstOrderFunction {
 
 /// Parameters of a light: a = (x - x0) / h, b = (y - y0) / h, ln(h / size) with h its height
 /// over the highest point, then ln of the light at the middle a channel; last, mu.
-class FreeProblem : public VarianceProblem {
+class FreeProblem final : public VarianceProblem {
  public:
   FreeProblem(const TargetSamples& samples, const CalibrationOptions& options,
               std::span<const NearLight> start)
@@ -183,14 +184,14 @@ class FreeProblem : public VarianceProblem {
 
 /// Parameters: turn (rotation vector about the array's middle, world axes), shift over the
 /// start's height (x, y) and ln of the height of the middle, then the lights' powers, mu.
-class RigidProblem : public VarianceProblem {
+class RigidProblem final : public VarianceProblem {
  public:
   RigidProblem(const TargetSamples& samples, const CalibrationOptions& options,
-               const RigidArray& array, const Eigen::Isometry3d& start,
+               const RigidArray& array, Eigen::Isometry3d start,
                std::span<const NearLight> lights)
       : VarianceProblem(samples, options),
         array_(array),
-        start_(start),
+        start_(std::move(start)),
         mus_(lights.begin(), lights.end()) {
     for (const NearLight& light : lights) {
       middle_ += light.position_mm / static_cast<double>(lights.size());
