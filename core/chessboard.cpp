@@ -124,6 +124,7 @@ std::optional<std::vector<Eigen::Vector2d>> find_chessboard(ImageView<const floa
   cv::cornerSubPix(grey, corners, cv::Size(half, half), cv::Size(-1, -1),
                    cv::TermCriteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 60, 1e-4));
   std::vector<Eigen::Vector2d> out;
+  out.reserve(corners.size());
   for (const cv::Point2f& c : corners) {
     out.emplace_back(static_cast<double>(c.x) + kHalf, static_cast<double>(c.y) + kHalf);
   }

@@ -26,7 +26,8 @@ struct Chessboard {
   [[nodiscard]] int n_corners() const { return rows * cols; }
   /// Of corner i, row by row, mm in the board's own frame (z = 0).
   [[nodiscard]] Eigen::Vector3d corner(int i) const {
-    return {square_mm * (i % cols), square_mm * (i / cols), 0.0};
+    const int row = i / cols;
+    return {square_mm * (i - row * cols), square_mm * row, 0.0};
   }
 };
 

@@ -212,7 +212,8 @@ class Fitter {
       rows = session.rig()->faces.front().rows;
       cols = session.rig()->faces.front().cols;
     }
-    if (rows != cols || !is_haar_size(rows) || sample_.n_lights() % (rows * cols) != 0) {
+    if (rows != cols || !is_haar_size(rows) ||
+        sample_.n_lights() % (Eigen::Index{rows} * cols) != 0) {
       return {};
     }
     return measure_light_haar(sample_, rows, arguments_.max_planes);

@@ -46,7 +46,8 @@ std::string map_svg(const std::vector<double>& values, int rows, int cols, doubl
       cols * kSide, rows * kSide, std::min(cols * kSide, 560));
   for (int y = 0; y < rows; ++y) {
     for (int x = 0; x < cols; ++x) {
-      const double value = values[static_cast<std::size_t>(y * cols + x)];
+      const double value = values[static_cast<std::size_t>(y) * static_cast<std::size_t>(cols) +
+                                  static_cast<std::size_t>(x)];
       std::string colour = "#888";
       if (std::isfinite(value)) {
         const double t = std::clamp((value - low) / std::max(high - low, 1e-300), 0.0, 1.0);

@@ -137,6 +137,7 @@ ExitCode run_calibrate_camera(const CalibrateArguments& arguments, const CommonO
   require_absent(page, common.force);
   const std::vector<SeenBoard> seen = find_boards(arguments, camera, board);
   std::vector<std::vector<Eigen::Vector2d>> views;
+  views.reserve(seen.size());
   for (const SeenBoard& each : seen) {
     views.push_back(each.corners);
   }

@@ -37,7 +37,8 @@ ColourMap tint_of(const ReflectanceModel& model) {
   ColourMap tint;
   tint.factors.setZero(3, model.n_planes());
   for (int c = 0; c < 3; ++c) {
-    const PlaneScale& scale = model.scales[static_cast<std::size_t>(model.n_terms + c)];
+    const PlaneScale& scale =
+        model.scales[static_cast<std::size_t>(model.n_terms) + static_cast<std::size_t>(c)];
     tint.factors(c, model.n_terms + c) = scale.scale;
     tint.added[c] = scale.offset;
   }

@@ -371,7 +371,8 @@ std::vector<std::uint8_t> activity_classes(std::span<const std::int32_t> values,
       activity[p] += std::abs(static_cast<double>(values[r + p])) / mean;
     }
   }
-  const auto n_rows = static_cast<double>(values.size() / n_pixels);
+  const std::size_t n_whole_rows = values.size() / n_pixels;
+  const auto n_rows = static_cast<double>(n_whole_rows);
   std::vector<int> octave(n_pixels);
   std::transform(activity.begin(), activity.end(), octave.begin(), [n_rows](double a) {
     return static_cast<int>(std::lround(std::log2(std::max(a / n_rows, 1e-3))));

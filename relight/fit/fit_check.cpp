@@ -31,7 +31,7 @@ double square_error(const Image<float>& found, std::span<const std::uint16_t> tr
     const auto row = found.view().row(y);
     const std::uint16_t* at = &truth[(static_cast<std::size_t>(y) * n_lights + light) * n_row];
     for (std::size_t i = 0; i < n_row; ++i) {
-      const int byte = static_cast<int>(std::clamp(row[i], 0.0F, 1.0F) * 255.0F + 0.5F);
+      const auto byte = static_cast<int>(std::lround(std::clamp(row[i], 0.0F, 1.0F) * 255.0F));
       const int difference = byte - (at[i] + 128) / 257;
       sum += static_cast<std::uint64_t>(difference * difference);
     }

@@ -43,7 +43,7 @@ HaarSize measure_light_haar(const LightSample& sample, int side, int n_kept) {
     }
     for (std::size_t k = 0; k < n_lights; ++k) {
       for (std::size_t c = 0; c < 3; ++c) {
-        const double error = static_cast<double>(
+        const auto error = static_cast<double>(
             values[c * n_lights + k] - sample.values(static_cast<Eigen::Index>(3 * k + c), j));
         squares[k] += error * error;
       }

@@ -110,7 +110,7 @@ LightsSeen lights_seen(const NearGeometry& geometry, double reference_mm,
     }
     seen.gains[static_cast<Index>(i)] =
         lobe > kLeastLobe ? scale_of(light, reference_mm) * r * r / lobe : 0.0;
-    seen.directions.push_back(geometry.points.picture_from_world() * way / r);
+    seen.directions.emplace_back(geometry.points.picture_from_world() * way / r);
   }
   return seen;
 }
@@ -450,9 +450,9 @@ class NearFitter {
     std::array<float, kNearBlock> gains{};
     for (std::size_t first = 0; first < n_places(); first += kNearBlock) {
       NearBlock places;
+      constexpr std::size_t kStep = kNearBlock / 2;
       for (std::size_t k = 0; k < kNearBlock; ++k) {
-        put(places, k, static_cast<double>((first + k) * (kNearBlock / 2)),
-            static_cast<double>(y) + 0.5);
+        put(places, k, static_cast<double>((first + k) * kStep), static_cast<double>(y) + 0.5);
       }
       for (std::size_t l = 0; l < sources_.size(); ++l) {
         near_gains(sources_[l], places, gains.data());

@@ -17,7 +17,7 @@ namespace {
 constexpr float kWhite = 65535.0F;
 
 std::uint16_t code_of(float value) {
-  return static_cast<std::uint16_t>(std::clamp(value, 0.0F, 1.0F) * kWhite + 0.5F);
+  return static_cast<std::uint16_t>(std::lround(std::clamp(value, 0.0F, 1.0F) * kWhite));
 }
 
 /// Imported display pictures: what is in the file is what a viewer shows.
@@ -47,9 +47,9 @@ class CodedRows final : public PictureRows {
   void skip(int n_rows) override { y_ += n_rows; }
   void read(int n_rows, std::span<std::uint16_t> out) override {
     const SessionInfo& info = session_->info();
-    const std::size_t width = static_cast<std::size_t>(info.form.width);
+    const auto width = static_cast<std::size_t>(info.form.width);
     const auto channels = static_cast<std::size_t>(info.form.channels);
-    const float black = static_cast<float>(info.form.black_level);
+    const auto black = static_cast<float>(info.form.black_level);
     const float gain = 1.0F / (static_cast<float>(info.form.white_level) - black);
     const std::size_t n_lights = info.lights.size();
     parallel_for(n_lights, 1, [&](std::size_t begin, std::size_t end) {

@@ -15,7 +15,7 @@ struct Moments {
   explicit Moments(std::span<const std::uint64_t> counts)
       : n(counts.size() + 1), x(counts.size() + 1), xx(counts.size() + 1) {
     for (std::size_t i = 0; i < counts.size(); ++i) {
-      const double at = static_cast<double>(i);
+      const auto at = static_cast<double>(i);
       const auto count = static_cast<double>(counts[i]);
       n[i + 1] = n[i] + count;
       x[i + 1] = x[i] + count * at;
@@ -24,11 +24,11 @@ struct Moments {
   }
   /// Sum of (x - end)^2 over the bins below `end`, and over those above.
   [[nodiscard]] double cut_below(std::size_t end) const {
-    const double e = static_cast<double>(end);
+    const auto e = static_cast<double>(end);
     return xx[end] - 2.0 * e * x[end] + e * e * n[end];
   }
   [[nodiscard]] double cut_above(std::size_t end) const {
-    const double e = static_cast<double>(end);
+    const auto e = static_cast<double>(end);
     const std::size_t i = end + 1;
     return (xx.back() - xx[i]) - 2.0 * e * (x.back() - x[i]) + e * e * (n.back() - n[i]);
   }

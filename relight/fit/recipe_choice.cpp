@@ -263,6 +263,7 @@ std::optional<FitForm> fit_form_of(std::string_view name) noexcept {
 const std::vector<FitForm>& all_fit_forms() {
   static const std::vector<FitForm> kAll = [] {
     std::vector<FitForm> all;
+    all.reserve(kForms.size());
     for (const FormName& known : kForms) {
       all.push_back(known.form);
     }

@@ -41,8 +41,8 @@ class Mixing {
   Eigen::VectorXd next(const Eigen::VectorXd& x, const Eigen::VectorXd& g) {
     const Eigen::VectorXd f = g - x;
     if (last_f_.size() > 0) {
-      d_f_.push_back(f - last_f_);
-      d_g_.push_back(g - last_g_);
+      d_f_.emplace_back(f - last_f_);
+      d_g_.emplace_back(g - last_g_);
       if (d_f_.size() > kRemembered) {
         d_f_.erase(d_f_.begin());
         d_g_.erase(d_g_.begin());
@@ -108,7 +108,7 @@ PointNormals solve_normals(const TargetSamples& samples, std::span<const NearLig
         }
         // I = a (n.way) e cos^mu / r^2; the noise of I says what each equation is worth.
         const double gain = light.power[0] * std::pow(off, light.mu) / r2;
-        const double value = static_cast<double>(samples.values(static_cast<int>(k))[p]);
+        const auto value = static_cast<double>(samples.values(static_cast<int>(k))[p]);
         const double weight = 1.0 / std::max(samples.noise.variance(value), 1e-300);
         m += weight * gain * gain * way * way.transpose();
         rhs += weight * gain * value * way;

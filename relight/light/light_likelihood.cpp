@@ -334,7 +334,7 @@ class FreeSystem {
     }
     const Eigen::ArrayXd half = f.diagonal.array().sqrt();
     int degree = kModeDegree;
-    while (degree > 0 && (degree + 1) * (degree + 2) > n_points_) {
+    while (degree > 0 && Eigen::Index{degree + 1} * (degree + 2) > n_points_) {
       --degree;  // at most half as many modes as points
     }
     const Eigen::Index n_modes = (degree + 1) * (degree + 2) / 2;

@@ -40,7 +40,8 @@ double calibrated_power(const Rig& rig, const LightElement& element) {
   }
   const Face& face = rig.faces[static_cast<std::size_t>(element.face)];
   for (const MeasuredFace& measured : rig.measured->faces) {
-    const auto at = static_cast<std::size_t>(element.row * face.cols + element.col);
+    const int index = element.row * face.cols + element.col;
+    const auto at = static_cast<std::size_t>(index);
     if (measured.id == face.id && at < measured.power.size() && measured.power[at] > 0.0) {
       return measured.power[at];
     }

@@ -46,7 +46,9 @@ double neighbour_noise(const LightStack& stack, const std::vector<std::uint8_t>&
     const int rows = std::min(shape.band_rows, shape.height - y0);
     for (int y = 0; y < rows; y += 3) {
       for (int x = 0; x + 2 < shape.width; x += 5) {
-        const auto pixel = static_cast<std::size_t>((y0 + y) * shape.width + x);
+        const auto pixel =
+            static_cast<std::size_t>(y0 + y) * static_cast<std::size_t>(shape.width) +
+            static_cast<std::size_t>(x);
         if (is_sheet[pixel] == 0 || is_sheet[pixel + 2] == 0) {
           continue;
         }
@@ -55,9 +57,9 @@ double neighbour_noise(const LightStack& stack, const std::vector<std::uint8_t>&
                         static_cast<std::size_t>(shape.n_lights);
         const auto step = static_cast<std::size_t>(shape.n_lights);
         const std::size_t k = (pixel * 2654435761U) % step;
-        const double a = static_cast<double>(values[at + k]);
-        const double m = static_cast<double>(values[at + step + k]);
-        const double c = static_cast<double>(values[at + 2 * step + k]);
+        const auto a = static_cast<double>(values[at + k]);
+        const auto m = static_cast<double>(values[at + step + k]);
+        const auto c = static_cast<double>(values[at + 2 * step + k]);
         if (m > 0.0) {
           squares.push_back(std::pow((a - 2.0 * m + c) / m, 2) / 6.0);
         }
@@ -163,12 +165,12 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
                                 static_cast<std::size_t>(x)) *
                                n_lights;
         for (std::size_t k = 0; k < n_lights; ++k) {
-          const double value = static_cast<double>(values[at + k]);
+          const auto value = static_cast<double>(values[at + k]);
           sum[(k * n_channels + c) * n + block] += per_block * value;
           if (errors.empty()) {
             continue;
           }
-          const double e = static_cast<double>(errors[at + k]);
+          const auto e = static_cast<double>(errors[at + k]);
           if (e < 0.0) {
             s.is_used[k * n + block] = 0;
           } else if (value > 0.0 && (pixel * 31 + k) % 97 == 0) {
@@ -226,7 +228,7 @@ std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples&
     for (int k = first; k < first + face.n_lights(); ++k) {
       const LightElement& element = elements[static_cast<std::size_t>(k)];
       array.places_mm.push_back(as_written.inverse() * element.centre);
-      array.axes.push_back(as_written.linear().transpose() * element.emits);
+      array.axes.emplace_back(as_written.linear().transpose() * element.emits);
     }
     FaceCalibration result;
     result.face = static_cast<int>(f);

@@ -77,7 +77,7 @@ std::vector<SampleCounts> mask_samples(TargetSamples& s, const MaskOptions& opti
   for (int k = 0; k < s.n_lights; ++k) {
     double& most = brightest[static_cast<std::size_t>(k)];
     for (std::size_t i = 0; i < n * static_cast<std::size_t>(s.n_channels); ++i) {
-      const double value = static_cast<double>(s.values(k)[i]);
+      const auto value = static_cast<double>(s.values(k)[i]);
       most = value < options.saturation && s.used(k)[i % n] != 0 ? std::max(most, value) : most;
     }
     of_all = std::max(of_all, most);
@@ -96,7 +96,7 @@ std::vector<SampleCounts> mask_samples(TargetSamples& s, const MaskOptions& opti
       bool is_saturated = false;
       bool is_dark = true;
       for (int ch = 0; ch < s.n_channels; ++ch) {
-        const double value = static_cast<double>(s.values(k, ch)[p]);
+        const auto value = static_cast<double>(s.values(k, ch)[p]);
         is_saturated = is_saturated || value >= options.saturation;
         is_dark = is_dark && !(value > dark);
       }
@@ -140,7 +140,7 @@ TargetSamples coarse_samples(const TargetSamples& s, int factor) {
     out.noise.shot /= factor * factor;
     out.noise.floor /= factor;
   } else {
-    const auto step = static_cast<std::size_t>(factor * factor);
+    const auto step = static_cast<std::size_t>(factor) * static_cast<std::size_t>(factor);
     for (std::size_t p = step / 2; p < s.n_points(); p += step) {
       blocks.push_back({p});
     }

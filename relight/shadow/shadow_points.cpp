@@ -314,7 +314,8 @@ class Job {
           std::vector<const WindowSums*> parts;
           std::vector<double> shares;
           for (int c = 0; c < node.n_children; ++c) {
-            const auto child = static_cast<std::size_t>(node.first_child + c);
+            const int child_index = node.first_child + c;
+            const auto child = static_cast<std::size_t>(child_index);
             parts.push_back(&*made[child * n_planes + p]);
             shares.push_back(root.nodes[child].share);
           }
@@ -661,7 +662,8 @@ class Job {
     for (std::size_t at = root.nodes.size(); at-- > 0;) {
       const LightNode& node = root.nodes[at];
       for (int c = 0; c < node.n_children; ++c) {
-        own[at] += own[static_cast<std::size_t>(node.first_child + c)];
+        const int child = node.first_child + c;
+        own[at] += own[static_cast<std::size_t>(child)];
       }
     }
   }

@@ -39,7 +39,8 @@ std::vector<BinChoice> bin_choices(const ArrayGrid& grid) {
 
 Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights, const ArrayGrid& grid,
                                const BinChoice& choice) {
-  HAARLIGHT_EXPECTS(weights.size() == grid.n_face() * grid.n_faces, "a weight a light");
+  HAARLIGHT_EXPECTS(weights.size() == Eigen::Index{grid.n_face()} * grid.n_faces,
+                    "a weight a light");
   Eigen::VectorXd binned = Eigen::VectorXd::Zero(weights.size());
   for_bins(grid, choice.side, [&](int first) {
     double sum = 0.0;
@@ -68,7 +69,8 @@ double binned_energy(std::span<const float> lights, const ArrayGrid& grid,
   double energy = 0.0;
   for_bins(grid, choice.side, [&](int first) {
     const auto at = [&](int y, int x) {
-      return double{lights[static_cast<std::size_t>(first + y * grid.cols + x)]};
+      const int light = first + y * grid.cols + x;
+      return double{lights[static_cast<std::size_t>(light)]};
     };
     double stand_in = 0.0;
     if (choice.is_area) {

@@ -16,7 +16,10 @@ constexpr double kNothingNew = 1e-8;  // half of double's digits: the fit stays 
 
 std::vector<double> spherical_harmonics(const Eigen::Vector3d& direction, int order) {
   HAARLIGHT_EXPECTS(order >= 0 && std::abs(direction.norm() - 1.0) < 1e-6, "a unit direction");
-  const auto at = [](int l, int m) { return static_cast<std::size_t>(l * (l + 1) + m); };
+  const auto at = [](int l, int m) {
+    const int index = l * (l + 1) + m;
+    return static_cast<std::size_t>(index);
+  };
   std::vector<double> values(at(order, order) + 1);
   const double z = direction.z();
   // P_mm = sqrt((2 m + 1)/(4 pi (2 m)!)) (2 m - 1)!! sin^m, with sin^m in the azimuth's factors
@@ -57,7 +60,7 @@ std::unique_ptr<LightTransform> make_spherical_harmonics(
     const std::vector<Eigen::Vector3d>& directions, int order) {
   HAARLIGHT_EXPECTS(!directions.empty(), "lights");
   const auto n_lights = static_cast<Eigen::Index>(directions.size());
-  const Eigen::Index n_functions = (order + 1) * (order + 1);
+  const Eigen::Index n_functions = Eigen::Index{order + 1} * (order + 1);
   Eigen::MatrixXd sampled(n_lights, n_functions);
   for (Eigen::Index k = 0; k < n_lights; ++k) {
     const std::vector<double> row =

@@ -86,7 +86,7 @@ std::vector<StudyLighting> default_lightings(const std::vector<Eigen::Vector3d>&
   }
   StudyLighting smooth{"smooth", Eigen::VectorXd(n)};
   StudyLighting sky{"high frequency", Eigen::VectorXd(n)};
-  const Eigen::Vector3d axis = directions[static_cast<std::size_t>(one)];
+  const Eigen::Vector3d& axis = directions[static_cast<std::size_t>(one)];
   for (Eigen::Index k = 0; k < n; ++k) {
     const double cosine = std::max(0.0, axis.dot(directions[static_cast<std::size_t>(k)]));
     smooth.weights[k] = kFloor + (1.0 - kFloor) * std::pow(cosine, kLobe);

@@ -55,8 +55,8 @@ Image<float> render(const Chessboard& board, const Eigen::Isometry3d& cam_from_b
   const Vector3d eye = board_from_cam.translation();
   for (int y = 0; y < kHeight * kSub; ++y) {
     for (int x = 0; x < kWidth * kSub; ++x) {
-      const Vector3d d = board_from_cam.linear() *
-                         sample_rays()[static_cast<std::size_t>(y * kWidth * kSub + x)];
+      const int ray = y * kWidth * kSub + x;
+      const Vector3d d = board_from_cam.linear() * sample_rays()[static_cast<std::size_t>(ray)];
       const Vector3d at = eye - eye.z() / d.z() * d;
       const int i = static_cast<int>(std::floor(at.x() / board.square_mm)) + 1;
       const int j = static_cast<int>(std::floor(at.y() / board.square_mm)) + 1;
@@ -67,7 +67,8 @@ Image<float> render(const Chessboard& board, const Eigen::Isometry3d& cam_from_b
   }
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
-      const auto key = static_cast<std::uint64_t>(y * kWidth + x);
+      const int pixel = y * kWidth + x;
+      const auto key = static_cast<std::uint64_t>(pixel);
       picture(y, x) += static_cast<float>(0.004 * standard_normal(hash_key(seed, key)));
     }
   }

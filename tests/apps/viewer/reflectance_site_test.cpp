@@ -44,7 +44,8 @@ TEST_P(ReflectanceSite, ItsNumbersMakeThePicture) {
   const auto apply = [&](const Json& to, int c, int pixel, const std::string& bytes) {
     double value = to.at("added")[static_cast<std::size_t>(c)];
     for (int p = 0; p < n; ++p) {
-      const std::size_t at = static_cast<std::size_t>(p / 4 * 140 + 4 * pixel + p % 4);
+      const int index = p / 4 * 140 + 4 * pixel + p % 4;
+      const auto at = static_cast<std::size_t>(index);
       value += double(static_cast<unsigned char>(bytes[at])) *
                to.at("factors")[static_cast<std::size_t>(c)][static_cast<std::size_t>(p)]
                    .get<double>();

@@ -284,7 +284,7 @@ constexpr int kTilesSampled = 10;
 CompressOptions one_by_one(double error = 0.01) {
   CompressOptions options;
   options.relative_l2 = error;
-  options.memory_bytes = 1024 * 64 * 36;
+  options.memory_bytes = std::uint64_t{1024} * 64 * 36;
   return options;
 }
 

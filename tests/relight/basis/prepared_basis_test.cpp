@@ -26,13 +26,13 @@ constexpr int kLights = 256;
 
 class Prepared : public testing::Test {
  protected:
-  static void SetUpTestSuite() { folder_ = std::make_unique<test::TemporaryFolder>(); }
-  static void TearDownTestSuite() { folder_.reset(); }
+  static void SetUpTestSuite() { shared_folder = std::make_unique<test::TemporaryFolder>(); }
+  static void TearDownTestSuite() { shared_folder.reset(); }
 
   static BasisFile compressed(const std::string& name, const MemoryStack& stack,
                               const CompressOptions& options = {}, int grid = 16,
                               const StackSource* plate = nullptr) {
-    const auto file = folder_->path() / name;
+    const auto file = shared_folder->path() / name;
     if (!std::filesystem::exists(file)) {
       (void)compress_stack(made_source(stack, grid, plate), file, options);
     }
@@ -44,7 +44,7 @@ class Prepared : public testing::Test {
   }
 
  private:
-  static inline std::unique_ptr<test::TemporaryFolder> folder_;
+  static inline std::unique_ptr<test::TemporaryFolder> shared_folder;
 };
 
 LightWeights one_light(int k) {
@@ -251,12 +251,12 @@ TEST_F(Prepared, UnlitFacesOfSixAreNotRead) {
   }
   const BasisFile file = compressed("six.hlb", stack, {.relative_l2 = 1e-3}, 8);
   const PreparedBasis basis(file, {.form = PreparedForm::sparse});
-  LightWeights w = LightWeights::Zero(6 * 64, 1);
+  LightWeights w = LightWeights::Zero(384, 1);
   for (int k = 0; k < 64; ++k) {
     w(2 * 64 + k, 0) = uniform_unit(hash_key(1, static_cast<std::uint64_t>(k)));
   }
   const RelitPicture face = relit(basis, w);
-  const RelitPicture all = relit(basis, LightWeights(LightWeights::Random(6 * 64, 1)));
+  const RelitPicture all = relit(basis, LightWeights(LightWeights::Random(384, 1)));
   EXPECT_EQ(face.method, "coefficient lists");
   EXPECT_LT(face.bytes_read, all.bytes_read / 4);
   EXPECT_LE(distance(face.picture, relight(file, w).picture),

@@ -177,13 +177,13 @@ TEST(FarFit, DoesNotDependOnThreadsNorOnWherePlanesWait) {
 TEST(FarFit, BlackAndWhitePixelsStaySo) {
   const auto lights = spiral_lights(15);
   std::vector<Image<float>> pictures;
-  for (std::size_t k = 0; k < lights.size(); ++k) {
+  for (const Eigen::Vector3d& light : lights) {
     Image<float> picture(8, 70, 3);
     for (int y = 0; y < 8; ++y) {
       for (int x = 0; x < 70; ++x) {
         for (int c = 0; c < 3; ++c) {
           // Columns: always dark (no light reaches it, or no albedo), saturated, and matte.
-          const double matte = std::max(0.0, lights[k].z());
+          const double matte = std::max(0.0, light.z());
           picture(y, x, c) = x < 20 ? 0.0F : (x < 40 ? 1.0F : static_cast<float>(matte));
         }
       }
@@ -257,7 +257,7 @@ TEST(RecipeChoice, PredictsWhatHeldOutPicturesSay) {
 
 TEST(LightHaar, KeepsAsMuchAsItIsAllowed) {
   LightSample sample;
-  sample.values.resize(3 * 16, 2);
+  sample.values.resize(48, 2);
   for (Eigen::Index k = 0; k < 16; ++k) {
     for (Eigen::Index c = 0; c < 3; ++c) {
       sample.values(3 * k + c, 0) = 0.5F;                   // one coefficient a channel

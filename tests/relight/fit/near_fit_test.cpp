@@ -93,8 +93,9 @@ Distance distance_to_truth(const ReflectanceModel& model, int n_terms) {
     for (int x = 0; x < kWidth; ++x) {
       for (int c = 0; c < 3; ++c) {
         for (int t = 0; t < n_terms; ++t) {
-          const PlaneScale& scale = model.scales[static_cast<std::size_t>(c * n_terms + t)];
-          const double found = model.planes(y, x, c * n_terms + t) * scale.scale + scale.offset;
+          const int plane = c * n_terms + t;
+          const PlaneScale& scale = model.scales[static_cast<std::size_t>(plane)];
+          const double found = model.planes(y, x, plane) * scale.scale + scale.offset;
           const double error = found - coefficient(x, y, t, c);
           sum += error * error;
           distance.largest_steps =
@@ -153,7 +154,8 @@ TEST(NearFit, TheReferenceIsExactInEveryBasis) {
           near_planes_of(geometry, options, values, x + 0.5, y + 0.5);
       for (int c = 0; c < 3; ++c) {
         // 16 terms over +-50 degrees: condition 1e4, squared by the normal equations.
-        EXPECT_LT((planes.segment(c * n, n) - Eigen::VectorXd::LinSpaced(n, 1.0, 2.0 + c))
+        EXPECT_LT((planes.segment(Eigen::Index{c} * n, n) -
+                   Eigen::VectorXd::LinSpaced(n, 1.0, 2.0 + c))
                       .cwiseAbs()
                       .maxCoeff(),
                   n == 16 ? 1e-4 : 1e-7);
@@ -240,7 +242,8 @@ double mean_square(const ReflectanceModel& model, const NearGeometry& geometry,
         planes[p] -= model.planes(y, x, static_cast<int>(p)) * scale.scale + scale.offset;
       }
       for (int c = 0; c < 3; ++c) {
-        sum += (terms * planes.segment(c * options.n_terms, options.n_terms)).squaredNorm();
+        sum += (terms * planes.segment(Eigen::Index{c} * options.n_terms, options.n_terms))
+                   .squaredNorm();
         n += 9;
       }
     }

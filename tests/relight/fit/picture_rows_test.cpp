@@ -53,7 +53,8 @@ void write_jpeg(const fs::path& path, int n_channels, bool is_progressive, int p
 /// All rows, some passed over, then all again: (height, n_lights, width, 3).
 std::vector<std::uint16_t> read_all(PictureRows& rows) {
   const PictureShape shape = rows.shape();
-  const std::size_t n_row = static_cast<std::size_t>(shape.n_lights * shape.width * 3);
+  const int n_of_row = shape.n_lights * shape.width * 3;
+  const auto n_row = static_cast<std::size_t>(n_of_row);
   std::vector<std::uint16_t> all(n_row * static_cast<std::size_t>(shape.height));
   rows.rewind();
   for (int y = 0; y < shape.height;) {
@@ -97,9 +98,10 @@ TEST(JpegRows, AreThePicturesAnotherReaderSees) {
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       for (int c = 0; c < 3; ++c) {
-        const auto at = static_cast<std::size_t>(((y * 2) * kWidth + x) * 3 + c);
+        const int index = ((y * 2) * kWidth + x) * 3 + c;
+        const auto at = static_cast<std::size_t>(index);
         EXPECT_NEAR(all[at] / 65535.0F, a.pixels(y, x, c), 1e-5F);
-        EXPECT_NEAR(all[at + kWidth * 3] / 65535.0F, b.pixels(y, x, 0), 1e-5F);
+        EXPECT_NEAR(all[at + std::size_t{3} * kWidth] / 65535.0F, b.pixels(y, x, 0), 1e-5F);
       }
     }
   }

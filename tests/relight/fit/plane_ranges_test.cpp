@@ -57,8 +57,9 @@ TEST(PlaneRanges, ObeyTheRulesOfFiles) {
     model.n_terms = rule == ScaleRule::ptm ? 6 : 9;
     const PlaneRange range =
         choose_range(histogram_with_outliers(), codes, RangeEnds::extremes, rule);
-    model.scales.assign(static_cast<std::size_t>(3 * model.n_terms), range.scale);
-    model.planes = Image<std::uint8_t>(1, 1, 3 * model.n_terms);
+    const int n_planes = 3 * model.n_terms;
+    model.scales.assign(static_cast<std::size_t>(n_planes), range.scale);
+    model.planes = Image<std::uint8_t>(1, 1, n_planes);
     EXPECT_TRUE(obeys(rule, model));
     // Both ends are within reach.
     EXPECT_LE(range.scale.offset, -0.3 + 20000.0 / 65535.0 + 1e-6);

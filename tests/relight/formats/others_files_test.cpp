@@ -143,7 +143,7 @@ Capture read_corner() {
     const PictureFile photo = read_picture(folder / light.name);
     Image<float> corner(kSide, kSide, 3);
     for (int y = 0; y < kSide; ++y) {
-      const auto row = photo.pixels.view().row(y + 100).subspan(3 * 120, 3 * kSide);
+      const auto row = photo.pixels.view().row(y + 100).subspan(360, std::size_t{3} * kSide);
       std::copy(row.begin(), row.end(), corner.view().row(y).begin());
     }
     capture.photos.push_back(std::move(corner));

@@ -75,7 +75,7 @@ TEST_P(PtmForms, ComeBackAsTheyWere) {
   expect_same(read_ptm(folder / "a.ptm"), model);
   // No padding: the header, then just the planes.
   const std::string bytes = read_file(folder / "a.ptm");
-  const std::size_t payload = 24U * 40U * static_cast<std::size_t>(model.n_planes());
+  const std::size_t payload = std::size_t{24} * 40 * static_cast<std::size_t>(model.n_planes());
   EXPECT_EQ(bytes.substr(0, 8), "PTM_1.2\n");
   EXPECT_EQ(bytes[bytes.size() - payload - 1], '\n');
 }
@@ -257,9 +257,10 @@ TEST(RtiFile, WhatCannotBeReadIsRefusedWithItsPlace) {
   const std::string scales = floats(std::vector<float>(8, 1.0F));
   const std::string good = "#HSH1.2\n3\n1 1 3\n4 2 1\n";
   const std::string pixels(12, '\0');
-  ASSERT_EQ(rti_refusal(good + scales + pixels), "taken");
+  const std::string whole = good + scales + pixels;
+  ASSERT_EQ(rti_refusal(whole), "taken");
   const auto changed = [&](const std::string& from, const std::string& to) {
-    std::string bytes = good + scales + pixels;
+    std::string bytes = whole;
     return bytes.replace(bytes.find(from), from.size(), to);
   };
   struct Case {
@@ -273,8 +274,8 @@ TEST(RtiFile, WhatCannotBeReadIsRefusedWithItsPlace) {
            Case{"#HSH1.2\n", "byte 8"},
            Case{"#PTM1.2\n1\n1 1 3\n6 2 1\n", "byte 0"},
            Case{good, "byte 22"},
-           Case{good + scales + pixels + "x", "byte 66"},
-           Case{(good + scales + pixels).substr(0, 60), "byte 60"},
+           Case{whole + "x", "byte 66"},
+           Case{whole.substr(0, 60), "byte 60"},
            Case{changed("\n3\n", "\n1\n"), "file type 1"},
            Case{changed("1 1 3", "0 1 3"), "width"},
            Case{changed("1 1 3", "1 1 4"), "colours"},
@@ -282,8 +283,10 @@ TEST(RtiFile, WhatCannotBeReadIsRefusedWithItsPlace) {
            Case{changed("4 2 1", "5 2 1"), "5 terms"},
            Case{changed("4 2 1", "4 1 1"), "basis type 1"},
            Case{changed("4 2 1", "4 2 4"), "4 bytes"},
-           Case{good + floats({1, 1, 1, nan, 0, 0, 0, 0}) + pixels, "term 3"},
-           Case{good + floats({1, 1, 1, 1, 0, -INFINITY, 0, 0}) + pixels, "bias of term 1"},
+           Case{fmt::format("{}{}{}", good, floats({1, 1, 1, nan, 0, 0, 0, 0}), pixels),
+                "term 3"},
+           Case{fmt::format("{}{}{}", good, floats({1, 1, 1, 1, 0, -INFINITY, 0, 0}), pixels),
+                "bias of term 1"},
        }) {
     EXPECT_NE(rti_refusal(c.bytes).find(c.expected), std::string::npos)
         << c.expected << " in: " << rti_refusal(c.bytes);

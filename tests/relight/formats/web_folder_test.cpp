@@ -29,7 +29,7 @@ ReflectanceModel pca_model(ReflectanceBasis basis, int n_planes) {
     model.lights = spread_directions(25);
     model.rbf_sigma = 0.2;
   }
-  model.axes.resize(n_planes + 1, 3 * 25);
+  model.axes.resize(n_planes + 1, 75);
   for (Eigen::Index p = 0; p <= n_planes; ++p) {
     for (Eigen::Index i = 0; i < 75; ++i) {
       model.axes(p, i) = p == 0 ? 0.5F + 0.3F * std::sin(0.2F * static_cast<float>(i))

@@ -26,7 +26,8 @@ struct MatMatrix {
   int cols = 0;
   std::vector<double> values;
   [[nodiscard]] double operator()(int row, int col) const {
-    return values.at(static_cast<std::size_t>(col * rows + row));
+    const int at = col * rows + row;
+    return values.at(static_cast<std::size_t>(at));
   }
 };
 
@@ -100,7 +101,8 @@ inline std::map<std::string, MatMatrix> read_mat(const std::filesystem::path& fi
     MatMatrix matrix;
     matrix.rows = static_cast<int>(mat_detail::word(parts[1].data, 0));
     matrix.cols = static_cast<int>(mat_detail::word(parts[1].data, 4));
-    const std::size_t n = static_cast<std::size_t>(matrix.rows * matrix.cols);
+    const auto n =
+        static_cast<std::size_t>(matrix.rows) * static_cast<std::size_t>(matrix.cols);
     const bool is_double = parts[3].type == 9;
     if (parts[3].data.size() < n * (is_double ? 8 : 1) || (!is_double && parts[3].type > 2)) {
       throw Error("numbers of a type that is not read", file.string(), "give doubles");

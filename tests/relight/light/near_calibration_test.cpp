@@ -482,7 +482,7 @@ RigidArray rigid(std::span<const NearLight> lights, const Eigen::Isometry3d& wor
   RigidArray array;
   for (const NearLight& light : lights) {
     array.places_mm.push_back(world_from_array.inverse() * light.position_mm);
-    array.axes.push_back(world_from_array.linear().transpose() * light.axis);
+    array.axes.emplace_back(world_from_array.linear().transpose() * light.axis);
   }
   return array;
 }

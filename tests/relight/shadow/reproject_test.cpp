@@ -263,7 +263,7 @@ TEST(Reproject, AgreesWithTheRayTracedShadow) {
     double error = 0.0;
     double norm = 0.0;
     for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
-      const double t = static_cast<double>(truth.pixels()[i]);
+      const auto t = static_cast<double>(truth.pixels()[i]);
       error += std::pow(static_cast<double>(result.picture.pixels()[i]) - t, 2);
       norm += t * t;
     }

@@ -273,7 +273,8 @@ TEST(LightTree, HoldsEveryActiveLightOnceAndMomentsAgree) {
         double share = 0.0;
         Vector3d centre = Vector3d::Zero();
         for (int c = 0; c < node.n_children; ++c) {
-          const LightNode& child = root.nodes[static_cast<std::size_t>(node.first_child + c)];
+          const int child_index = node.first_child + c;
+          const LightNode& child = root.nodes[static_cast<std::size_t>(child_index)];
           weight += child.weight;
           share += child.share;
           centre += child.share * child.block.centre;
@@ -382,7 +383,8 @@ TEST(ShadowLookup, WhereABlockIsAllLitEveryLightIs) {
       }
       ++n_lit;
       for (int c = 0; c < node.n_children; ++c) {
-        const LightNode& child = root.nodes[static_cast<std::size_t>(node.first_child + c)];
+        const int child_index = node.first_child + c;
+        const LightNode& child = root.nodes[static_cast<std::size_t>(child_index)];
         if (child.n_children == 0) {
           EXPECT_NEAR(
               look_up(frame, range, {rule, false}, place_light(frame, child.block), sums, spot)

@@ -65,7 +65,8 @@ inline Visibility plate_shadow(const PlaneFrame& frame, const SquareLight& light
       double value = 1.0 - hidden(p.x(), -40.0, 25.0, light.centre.x(), light.width_mm) *
                                hidden(p.y(), -15.0, 40.0, light.centre.y(), light.height_mm);
       if (noise > 0.0) {
-        const auto at = static_cast<std::uint64_t>(y * frame.width + x);
+        const int pixel = y * frame.width + x;
+        const auto at = static_cast<std::uint64_t>(pixel);
         value += noise * std::sqrt(12.0) * (uniform_unit(hash_key(seed, at)) - 0.5);
       }
       v.value(y, x) = static_cast<float>(std::clamp(value, 0.0, 1.0));

@@ -112,7 +112,7 @@ TEST_F(ShadowPoints, DoesNotDependOnThreadsOrExactSumsOnMemory) {
   EXPECT_TRUE(same_bits(with(1, 0.0, kPlenty), with(2, 0.0, 1)));  // a light at a time
   EXPECT_TRUE(same_bits(with(1, 0.01, kPlenty), with(3, 0.01, kPlenty)));
   // Little memory: smaller blocks, the tolerance kept, the bound on the tables too.
-  const std::uint64_t table = 16 * 101 * 101;
+  const std::uint64_t table = std::uint64_t{16} * 101 * 101;
   const PointsResult exact = with(2, 0.0, kPlenty);
   const PointsResult small = with(2, 0.01, 30 * table);
   EXPECT_LE(compare(small, exact).relative_l2, 0.01);

@@ -23,7 +23,7 @@ struct Spread {
 
 Spread spread_of(const Image<float>& picture) {
   Spread s;
-  const double n = static_cast<double>(picture.pixels().size());
+  const auto n = static_cast<double>(picture.pixels().size());
   for (const float value : picture.pixels()) {
     s.mean += double{value} / n;
   }

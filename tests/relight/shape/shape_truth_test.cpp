@@ -265,7 +265,7 @@ TEST(TwinShape, FlatPaperIsNoPotatoChip) {
   const auto spread = [](const Image<float>& picture) {
     double mean = 0.0;
     double square = 0.0;
-    const double n = static_cast<double>(picture.pixels().size());
+    const auto n = static_cast<double>(picture.pixels().size());
     for (const float value : picture.pixels()) {
       mean += double{value} / n;
       square += double{value} * double{value} / n;

@@ -56,7 +56,8 @@ TEST(ArrayBinning, OneLightBecomesItsBin) {
 TEST(ArrayBinning, CostsNothingWhereBinsAreConstant) {
   std::vector<float> lights(128);
   for (int k = 0; k < 128; ++k) {
-    lights[static_cast<std::size_t>(k)] = static_cast<float>(k % 8 / 4 + 2 * (k / 8 / 4));
+    const int bin = k % 8 / 4 + 2 * (k / 8 / 4);
+    lights[static_cast<std::size_t>(k)] = static_cast<float>(bin);
   }
   for (const BinChoice& choice : bin_choices(kGrid)) {
     EXPECT_EQ(binned_energy(lights, kGrid, choice), 0.0);

@@ -33,7 +33,8 @@ std::vector<StudyLight> made_study_lights(int grid) {
   for (int k = 0; k < grid * grid; ++k) {
     StudyLight light;
     light.is_position = true;
-    light.place = {(k % grid - 0.5 * (grid - 1)) * pitch, (k / grid - 0.5 * (grid - 1)) * pitch,
+    const int row = k / grid;
+    light.place = {(k % grid - 0.5 * (grid - 1)) * pitch, (row - 0.5 * (grid - 1)) * pitch,
                    900.0};
     light.emits = -Eigen::Vector3d::UnitZ();
     light.strength = pitch * pitch;
@@ -139,7 +140,7 @@ TEST(BasisStudy, BareThresholdOfHaarIsThatOfTheSortedCoefficients) {
   const MemoryStack& stack = make_stack(kScene);
   std::vector<double> squares;
   double total = 0.0;
-  std::vector<double> pixel(kGrid * kGrid);
+  std::vector<double> pixel(std::size_t{kGrid} * kGrid);
   for (std::size_t p = 0; p < stack.dims().n_pixels(); ++p) {
     for (std::size_t k = 0; k < pixel.size(); ++k) {
       pixel[k] = double{stack.values()[p * pixel.size() + k]};
@@ -209,8 +210,7 @@ TEST(BasisStudy, PicturesOfOneLightAreThatLightsOwn) {
   for (std::size_t p = 0; p < stack.dims().n_pixels(); ++p) {
     const float t = stack.values()[p * kGrid * kGrid + light];
     const auto step = static_cast<float>(point.step);
-    const double kept =
-        static_cast<double>(static_cast<float>(quantise(t, 1.0F / step)) * step);
+    const auto kept = static_cast<double>(static_cast<float>(quantise(t, 1.0F / step)) * step);
     lost += (kept - double{t}) * (kept - double{t});
     all += double{t} * double{t};
   }

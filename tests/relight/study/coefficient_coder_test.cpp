@@ -33,14 +33,14 @@ TEST(CoefficientCoder, ThresholdKeepsValuesAsTheyAre) {
 }
 
 TEST(CoefficientCoder, EmptyPlanesCostNothingAndNoiseCostsItsEntropy) {
-  const std::vector<float> zeros(64 * 200);
+  const std::vector<float> zeros(12800);
   EXPECT_EQ(packed_bytes(zeros, 64, 64, 1.0F, {}), 0U);
   // 256 equally likely values: 8 bits each, and no byte planes can do better.
-  std::vector<float> noise(64 * 200);
+  std::vector<float> noise(12800);
   for (std::size_t i = 0; i < noise.size(); ++i) {
     noise[i] = static_cast<float>(hash_key(4, i) % 256) - 128.0F;
   }
-  const double bytes = double(packed_bytes(noise, 64, 64, 1.0F, {}));
+  const auto bytes = double(packed_bytes(noise, 64, 64, 1.0F, {}));
   EXPECT_GT(bytes, 1.00 * double(noise.size()));
   EXPECT_LT(bytes, 1.35 * double(noise.size()));  // the sign's byte is 0 or 255: one bit
 }

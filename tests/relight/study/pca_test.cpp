@@ -39,8 +39,8 @@ TEST(LightCovariance, IsTheProductOfTheRowsHoweverCut) {
   LightCovariance whole(70);
   whole.add(rows);
   LightCovariance parts(70);
-  parts.add(std::span(rows).first(70 * 300));
-  parts.add(std::span(rows).subspan(70 * 300));
+  parts.add(std::span(rows).first(21000));
+  parts.add(std::span(rows).subspan(21000));
   const Eigen::MatrixXd m = as_matrix(rows, 70);
   const Eigen::MatrixXd direct = m.transpose() * m;
   const double scale = direct.diagonal().maxCoeff();
@@ -102,7 +102,7 @@ TEST(PcaTransform, OfItsFirstVectorsIsThatOfTheOthersAtNothing) {
   LightCovariance covariance(20);
   covariance.add(rows);
   const auto transform = make_pca_transform(principal_vectors(covariance.matrix(), 6));
-  std::vector<float> coefficients(50 * 6);
+  std::vector<float> coefficients(300);
   transform->analyse(rows, coefficients);
   std::vector<float> first(rows.size());
   transform->synthesise_first(coefficients, 2, first);
@@ -122,7 +122,7 @@ TEST(PcaTransform, IsTheBestProjectionOfItsRank) {
   LightCovariance covariance(50);
   covariance.add(rows);
   const auto transform = make_pca_transform(principal_vectors(covariance.matrix(), 4));
-  std::vector<float> coefficients(300 * 4);
+  std::vector<float> coefficients(1200);
   std::vector<float> back(rows.size());
   transform->analyse(rows, coefficients);
   transform->synthesise(coefficients, back);

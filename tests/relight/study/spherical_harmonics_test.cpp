@@ -48,7 +48,8 @@ TEST(SphericalHarmonics, SquaresOfAnOrderAddUpToAConstant) {
     for (int l = 0; l <= 20; ++l) {
       double sum = 0.0;
       for (int m = -l; m <= l; ++m) {
-        sum += std::pow(y[static_cast<std::size_t>(l * (l + 1) + m)], 2);
+        const int at = l * (l + 1) + m;
+        sum += std::pow(y[static_cast<std::size_t>(at)], 2);
       }
       EXPECT_NEAR(sum * 4.0 * kPi / (2.0 * l + 1.0), 1.0, 1e-12) << l;
     }
