@@ -17,6 +17,8 @@ namespace {
 
 using Eigen::MatrixXd;
 
+constexpr std::size_t kPlateLanes = 8;  // pixels whose sums are in registers at a time
+
 std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// T_0 .. T_degree at x.
@@ -225,17 +227,31 @@ void plate_sums(const TileRect& rect, int degree, std::span<const float> tile_pl
       along_x[a * width + count(x)] = t[a];
     }
   }
+  std::array<double, kMaxPlateDegree + 1> of_x{};  // of this row: factors of T_a(xi)
   for (int y = 0; y < rect.height; ++y) {
     const auto along_y = chebyshev((2.0 * y + 1.0) / rect.height - 1.0, degree);
-    double* row = out.data() + count(y) * width;
-    std::fill(row, row + width, 0.0);
     for (std::size_t a = 0; a < side; ++a) {
-      double factor = 0.0;
+      of_x[a] = 0.0;
       for (std::size_t b = 0; b < side; ++b) {
-        factor += polynomial[b * side + a] * along_y[b];
+        of_x[a] += polynomial[b * side + a] * along_y[b];
       }
-      for (std::size_t x = 0; x < width; ++x) {
-        row[x] += factor * along_x[a * width + x];
+    }
+    double* row = out.data() + count(y) * width;
+    std::size_t x = 0;
+    for (; x + kPlateLanes <= width; x += kPlateLanes) {  // sums stay in registers
+      std::array<double, kPlateLanes> sums{};
+      for (std::size_t a = 0; a < side; ++a) {
+        const double* t = along_x.data() + a * width + x;
+        for (std::size_t i = 0; i < kPlateLanes; ++i) {
+          sums[i] += of_x[a] * t[i];
+        }
+      }
+      std::copy(sums.begin(), sums.end(), row + x);
+    }
+    for (; x < width; ++x) {
+      row[x] = 0.0;
+      for (std::size_t a = 0; a < side; ++a) {
+        row[x] += of_x[a] * along_x[a * width + x];
       }
     }
   }

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <span>
+#include <string>
 #include <utility>
 
 #include <Eigen/Dense>
@@ -31,6 +33,8 @@ constexpr double kLeastLobe = 1e-3;
 /// dB, at 0.21 and 0.083 up to 0.05 dB.
 constexpr double kCoarsestCell = 0.16;
 constexpr double kCoarsestStep = 0.05;
+/// The same of the light nearest to the picture: what that picture's knots were of its height.
+constexpr double kCoarsestOfNearest = 0.25;
 
 /// Pixels that share an interpolated matrix's way through the caches.
 constexpr std::size_t kSpan = 1024;
@@ -103,6 +107,11 @@ LightsSeen lights_seen(const NearGeometry& geometry, double reference_mm,
     const NearLight& light = geometry.lights[i];
     const Eigen::Vector3d way = light.position_mm - point;
     const double r = way.norm();
+    if (r == 0.0) {  // at the very point: no direction
+      seen.gains[static_cast<Index>(i)] = 0.0;
+      seen.directions.emplace_back(Eigen::Vector3d::UnitZ());
+      continue;
+    }
     const double cosine = -light.axis.dot(way) / r;
     double lobe = 1.0;
     if (light.mu != 0.0) {
@@ -135,6 +144,43 @@ MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
   return normal.ldlt().solve(terms.transpose());
 }
 
+/// Straight lines and cubics between knots must do for every light.
+void require_fine_knots(const NearGeometry& geometry, const PictureShape& shape, int grid,
+                        double reference) {
+  const Knots across(shape.width, grid);
+  const Knots down(shape.height, grid);
+  const Eigen::Vector3d middle = geometry.points.at(0.5 * shape.width, 0.5 * shape.height);
+  const auto length_of = [&](double pixels) {
+    const double x = 0.5 * shape.width + pixels;
+    return (geometry.points.at(x, 0.5 * shape.height) - middle).norm();
+  };
+  const double pixels = std::max(across.spacing, down.spacing);
+  const double cell = length_of(pixels);
+  const auto refuse = [&](const std::string& which, double distance) {
+    throw Error(fmt::format("{:.0f} pixels are {:.0f} mm, {} {:.0f} mm away: too coarse to "
+                            "interpolate between",
+                            pixels, cell, which, distance),
+                "the picture", "fit it with --near exact", ExitCode::usage);
+  };
+  if (cell > kCoarsestCell * reference ||
+      length_of(static_cast<double>(kNearStep)) > kCoarsestStep * reference) {
+    refuse("the lights", reference);
+  }
+  for (std::size_t i = 0; i < geometry.lights.size(); ++i) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t y = 0; y < down.n; ++y) {
+      for (std::size_t x = 0; x < across.n; ++x) {
+        const Eigen::Vector3d knot = geometry.points.at(static_cast<double>(x) * across.spacing,
+                                                        static_cast<double>(y) * down.spacing);
+        nearest = std::min(nearest, (geometry.lights[i].position_mm - knot).norm());
+      }
+    }
+    if (cell > kCoarsestOfNearest * nearest) {
+      refuse(fmt::format("light {}", i), nearest);
+    }
+  }
+}
+
 void require_lights(const NearGeometry& geometry, const PictureShape& shape,
                     const NearFitOptions& options) {
   HAARLIGHT_EXPECTS(static_cast<int>(geometry.lights.size()) == shape.n_lights,
@@ -157,24 +203,11 @@ void require_lights(const NearGeometry& geometry, const PictureShape& shape,
       }
     }
   }
+  if (options.solve == NearSolve::interpolated) {
+    require_fine_knots(geometry, shape, options.grid, reference);
+  }
   const Eigen::Vector3d middle_point =
       geometry.points.at(0.5 * shape.width, 0.5 * shape.height);
-  const auto length_of = [&](double pixels) {
-    const double x = 0.5 * shape.width + pixels;
-    return (geometry.points.at(x, 0.5 * shape.height) - middle_point).norm();
-  };
-  const double cell = std::max(Knots(shape.width, options.grid).spacing,
-                               Knots(shape.height, options.grid).spacing);
-  const auto step = static_cast<double>(kNearStep);
-  if (options.solve == NearSolve::interpolated &&
-      (length_of(cell) > kCoarsestCell * reference ||
-       length_of(step) > kCoarsestStep * reference)) {
-    throw Error(
-        fmt::format("{:.0f} pixels are {:.0f} mm, the lights {:.0f} mm away: too coarse "
-                    "to interpolate between",
-                    cell, length_of(cell), reference),
-        "the picture", "fit it with --near exact", ExitCode::usage);
-  }
   const LightsSeen middle = lights_seen(geometry, reference, middle_point);
   const TermsCondition condition =
       terms_condition(options.basis, options.n_terms, middle.directions);

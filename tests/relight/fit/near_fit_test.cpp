@@ -276,6 +276,35 @@ TEST(NearFit, InterpolatingBetweenCoarsePixelsIsRefused) {
       image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 4), Transfer::linear);
   EXPECT_THROW((void)fit_near(*rows, geometry, linear_options(NearSolve::interpolated, 4)),
                Error);
+  // Fine pixels, but one light is near: its direction turns fast between knots 10 mm apart.
+  NearGeometry fine = array_above(4, 300.0, 1.0, 30.0);
+  EXPECT_NO_THROW((void)fit_near(*rows, fine, linear_options(NearSolve::interpolated, 4)));
+  for (const double height : {0.0, 30.0}) {  // the first on a knot itself
+    fine.lights[5].position_mm = fine.points.at(0.0, kHeight / 3.0);
+    fine.lights[5].position_mm.z() = height;
+    try {
+      (void)fit_near(*rows, fine, linear_options(NearSolve::interpolated, 4));
+      ADD_FAILURE() << "taken at " << height;
+    } catch (const Error& error) {
+      EXPECT_NE(error.problem().find("light 5"), std::string::npos) << error.problem();
+    }
+  }
+}
+
+TEST(NearFit, ALightInAPixelsPlaceSaysNothingThere) {
+  NearGeometry geometry = array_above(4, 300.0, 1.0);
+  const auto rows =
+      image_rows(near_pictures(geometry, ReflectanceBasis::hsh, 4), Transfer::linear);
+  const FitResult before = fit_near(*rows, geometry, linear_options(NearSolve::exact, 4));
+  geometry.lights[5].position_mm = geometry.points.at(40.5, 20.5);
+  const FitResult result = fit_near(*rows, geometry, linear_options(NearSolve::exact, 4));
+  for (int t = 0; t < 12; ++t) {
+    const auto value = [t](const ReflectanceModel& model) {
+      const PlaneScale& scale = model.scales[static_cast<std::size_t>(t)];
+      return model.planes(20, 40, t) * scale.scale + scale.offset;
+    };
+    EXPECT_NEAR(value(result.model), value(before.model), 0.05);
+  }
 }
 
 TEST(NearFit, DoesNotDependOnThreads) {
