@@ -186,7 +186,8 @@ ExitCode run_convert(const ConvertArguments& arguments, const CommonOptions& com
   }
   const ReflectanceReading reading{
       .transfer = arguments.transfer == "linear" ? Transfer::linear : Transfer::srgb,
-      .order4 = arguments.order4 == "rounded" ? HshOrder4::chi_rounding : HshOrder4::exact};
+      .order4 = arguments.order4 == "rounded" ? HshOrder4::chi_rounding : HshOrder4::exact,
+      .most_bytes = common.memory_bytes / 2};  // IN's planes and OUT's
   if (!arguments.light.empty()) {
     return write_relit(arguments, read_reflectance(arguments.input, reading), common, report);
   }
@@ -206,8 +207,9 @@ ExitCode run_convert(const ConvertArguments& arguments, const CommonOptions& com
                       refit(model, target, refit_directions(model, target.n_terms)), writing);
   }
   // From the file itself: what was lost to bytes, JPEG and the other basis together.
-  const ReflectanceModel written = read_reflectance(
-      arguments.output, {.order4 = is_kept ? reading.order4 : HshOrder4::exact});
+  const ReflectanceModel written =
+      read_reflectance(arguments.output, {.order4 = is_kept ? reading.order4 : HshOrder4::exact,
+                                          .most_bytes = reading.most_bytes});
   if (arguments.is_jpeg) {
     warn_of_rti_viewer(written);
   }

@@ -239,9 +239,11 @@ void find_rti_shape(const ShapeArguments& arguments, const ReflectanceModel& mod
   found.is_measured = false;
 }
 
-Found shape_of_file(const ShapeArguments& arguments, Report& report) {
+Found shape_of_file(const ShapeArguments& arguments, const CommonOptions& common,
+                    Report& report) {
   ReflectanceReading reading;
   reading.transfer = transfer_asked(arguments.transfer).value_or(Transfer::srgb);
+  reading.most_bytes = common.memory_bytes / 2;
   const ReflectanceModel model = read_reflectance(arguments.input, reading);
   const std::string basis(to_string(model.basis));
   if (!arguments.method.empty() && arguments.method != basis) {
@@ -359,8 +361,8 @@ ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
   const bool is_file =
       fs::is_regular_file(arguments.input) ||
       (fs::exists(arguments.input) && recognise_reflectance(arguments.input).has_value());
-  const Found found =
-      is_file ? shape_of_file(arguments, report) : shape_of_session(arguments, common, report);
+  const Found found = is_file ? shape_of_file(arguments, common, report)
+                              : shape_of_session(arguments, common, report);
   const Shape& shape = found.shape;
   if (shape.surface.n_in(PixelState::good) == 0) {
     throw Error("no pixel has a normal", arguments.input,

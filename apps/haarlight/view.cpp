@@ -74,9 +74,11 @@ class EndSignals {
 };
 
 /// What the file's page needs: of a basis file, or of a picture that is lit by direction.
-HttpSite site_of(const std::string& file, const ViewerConfig& config) {
+HttpSite site_of(const std::string& file, const ViewerConfig& config,
+                 std::uint64_t memory_bytes) {
   if (recognise_reflectance(file)) {
-    return reflectance_site(std::make_shared<const ReflectanceModel>(read_reflectance(file)),
+    return reflectance_site(std::make_shared<const ReflectanceModel>(
+                                read_reflectance(file, {.most_bytes = memory_bytes})),
                             std::filesystem::path(file).filename().string(), config);
   }
   const auto basis = std::make_shared<const BasisFile>(BasisFile::open(file));
@@ -97,7 +99,7 @@ ExitCode run_view(const ViewArguments& arguments, const CommonOptions& common, R
   HttpServerConfig http;
   http.port = arguments.port;
   http.max_body_bytes = kMostEnvironmentBytes;
-  const HttpServer server(http, site_of(arguments.file, config));
+  const HttpServer server(http, site_of(arguments.file, config, common.memory_bytes));
   fmt::print("{} on http://127.0.0.1:{}/  (Ctrl-C ends it)\n", arguments.file, server.port());
   std::fflush(stdout);
   signals.wait();

@@ -440,8 +440,12 @@ std::uint64_t PreparedBasis::sum_tile(std::size_t i_tile, int channel, const Chu
   std::vector<double> factors;
   for (std::size_t q = 0; q < chunk.queries.size(); ++q) {
     const LightQuery& query = *chunk.queries[q];
-    for (std::size_t p = 0; p < column.size(); ++p) {
-      column[p] = sums[p * chunk.width + q];
+    if (chunk.width == 1) {
+      column.swap(sums);
+    } else {
+      for (std::size_t p = 0; p < column.size(); ++p) {
+        column[p] = sums[p * chunk.width + q];
+      }
     }
     for (std::size_t p = 0; p < from.scales.size(); ++p) {
       column[p] *= from.scales[p];

@@ -83,12 +83,14 @@ PtmHeader read_header(HeaderReader& reader) {
   return header;
 }
 
-ReflectanceModel make_model(const PtmHeader& header) {
+ReflectanceModel make_model(const PtmHeader& header, std::uint64_t most_bytes,
+                            const std::string& where) {
   ReflectanceModel model;
   model.basis = ReflectanceBasis::ptm;
   model.colour = is_lrgb(header.form) ? ReflectanceColour::lrgb : ReflectanceColour::rgb;
   model.n_terms = kTerms;
-  model.planes = Image<std::uint8_t>(header.height, header.width, header.n_planes());
+  model.planes =
+      allocate_planes(header.height, header.width, header.n_planes(), most_bytes, where);
   model.scales.assign(static_cast<std::size_t>(header.n_planes()), PlaneScale{});
   const std::size_t n_scaled = is_lrgb(header.form) ? kTerms : model.scales.size();
   for (std::size_t p = 0; p < n_scaled; ++p) {
@@ -195,7 +197,7 @@ std::vector<std::string_view> split_payload(const JpegPart& part, const HeaderRe
 }
 
 ReflectanceModel read_jpeg_planes(const PtmHeader& header, HeaderReader& reader,
-                                  const std::string& where) {
+                                  std::uint64_t most_bytes, const std::string& where) {
   const auto n_planes = static_cast<std::size_t>(header.n_planes());
   const JpegPart part = read_jpeg_header(reader, n_planes);
   const std::vector<std::string_view> pictures = split_payload(part, reader);
@@ -211,7 +213,7 @@ ReflectanceModel read_jpeg_planes(const PtmHeader& header, HeaderReader& reader,
                   place(p), "make the file again with its program");
     }
   }
-  ReflectanceModel model = make_model(header);
+  ReflectanceModel model = make_model(header, most_bytes, where);
   for (std::size_t p = 0; p < n_planes; ++p) {
     decode_jpeg(pictures[p], 1, place(p), [&](int y, std::span<const std::uint8_t> samples) {
       const auto row = model.planes.view().row(header.height - 1 - y);
@@ -304,11 +306,12 @@ void write_jpegs(PendingFile& file, const ReflectanceModel& model, const PtmOpti
 
 bool is_ptm(std::string_view head) noexcept { return head.substr(0, 4) == "PTM_"; }
 
-ReflectanceModel parse_ptm(std::string_view bytes, const std::string& where) {
+ReflectanceModel parse_ptm(std::string_view bytes, const std::string& where,
+                           std::uint64_t most_bytes) {
   HeaderReader reader(bytes, where);
   const PtmHeader header = read_header(reader);
   if (is_jpeg(header.form)) {
-    return read_jpeg_planes(header, reader, where);
+    return read_jpeg_planes(header, reader, most_bytes, where);
   }
   const std::string_view payload = reader.rest();
   const std::uint64_t expected = static_cast<std::uint64_t>(header.width) *
@@ -321,15 +324,16 @@ ReflectanceModel parse_ptm(std::string_view bytes, const std::string& where) {
                     header.width, header.height, header.n_planes(), expected),
         "copy the file again from its source");
   }
-  ReflectanceModel model = make_model(header);
+  ReflectanceModel model = make_model(header, most_bytes, where);
   read_blocks(header, payload, model);
   return model;
 }
 
-ReflectanceModel read_ptm(const std::filesystem::path& path) {
+ReflectanceModel read_ptm(const std::filesystem::path& path, std::uint64_t most_bytes) {
   const MappedFile file(path);
   const auto bytes = file.bytes();
-  return parse_ptm({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string());
+  return parse_ptm({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string(),
+                   most_bytes);
 }
 
 void write_ptm(const std::filesystem::path& path, const ReflectanceModel& model,

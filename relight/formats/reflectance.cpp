@@ -96,6 +96,21 @@ std::vector<double> basis_terms(const ReflectanceModel& model,
   return {terms.begin(), terms.begin() + model.n_terms};
 }
 
+Image<std::uint8_t> allocate_planes(int height, int width, int n_planes,
+                                    std::uint64_t most_bytes, const std::string& where) {
+  const std::uint64_t bytes = static_cast<std::uint64_t>(height) *
+                              static_cast<std::uint64_t>(width) *
+                              static_cast<std::uint64_t>(n_planes);
+  if (bytes > most_bytes) {
+    throw Error(fmt::format("{} planes of {} x {} bytes are {:.1f} MiB, more than the {:.1f} "
+                            "MiB that may be used",
+                            n_planes, width, height, static_cast<double>(bytes) / 1048576.0,
+                            static_cast<double>(most_bytes) / 1048576.0),
+                where, "give more: --memory 16G");
+  }
+  return {height, width, n_planes};
+}
+
 void require_consistent(const ReflectanceModel& model, std::string_view where) {
   const auto refuse = [&](const std::string& what) {
     throw Error(what, std::string(where), "make the file again with the program that wrote it");

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -107,6 +108,15 @@ struct ColourMap {
 };
 [[nodiscard]] ColourMap colour_map(const ReflectanceModel& model,
                                    const Eigen::Vector3d& direction);
+
+/// Bytes of planes that a reader takes where nobody says more.
+inline constexpr std::uint64_t kMostPlaneBytes = std::uint64_t{4} << 30U;
+
+/// The planes of a file that is read. @param where  the file
+/// @throws Error  more than `most_bytes`
+[[nodiscard]] Image<std::uint8_t> allocate_planes(int height, int width, int n_planes,
+                                                  std::uint64_t most_bytes,
+                                                  const std::string& where);
 
 /// @throws Error  planes, scales and terms do not fit each other; `where` names the model
 void require_consistent(const ReflectanceModel& model, std::string_view where);

@@ -45,19 +45,25 @@ bool is_web_model(const ReflectanceModel& model) {
 constexpr std::array<FormatEntry, 3> kFormats{{
     {ReflectanceFormat::ptm, ".ptm", ".ptm", ScaleRule::ptm,
      [](std::string_view head) { return is_ptm(head); }, is_ptm_model,
-     [](const fs::path& path, const ReflectanceReading&) { return read_ptm(path); },
+     [](const fs::path& path, const ReflectanceReading& r) {
+       return read_ptm(path, r.most_bytes);
+     },
      [](const fs::path& path, const ReflectanceModel& model, const ReflectanceWriting& w) {
        write_ptm(path, model, {.is_jpeg = w.is_jpeg, .quality = w.quality});
      }},
     {ReflectanceFormat::rti, ".rti", ".rti", ScaleRule::rti,
      [](std::string_view head) { return is_rti(head); }, is_rti_model,
-     [](const fs::path& path, const ReflectanceReading& r) { return read_rti(path, r.order4); },
+     [](const fs::path& path, const ReflectanceReading& r) {
+       return read_rti(path, r.order4, r.most_bytes);
+     },
      [](const fs::path& path, const ReflectanceModel& model, const ReflectanceWriting&) {
        write_rti(path, model);
      }},
     {ReflectanceFormat::web, "web folder", "", ScaleRule::any,
      [](std::string_view) { return false; }, is_web_model,
-     [](const fs::path& path, const ReflectanceReading&) { return read_web_folder(path); },
+     [](const fs::path& path, const ReflectanceReading& r) {
+       return read_web_folder(path, r.most_bytes);
+     },
      [](const fs::path& path, const ReflectanceModel& model, const ReflectanceWriting& w) {
        write_web_folder(path, model, {.quality = w.quality});
      }},

@@ -32,6 +32,7 @@ enum class ReflectanceFormat {
 struct ReflectanceReading {
   Transfer transfer = Transfer::srgb;
   HshOrder4 order4 = HshOrder4::exact;
+  std::uint64_t most_bytes = kMostPlaneBytes;  ///< of planes; files of more are refused
 };
 
 /// @throws Error  of none of the formats, or as that format's reader

@@ -80,7 +80,8 @@ std::span<const std::byte> bytes_of(std::string_view text) {
 
 bool is_rti(std::string_view head) noexcept { return head.substr(0, 4) == "#HSH"; }
 
-ReflectanceModel parse_rti(std::string_view bytes, const std::string& where, HshOrder4 order4) {
+ReflectanceModel parse_rti(std::string_view bytes, const std::string& where, HshOrder4 order4,
+                           std::uint64_t most_bytes) {
   HeaderReader reader(bytes, where);
   const RtiHeader header = read_header(reader);
   const auto n_terms = static_cast<std::size_t>(header.n_terms);
@@ -116,17 +117,19 @@ ReflectanceModel parse_rti(std::string_view bytes, const std::string& where, Hsh
     model.scales.push_back(
         {static_cast<double>(scales[j]) / kWhite, static_cast<double>(scales[n_terms + j])});
   }
-  model.planes = Image<std::uint8_t>(header.height, header.width, 3 * header.n_terms);
+  model.planes =
+      allocate_planes(header.height, header.width, 3 * header.n_terms, most_bytes, where);
   std::memcpy(model.planes.pixels().data(), payload.data() + n_scales,
               model.planes.pixels().size());
   return model;
 }
 
-ReflectanceModel read_rti(const std::filesystem::path& path, HshOrder4 order4) {
+ReflectanceModel read_rti(const std::filesystem::path& path, HshOrder4 order4,
+                          std::uint64_t most_bytes) {
   const MappedFile file(path);
   const auto bytes = file.bytes();
   return parse_rti({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string(),
-                   order4);
+                   order4, most_bytes);
 }
 
 void write_rti(const std::filesystem::path& path, const ReflectanceModel& model) {

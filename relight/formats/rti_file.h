@@ -17,13 +17,16 @@ namespace haarlight {
 
 /// Rows are top first, as in the file. LF and CRLF line ends, comment lines that start with #.
 /// The file does not say what its colours are coded with: srgb is assumed.
+/// @param most_bytes  of planes
 /// @param order4  which basis a file of 16 terms is meant in; the file does not say
 /// @throws Error  with the offset: not a .rti, of another type or element size, too few or too
 ///                many bytes, a scale that is not a finite number
 [[nodiscard]] ReflectanceModel parse_rti(std::string_view bytes, const std::string& where,
-                                         HshOrder4 order4 = HshOrder4::exact);
+                                         HshOrder4 order4 = HshOrder4::exact,
+                                         std::uint64_t most_bytes = kMostPlaneBytes);
 [[nodiscard]] ReflectanceModel read_rti(const std::filesystem::path& path,
-                                        HshOrder4 order4 = HshOrder4::exact);
+                                        HshOrder4 order4 = HshOrder4::exact,
+                                        std::uint64_t most_bytes = kMostPlaneBytes);
 
 /// Writes a model whose scales obey ScaleRule::rti (quantise.h: with_scales_of), with LF. What
 /// read_rti read comes out byte for byte but for comments and line ends.

@@ -252,7 +252,7 @@ ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
 }
 
 void read_planes(const WebInfo& info, const OpenPart& open, const std::string& where,
-                 ReflectanceModel& model) {
+                 std::uint64_t most_bytes, ReflectanceModel& model) {
   const int n_pictures = (info.n_planes + 2) / 3;
   const auto n_planes = static_cast<std::size_t>(info.n_planes);
   std::vector<std::string> pictures;
@@ -266,7 +266,7 @@ void read_planes(const WebInfo& info, const OpenPart& open, const std::string& w
                   place(i), "make the folder again with its program");
     }
   }
-  model.planes = Image<std::uint8_t>(info.height, info.width, info.n_planes);
+  model.planes = allocate_planes(info.height, info.width, info.n_planes, most_bytes, where);
   for (int i = 0; i < n_pictures; ++i) {
     std::array<std::size_t, 3> planes{};
     const int n = std::min(3, info.n_planes - 3 * i);
@@ -388,16 +388,16 @@ bool is_web_folder(const fs::path& path) {
 }
 
 ReflectanceModel parse_web_folder(std::string_view info_text, const OpenPart& open,
-                                  const std::string& where) {
+                                  const std::string& where, std::uint64_t most_bytes) {
   const JsonValue root = JsonValue::parse(info_text, where + "/info.json");
   WebInfo info;
   ReflectanceModel model = read_info(root, info);
-  read_planes(info, open, where, model);
+  read_planes(info, open, where, most_bytes, model);
   require_consistent(model, where);
   return model;
 }
 
-ReflectanceModel read_web_folder(const fs::path& folder) {
+ReflectanceModel read_web_folder(const fs::path& folder, std::uint64_t most_bytes) {
   const auto open = [&](const std::string& name) {
     const fs::path path = folder / name;
     if (!fs::exists(path)) {
@@ -406,7 +406,8 @@ ReflectanceModel read_web_folder(const fs::path& folder) {
     }
     return read_file(path);
   };
-  return parse_web_folder(read_file(folder / "info.json", kMaxInfo), open, folder.string());
+  return parse_web_folder(read_file(folder / "info.json", kMaxInfo), open, folder.string(),
+                          most_bytes);
 }
 
 void write_web_folder(const fs::path& folder, const ReflectanceModel& model,

@@ -21,11 +21,14 @@ using OpenPart = std::function<std::string(const std::string& name)>;
 
 /// Basis ptm or hsh in rgb or lrgb; rbf or bilinear in mrgb or mycc, which becomes pca. Tiles
 /// are not read, nor folders of several materials.
-/// @param where  the folder's name, for messages
+/// @param where       the folder's name, for messages
+/// @param most_bytes  of planes
 /// @throws Error  naming the field of info.json, or the picture
 [[nodiscard]] ReflectanceModel parse_web_folder(std::string_view info, const OpenPart& open,
-                                                const std::string& where);
-[[nodiscard]] ReflectanceModel read_web_folder(const std::filesystem::path& folder);
+                                                const std::string& where,
+                                                std::uint64_t most_bytes = kMostPlaneBytes);
+[[nodiscard]] ReflectanceModel read_web_folder(const std::filesystem::path& folder,
+                                               std::uint64_t most_bytes = kMostPlaneBytes);
 
 struct WebOptions {
   int quality = 95;  ///< of the JPEG pictures, 1 to 100

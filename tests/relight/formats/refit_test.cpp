@@ -107,5 +107,26 @@ TEST(ReflectanceFile, FormatsAreToldByContentAndByName) {
   }
 }
 
+TEST(ReflectanceFile, PlanesBeyondTheMemoryAreRefused) {
+  const testing::TemporaryFolder folder;
+  const ReflectanceModel ptm = made(ReflectanceBasis::ptm, ReflectanceColour::lrgb, 6);
+  const ReflectanceModel hsh = made(ReflectanceBasis::hsh, ReflectanceColour::rgb, 9);
+  write_reflectance(folder / "plain.ptm", ptm);
+  write_reflectance(folder / "jpeg.ptm", ptm, {.is_jpeg = true});
+  write_reflectance(folder / "a.rti", hsh);
+  write_reflectance(folder / "web", hsh);
+  for (const char* name : {"plain.ptm", "jpeg.ptm", "a.rti", "web"}) {
+    const std::size_t bytes = read_reflectance(folder / name).planes.pixels().size();
+    EXPECT_NO_THROW((void)read_reflectance(folder / name, {.most_bytes = bytes})) << name;
+    try {
+      (void)read_reflectance(folder / name, {.most_bytes = bytes - 1});
+      ADD_FAILURE() << name;
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("--memory"), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find(name), std::string::npos) << error.what();
+    }
+  }
+}
+
 }  // namespace
 }  // namespace haarlight
