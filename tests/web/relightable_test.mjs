@@ -1,9 +1,10 @@
 // Relight's web folders as a browser shows them: Chromium decodes the pictures, a shader lights them by
 // the rule of the viewer OpenLIME (its constants included), and the result is held against haarlight's.
-//   node relightable_test.mjs PROGRAMS MODULES OUT [--only NAME]
+//   node relightable_test.mjs PROGRAMS MODULES OUT [--openlime FILE] [--only NAME]
 // PROGRAMS: the build's folder apps/; MODULES: where playwright-core is installed; OUT: the folders.
-// scripts/page_test BUILD --relightable runs it.
-// OpenLIME's own program is not run: it is published as no package.
+// FILE: OpenLIME's own script, an early one (Relight's sources have it as demo/openlime.min.js); it then
+// shows the folders too. It is under the GPL and in no package, so it is no part of haarlight.
+// scripts/page_test BUILD --relightable [--openlime FILE] runs it.
 
 import {execFileSync} from 'node:child_process';
 import fs from 'node:fs';
@@ -13,7 +14,8 @@ import {fileURLToPath} from 'node:url';
 import {Browser, Suite, expect} from './harness.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
-const only = process.argv.indexOf('--only') < 0 ? '' : process.argv[process.argv.indexOf('--only') + 1];
+const option = name => process.argv.includes(name) ? process.argv[process.argv.indexOf(name) + 1] : '';
+const openlime = option('--openlime');
 const source = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '../..');
 const folder = path.join(out, 'relightable');
 fs.rmSync(folder, {recursive: true, force: true});
@@ -43,14 +45,40 @@ const server = http.createServer((request, response) => {
 await new Promise(resolve => server.listen(0, '127.0.0.1', resolve));
 const url = `http://127.0.0.1:${server.address().port}/`;
 
-/** In the page: PSNR in dB of the folder's pictures under each light against the PNGs. */
-async function measure([name, directions]) {
-  const load = async file => {
+/** In the page: functions that both ways of showing a folder use. */
+function prepare() {
+  globalThis.load = async file => {
     const image = new Image();
     image.src = file;
     await image.decode();
     return image;
   };
+  /** PSNR in dB of what `gl` shows against a picture in a file. */
+  globalThis.decibelsOf = async (gl, file) => {
+    const {width, height} = gl.canvas;
+    const shown = new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, shown);
+    const flat = document.createElement('canvas');
+    flat.width = width;
+    flat.height = height;
+    const context = flat.getContext('2d', {willReadFrequently: true});
+    context.drawImage(await load(file), 0, 0);
+    const truth = context.getImageData(0, 0, width, height).data;
+    let squares = 0;
+    for (let y = 0; y < height; ++y) {
+      for (let x = 0; x < width; ++x) {
+        for (let c = 0; c < 3; ++c) {  // readPixels begins at the lowest row
+          const difference = shown[4 * ((height - 1 - y) * width + x) + c] - truth[4 * (y * width + x) + c];
+          squares += difference * difference;
+        }
+      }
+    }
+    return 10 * Math.log10(255 * 255 * 3 * width * height / Math.max(squares, 1e-9));
+  };
+}
+
+/** In the page: PSNR in dB of the folder's pictures under each light against the PNGs. */
+async function measure([name, directions]) {
   const info = await (await fetch(`${name}/info.json`)).json();
   const {width, height, nplanes, type, colorspace} = info;
   const {scale, bias, range} = info.materials[0];
@@ -150,44 +178,69 @@ async function measure([name, directions]) {
   gl.uniform3fv(uniform('scale'), scale);
   gl.uniform3fv(uniform('bias'), bias);
 
-  const flat = document.createElement('canvas');
-  flat.width = width;
-  flat.height = height;
   const decibels = [];
   for (let i = 0; i < directions.length; ++i) {
     const {planes, added} = weights(directions[i]);
     gl.uniform3fv(uniform('weight'), planes);
     gl.uniform3fv(uniform('added'), added);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    const shown = new Uint8Array(4 * width * height);
-    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, shown);
-    const context = flat.getContext('2d', {willReadFrequently: true});
-    context.drawImage(await load(`${name}_${i}.png`), 0, 0);
-    const truth = context.getImageData(0, 0, width, height).data;
-    let squares = 0;
-    for (let y = 0; y < height; ++y) {
-      for (let x = 0; x < width; ++x) {
-        for (let c = 0; c < 3; ++c) {  // readPixels begins at the lowest row
-          const difference = shown[4 * ((height - 1 - y) * width + x) + c] - truth[4 * (y * width + x) + c];
-          squares += difference * difference;
-        }
-      }
+    decibels.push(await decibelsOf(gl, `${name}_${i}.png`));
+  }
+  return decibels;
+}
+
+/** In the page: the same of OpenLIME, whose script is loaded. */
+async function measureOpenLime([name, directions]) {
+  const {width, height} = await load(`${name}_0.png`);
+  const box = document.createElement('div');
+  box.innerHTML = `<canvas style="display: block; width: ${width}px; height: ${height}px"></canvas>`;
+  document.body.append(box);
+  const viewer = new OpenLIME.OpenLIME(box, {canvas: {preserveDrawingBuffer: true}});
+  const layer = new OpenLIME.Layer({type: 'rti', url: `${name}/info.json`, layout: 'image'});
+  viewer.canvas.addLayer('picture', layer);
+  const end = performance.now() + 15000;
+  while (layer.tiles[0]?.missing !== 0) {  // planes still on their way
+    if (performance.now() > end) {
+      throw new Error(`OpenLIME does not load ${name}: ${layer.status}`);
     }
-    decibels.push(10 * Math.log10(255 * 255 * 3 * width * height / Math.max(squares, 1e-9)));
+    await new Promise(resolve => setTimeout(resolve, 20));
+  }
+  viewer.camera.fitCameraBox(0);
+  const gl = viewer.canvas.gl;
+  const decibels = [];
+  for (let i = 0; i < directions.length; ++i) {
+    layer.setLight(directions[i].slice(0, 2), 0);
+    viewer.canvas.draw(performance.now() + 1);
+    decibels.push(await decibelsOf(gl, `${name}_${i}.png`));
   }
   return decibels;
 }
 
 const browser = await new Browser().begin(modules);
-const suite = new Suite(browser, only);
+const suite = new Suite(browser, option('--only'));
+const check = async found => {
+  const decibels = found.sort((a, b) => a - b);
+  const median = decibels[(decibels.length - 1) / 2];
+  expect(median >= 38, `median ${median.toFixed(1)} dB, all: ${decibels.map(d => d.toFixed(1)).join(' ')}`);
+  return `median ${median.toFixed(1)} dB, worst ${decibels[0].toFixed(1)} dB over ${decibels.length} lights`;
+};
 for (const name of ['ptm', 'hsh', 'bilinear']) {
   await suite.test(`a web folder of ${name} shows haarlight's pictures`, async () => {
     const page = await browser.page(url);
-    const decibels = (await page.evaluate(measure, [name, lights])).sort((a, b) => a - b);
-    const median = decibels[(decibels.length - 1) / 2];
-    expect(median >= 38, `median ${median.toFixed(1)} dB, all: ${decibels.map(d => d.toFixed(1)).join(' ')}`);
-    return `median ${median.toFixed(1)} dB, worst ${decibels[0].toFixed(1)} dB over ${decibels.length} lights`;
+    await page.evaluate(prepare);
+    return check(await page.evaluate(measure, [name, lights]));
   });
+  if (openlime) {
+    await suite.test(`OpenLIME shows haarlight's pictures from a web folder of ${name}`, async () => {
+      const page = await browser.page(url);
+      await page.evaluate(prepare);
+      await page.addScriptTag({path: openlime});
+      return check(await page.evaluate(measureOpenLime, [name, lights]));
+    });
+  }
+}
+if (!openlime) {
+  console.log('note: OpenLIME itself is shown nothing: --openlime names its script');
 }
 await browser.end();
 server.close();
