@@ -64,7 +64,7 @@ std::vector<std::vector<const LightQuery*>> batches_of_channel(const LightQuerie
 }
 
 void put_sums(std::span<const float> sums, std::size_t stride, int exponent,
-              const TileRect& rect, std::size_t begin, std::size_t n, const LightQuery& query,
+              const TileRect& rect, const LightQuery& query,
               std::vector<RelitPicture>& pictures) {
   Image<float>& picture = pictures[static_cast<std::size_t>(query.environment)].picture;
   const double unit = std::ldexp(1.0, exponent);
@@ -73,25 +73,21 @@ void put_sums(std::span<const float> sums, std::size_t stride, int exponent,
   const bool is_double = std::isnormal(unit);
   const auto width = static_cast<std::size_t>(rect.width);
   const auto channels = static_cast<std::size_t>(picture.channels());
-  for (std::size_t i = 0; i < n;) {
-    const std::size_t x = (begin + i) % width;
-    const std::size_t size = std::min(n - i, width - x);
-    const int y = rect.y0 + static_cast<int>((begin + i) / width);
-    float* to = &picture(y, rect.x0 + static_cast<int>(x), query.out_channel);
-    const float* from = sums.data() + i * stride;
+  for (int y = 0; y < rect.height; ++y) {
+    float* to = &picture(rect.y0 + y, rect.x0, query.out_channel);
+    const float* from = sums.data() + static_cast<std::size_t>(y) * width * stride;
     if (is_small && channels == 1 && stride == 1) {
-      for (std::size_t k = 0; k < size; ++k) {
+      for (std::size_t k = 0; k < width; ++k) {
         to[k] = small_unit * from[k];
       }
     } else {
-      for (std::size_t k = 0; k < size; ++k) {
+      for (std::size_t k = 0; k < width; ++k) {
         const double sum = from[k * stride];
         // 0 times a unit beyond doubles would be NaN.
         to[k * channels] =
             static_cast<float>(is_double ? unit * sum : std::ldexp(sum, exponent));
       }
     }
-    i += size;
   }
 }
 

@@ -32,10 +32,10 @@ namespace haarlight {
 [[nodiscard]] std::vector<std::vector<const LightQuery*>> batches_of_channel(
     const LightQueries& asked, int channel);
 
-/// Puts sums[0], sums[stride], ... times 2^exponent into the query's picture: pixels
-/// [begin, begin + n) of the tile, row by row.
+/// Puts sums[0], sums[stride], ... times 2^exponent into the query's picture: a tile's pixels,
+/// row by row.
 void put_sums(std::span<const float> sums, std::size_t stride, int exponent,
-              const TileRect& rect, std::size_t begin, std::size_t n, const LightQuery& query,
+              const TileRect& rect, const LightQuery& query,
               std::vector<RelitPicture>& pictures);
 
 }  // namespace haarlight

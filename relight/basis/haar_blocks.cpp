@@ -14,6 +14,7 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/prefetch.h"
 #include "relight/basis/relight_kernels.h"
 
 namespace haarlight {
@@ -25,11 +26,21 @@ using Index = std::ptrdiff_t;
 constexpr int kLargest = 64;  // two arrays of doubles fill half of the second cache
 constexpr std::size_t kGrainValues = std::size_t{1} << 18U;
 constexpr std::size_t kStreamBytes = std::size_t{8} << 20U;  // less may stay in the caches
-constexpr std::size_t kNearBytes = 4096;                     // as in relight_kernels.cpp
-constexpr std::size_t kFarBytes = 16384;
+constexpr std::size_t kStreamVector = 32;
 
 template <class T>
 using Scratch = std::array<T, std::size_t{kLargest} * kLargest>;
+
+/// What comes after row pair i of an n x n array that is read from memory; null: it is not.
+template <class T>
+[[gnu::always_inline]] inline void prefetch_rows(const T* array, Index i, Index n) {
+  if (array != nullptr) {
+    const auto* bytes = reinterpret_cast<const char*>(array + 2 * i * n);
+    for (Index byte = 0; byte < 2 * n * static_cast<Index>(sizeof(T)); byte += 64) {
+      prefetch_ahead(bytes + byte);
+    }
+  }
+}
 
 #if defined(__x86_64__)
 
@@ -59,11 +70,14 @@ struct Halves {
 
 /// One level of x, m x m with rows `stride` apart: LL to `ll` (rows m/2 apart), the details to
 /// their places in `out`, n x n. haar.cpp's forward_level, operation by operation.
+/// @param ahead  the n x n array that comes from memory meanwhile; null: none
 template <class T>
 [[gnu::always_inline]] inline void forward_level(const T* __restrict x, Index stride, Index m,
-                                                 T* __restrict ll, T* __restrict out, Index n) {
+                                                 T* __restrict ll, T* __restrict out, Index n,
+                                                 const T* ahead) {
   const Index h = m / 2;
   for (Index i = 0; i < h; ++i) {
+    prefetch_rows(ahead, i, n);
     const T* __restrict top = x + 2 * i * stride;
     const T* __restrict bottom = top + stride;
     T* __restrict to_ll = ll + i * h;
@@ -88,9 +102,10 @@ template <class T>
 template <class T>
 [[gnu::always_inline]] inline void inverse_level(const T* __restrict ll, Index ll_stride,
                                                  const T* __restrict x, Index n, Index m,
-                                                 T* __restrict out) {
+                                                 T* __restrict out, const T* ahead) {
   const Index h = m / 2;
   for (Index i = 0; i < h; ++i) {
+    prefetch_rows(ahead, i, n);
     const T* __restrict from_ll = ll + i * ll_stride;
     const T* __restrict from_x = x + i * n + h;
     const T* __restrict from_y = x + (i + h) * n;
@@ -114,10 +129,12 @@ template <class T>
 
 /// forward_level for eight columns of blocks at a time: the same operations on each.
 [[gnu::target("avx2")]] void forward_level_avx2(const float* x, Index stride, Index m,
-                                                float* ll, float* out, Index n) {
+                                                float* ll, float* out, Index n,
+                                                const float* ahead) {
   const Index h = m / 2;
   const __m256 half = _mm256_set1_ps(0.5F);
   for (Index i = 0; i < h; ++i) {
+    prefetch_rows(ahead, i, n);
     const float* top = x + 2 * i * stride;
     const float* bottom = top + stride;
     float* to_ll = ll + i * h;
@@ -142,10 +159,12 @@ template <class T>
 }
 
 [[gnu::target("avx2")]] void inverse_level_avx2(const float* ll, Index ll_stride,
-                                                const float* x, Index n, Index m, float* out) {
+                                                const float* x, Index n, Index m, float* out,
+                                                const float* ahead) {
   const Index h = m / 2;
   const __m256 half = _mm256_set1_ps(0.5F);
   for (Index i = 0; i < h; ++i) {
+    prefetch_rows(ahead, i, n);
     const float* from_ll = ll + i * ll_stride;
     const float* from_x = x + i * n + h;
     const float* from_y = x + (i + h) * n;
@@ -178,65 +197,75 @@ enum class LevelCode { plain, avx2 };
 
 template <LevelCode kCode, class T>
 [[gnu::always_inline]] inline void forward_any(const T* x, Index stride, Index m, T* ll, T* out,
-                                               Index n) {
+                                               Index n, const T* ahead) {
 #if defined(__x86_64__)
   if constexpr (kCode == LevelCode::avx2 && std::is_same_v<T, float>) {
     if (m >= 16) {
-      forward_level_avx2(x, stride, m, ll, out, n);
+      forward_level_avx2(x, stride, m, ll, out, n, ahead);
       return;
     }
   }
 #endif
-  forward_level(x, stride, m, ll, out, n);
+  forward_level(x, stride, m, ll, out, n, ahead);
 }
 
 template <LevelCode kCode, class T>
 [[gnu::always_inline]] inline void inverse_any(const T* ll, Index ll_stride, const T* x,
-                                               Index n, Index m, T* out) {
+                                               Index n, Index m, T* out, const T* ahead) {
 #if defined(__x86_64__)
   if constexpr (kCode == LevelCode::avx2 && std::is_same_v<T, float>) {
     if (m >= 16) {
-      inverse_level_avx2(ll, ll_stride, x, n, m, out);
+      inverse_level_avx2(ll, ll_stride, x, n, m, out, ahead);
       return;
     }
   }
 #endif
-  inverse_level(ll, ll_stride, x, n, m, out);
+  inverse_level(ll, ll_stride, x, n, m, out, ahead);
 }
 
 template <LevelCode kCode, class T>
-[[gnu::always_inline]] inline void forward_array(const T* x, T* out, Index n, T* a, T* b) {
-  forward_any<kCode>(x, n, n, a, out, n);
+[[gnu::always_inline]] inline void forward_array(const T* x, T* out, Index n, T* a, T* b,
+                                                 const T* ahead) {
+  forward_any<kCode>(x, n, n, a, out, n, ahead);
   for (Index m = n / 2; m > 1; m /= 2) {
-    forward_any<kCode, T>(a, m, m, b, out, n);
+    forward_any<kCode, T>(a, m, m, b, out, n, nullptr);
     std::swap(a, b);
   }
   out[0] = a[0];
 }
 
 template <LevelCode kCode, class T>
-[[gnu::always_inline]] inline void inverse_array(const T* x, T* out, Index n, T* a, T* b) {
+[[gnu::always_inline]] inline void inverse_array(const T* x, T* out, Index n, T* a, T* b,
+                                                 const T* ahead) {
   a[0] = x[0];
   for (Index m = 2; m < n; m *= 2) {
-    inverse_any<kCode, T>(a, m / 2, x, n, m, b);
+    inverse_any<kCode, T>(a, m / 2, x, n, m, b, nullptr);
     std::swap(a, b);
   }
-  inverse_any<kCode, T>(a, n / 2, x, n, n, out);
+  inverse_any<kCode, T>(a, n / 2, x, n, n, out, ahead);
 }
 
-/// Past the caches: memory that is not read again is not read before it is written either.
-template <class T>
+// Past the caches: memory that is not read again is not read before it is written either.
+
+#if defined(__x86_64__)
+[[gnu::target("avx2")]] void stream_avx2(const void* from, void* to, std::size_t n_bytes) {
+  const auto* vectors = static_cast<const __m256i*>(from);
+  auto* out = static_cast<__m256i*>(to);
+  for (std::size_t i = 0; i < n_bytes / kStreamVector; ++i) {
+    _mm256_stream_si256(out + i, _mm256_load_si256(vectors + i));
+  }
+}
+#endif
+
+template <LevelCode kCode, class T>
 [[gnu::always_inline]] inline void stream(const T* from, T* to, std::size_t n) {
 #if defined(__x86_64__)
-  constexpr std::size_t kVector = 16;
-  const auto* vectors = reinterpret_cast<const __m128i*>(from);
-  auto* out = reinterpret_cast<__m128i*>(to);
-  for (std::size_t i = 0; i < n * sizeof(T) / kVector; ++i) {
-    _mm_stream_si128(out + i, _mm_load_si128(vectors + i));
+  if constexpr (kCode == LevelCode::avx2) {
+    stream_avx2(from, to, n * sizeof(T));
+    return;
   }
-#else
-  std::copy_n(from, n, to);
 #endif
+  std::copy_n(from, n, to);
 }
 
 template <class T>
@@ -257,20 +286,14 @@ template <LevelCode kCode, class T>
   const auto size = static_cast<std::size_t>(blocks.n * blocks.n);
   for (std::size_t i = begin; i < end; ++i) {
     const T* from = blocks.in + i * size;
-    if (blocks.is_streamed) {
-      for (std::size_t byte = 0; byte < size * sizeof(T); byte += 64) {
-        const char* ahead = reinterpret_cast<const char*>(from) + byte;
-        __builtin_prefetch(ahead + kFarBytes, 0, 2);  // into the second cache
-        __builtin_prefetch(ahead + kNearBytes);
-      }
-    }
+    const T* ahead = blocks.is_streamed ? from : nullptr;
     if (blocks.is_forward) {
-      forward_array<kCode>(from, result.data(), blocks.n, a.data(), b.data());
+      forward_array<kCode>(from, result.data(), blocks.n, a.data(), b.data(), ahead);
     } else {
-      inverse_array<kCode>(from, result.data(), blocks.n, a.data(), b.data());
+      inverse_array<kCode>(from, result.data(), blocks.n, a.data(), b.data(), ahead);
     }
     if (blocks.is_streamed) {
-      stream(result.data(), blocks.out + i * size, size);
+      stream<kCode>(result.data(), blocks.out + i * size, size);
     } else {
       std::copy_n(result.data(), size, blocks.out + i * size);
     }
@@ -308,8 +331,8 @@ void transform_all(std::span<const T> in, std::span<T> out, int n, bool is_forwa
     return;
   }
   const bool is_streamed = in.data() != out.data() && out.size_bytes() >= kStreamBytes &&
-                           size * sizeof(T) % 16 == 0 &&
-                           reinterpret_cast<std::uintptr_t>(out.data()) % 16 == 0;
+                           size * sizeof(T) % kStreamVector == 0 &&
+                           reinterpret_cast<std::uintptr_t>(out.data()) % kStreamVector == 0;
   const Blocks<T> blocks{in.data(), out.data(), n, is_forward, is_streamed};
   parallel_for(in.size() / size, grain, [&](std::size_t begin, std::size_t end) {
 #if defined(__x86_64__)

@@ -103,6 +103,11 @@ struct PreparedBasis::Chunk {
   }
 };
 
+PreparedBasis::Memory::Memory(std::uint64_t bytes)
+    : buffer(bytes),
+      resource(std::make_unique<std::pmr::monotonic_buffer_resource>(buffer.bytes().data(),
+                                                                     buffer.bytes().size())) {}
+
 PreparedBasis::PreparedBasis(const BasisFile& basis, const PrepareOptions& options)
     : name_(basis.name()), header_(basis.header()), tables_(basis.tables()) {
   const bool is_quantised = header_.coding == BasisCoding::quantised;
@@ -172,16 +177,17 @@ void PreparedBasis::unpack(const BasisFile& basis, std::uint64_t memory_bytes) {
       }
     });
     // One behind the other, as they are read.
-    const std::uint64_t bytes = std::accumulate(
-        unpacked.begin(), unpacked.end(), std::uint64_t{0},
-        [](std::uint64_t sum, const SparseTile& tile) { return sum + tile.bytes(); });
-    Memory memory{LargeBuffer(bytes), nullptr};
-    memory.resource = std::make_unique<std::pmr::monotonic_buffer_resource>(
-        memory.buffer.bytes().data(), memory.buffer.bytes().size());
+    std::uint64_t of_rows = 0;
+    std::uint64_t of_lists = 0;
     for (const SparseTile& tile : unpacked) {
-      tiles_.emplace_back(tile, memory.resource.get());
+      of_rows += tile.room_of_rows();
+      of_lists += tile.room_of_lists();
     }
-    memory_.push_back(std::move(memory));
+    std::pmr::memory_resource* rows = memory_.emplace_back(of_rows).resource.get();
+    std::pmr::memory_resource* lists = memory_.emplace_back(of_lists).resource.get();
+    for (const SparseTile& tile : unpacked) {
+      tiles_.emplace_back(tile, rows, lists);
+    }
   }
   list_lengths_.assign(channels * n_indices, 0);
   row_entries_.assign(channels, 0);
@@ -435,7 +441,7 @@ std::uint64_t PreparedBasis::sum_tile(std::size_t i_tile, int channel, const Chu
       }
     }
   }
-  std::vector<float> column(from.n_pixels);
+  std::vector<float> column(chunk.width == 1 ? 0 : from.n_pixels);
   std::vector<double> plate(has_plate ? from.n_pixels : 0);
   std::vector<double> factors;
   for (std::size_t q = 0; q < chunk.queries.size(); ++q) {
@@ -460,7 +466,7 @@ std::uint64_t PreparedBasis::sum_tile(std::size_t i_tile, int channel, const Chu
         column[p] = static_cast<float>(plate[p] * from.gain[p] + double{column[p]});
       }
     }
-    put_sums(column, 1, chunk.exponents[q], rects_[i_tile], 0, from.n_pixels, query, pictures);
+    put_sums(column, 1, chunk.exponents[q], rects_[i_tile], query, pictures);
   }
   return bytes;
 }

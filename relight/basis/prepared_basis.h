@@ -108,6 +108,7 @@ class PreparedBasis {
   std::vector<TileRect> rects_;
   /// What the tiles live in, some tiles each.
   struct Memory {
+    explicit Memory(std::uint64_t bytes);
     LargeBuffer buffer;
     std::unique_ptr<std::pmr::memory_resource> resource;
   };

@@ -1,9 +1,11 @@
 #include "relight/basis/relight_kernels.h"
 
 #include <algorithm>
+#include <memory>
 
 #include "core/error.h"
 #include "relight/basis/half_float.h"
+#include "relight/basis/prefetch.h"
 
 #if defined(__x86_64__)
 #include <cpuid.h>
@@ -127,19 +129,6 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
 
 #if defined(__x86_64__)
 
-// Without prefetching memory is read at two thirds of its rate (the hardware's prefetchers stop
-// at every page). Far ahead into the second cache, which has room for more requests at a time,
-// then into the first: measured from 0 to 8 KB and 0 to 256 KB, on machines whose cores can
-// read less than the memory gives and on others.
-constexpr std::size_t kNearBytes = 1024;
-constexpr std::size_t kFarBytes = 4096;
-
-[[gnu::target("avx2,f16c")]] void prefetch(const std::uint16_t* from) {
-  const auto* bytes = reinterpret_cast<const char*>(from);
-  _mm_prefetch(bytes + kFarBytes, _MM_HINT_T1);
-  _mm_prefetch(bytes + kNearBytes, _MM_HINT_T0);
-}
-
 [[gnu::target("avx2,f16c")]] float fold_avx2(__m256 a) {
   const __m128 four = _mm_add_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
   const __m128 two = _mm_add_ps(four, _mm_movehl_ps(four, four));
@@ -167,7 +156,7 @@ constexpr std::size_t kFarBytes = 4096;
       for (int k = range.begin; k < range.end; k += kDenseLanes) {
         const std::uint16_t* t = row + k;
         const float* w = weights + k;
-        prefetch(t);
+        prefetch_ahead(t);
         a0 = add_product(a0, _mm256_loadu_ps(w), load_half(t));
         a1 = add_product(a1, _mm256_loadu_ps(w + 8), load_half(t + 8));
         a2 = add_product(a2, _mm256_loadu_ps(w + 16), load_half(t + 16));
@@ -193,7 +182,7 @@ constexpr std::size_t kFarBytes = 4096;
       const __m256 t = load_half(row + k);
       const float* w = weights + k * kBatch;
       if (octet == 0) {
-        prefetch(row + k);
+        prefetch_ahead(row + k);
       }
 #pragma GCC unroll 8
       for (std::ptrdiff_t e = 0; e < kBatch; ++e) {
@@ -222,25 +211,36 @@ constexpr std::size_t kFarBytes = 4096;
   }
 }
 
+[[gnu::target("avx2,f16c")]] __m256 row_products(const RowBlock& block, const float* light) {
+  const __m256i index = _mm256_cvtepu16_epi32(
+      _mm_loadu_si128(reinterpret_cast<const __m128i*>(block.index.data())));
+  const __m256i value = _mm256_cvtepi16_epi32(
+      _mm_loadu_si128(reinterpret_cast<const __m128i*>(block.value.data())));
+  return _mm256_mul_ps(_mm256_cvtepi32_ps(value), _mm256_i32gather_ps(light, index, 4));
+}
+
 [[gnu::target("avx2,f16c")]] void sum_rows_avx2(const SparseRows& rows, const float* light,
                                                 float* sums) {
-  alignas(32) std::array<float, kLanes> out;
-  for (std::size_t s = 0; s + 1 < rows.starts.size(); ++s) {
+  const std::size_t n_slots = rows.starts.size() - 1;
+  // Put in their places only at the end: scattered stores make the reads between them slower.
+  const auto in_slots = std::make_unique_for_overwrite<float[]>(n_slots * kLanes);
+  for (std::size_t s = 0; s < n_slots; ++s) {
+    const RowBlock* block = rows.blocks.data() + rows.starts[s];
+    const RowBlock* end = rows.blocks.data() + rows.starts[s + 1];
     __m256 a = _mm256_setzero_ps();
-    for (std::size_t b = rows.starts[s]; b < rows.starts[s + 1]; ++b) {
-      const RowBlock& block = rows.blocks[b];
-      prefetch(block.index.data());
-      const __m256i index = _mm256_cvtepu16_epi32(
-          _mm_loadu_si128(reinterpret_cast<const __m128i*>(block.index.data())));
-      const __m256i value = _mm256_cvtepi16_epi32(
-          _mm_loadu_si128(reinterpret_cast<const __m128i*>(block.value.data())));
-      a = add_product(a, _mm256_cvtepi32_ps(value), _mm256_i32gather_ps(light, index, 4));
+    for (; end - block >= 2; block += 2) {  // a line of the cache
+      prefetch_ahead(block->index.data());
+      a = _mm256_add_ps(a, row_products(block[0], light));
+      a = _mm256_add_ps(a, row_products(block[1], light));
     }
-    _mm256_store_ps(out.data(), a);
-    const auto pixels = slot_pixels(rows, s);
-    for (std::size_t i = 0; i < pixels.size(); ++i) {
-      sums[pixels[i]] = out[i];
+    if (block != end) {
+      prefetch_ahead(block->index.data());
+      a = _mm256_add_ps(a, row_products(*block, light));
     }
+    _mm256_storeu_ps(in_slots.get() + s * kLanes, a);
+  }
+  for (std::size_t i = 0; i < rows.pixels.size(); ++i) {
+    sums[rows.pixels[i]] = in_slots[i];
   }
 }
 
@@ -254,7 +254,7 @@ constexpr std::size_t kFarBytes = 4096;
     }
     for (std::size_t b = rows.starts[s]; b < rows.starts[s + 1]; ++b) {
       const RowBlock& block = rows.blocks[b];
-      prefetch(block.index.data());
+      prefetch_ahead(block.index.data());
       _mm256_store_ps(values.data(),
                       _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(_mm_loadu_si128(
                           reinterpret_cast<const __m128i*>(block.value.data())))));

@@ -87,26 +87,26 @@ std::uint64_t bytes_of(const std::pmr::vector<T>& values) noexcept {
 
 }  // namespace
 
-SparseTile::SparseTile(const SparseTile& other, std::pmr::memory_resource* memory)
+SparseTile::SparseTile(const SparseTile& other, std::pmr::memory_resource* rows,
+                       std::pmr::memory_resource* lists)
     : n_pixels(other.n_pixels),
-      row_pixels(other.row_pixels, memory),
-      row_starts(other.row_starts, memory),
-      blocks(other.blocks, memory),
-      list_index(memory),
-      list_starts(memory),
-      entries(memory),
-      plate(other.plate, memory),
-      gain(other.gain, memory),
-      scales(other.scales, memory),
-      longest_row(other.longest_row) {
-  list_index = other.list_index;
-  list_starts = other.list_starts;
-  entries = other.entries;
+      row_pixels(other.row_pixels, rows),
+      row_starts(other.row_starts, rows),
+      blocks(other.blocks, rows),
+      list_index(other.list_index, lists),
+      list_starts(other.list_starts, lists),
+      entries(other.entries, lists),
+      plate(other.plate, rows),
+      gain(other.gain, rows),
+      scales(other.scales, rows),
+      longest_row(other.longest_row) {}
+
+std::uint64_t SparseTile::room_of_rows() const noexcept {
+  return row_bytes() + pixel_bytes() + 6 * alignof(std::max_align_t);
 }
 
-std::uint64_t SparseTile::bytes() const noexcept {
-  constexpr std::uint64_t kAlignment = 9 * alignof(std::max_align_t);
-  return row_bytes() + list_bytes() + pixel_bytes() + kAlignment;
+std::uint64_t SparseTile::room_of_lists() const noexcept {
+  return list_bytes() + 3 * alignof(std::max_align_t);
 }
 
 std::uint64_t SparseTile::row_bytes() const noexcept {

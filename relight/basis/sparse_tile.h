@@ -35,10 +35,13 @@ struct SparseTile {
   std::uint32_t longest_row = 0;  ///< entries of a pixel, at most
 
   SparseTile() = default;
-  /// A copy whose vectors live in `memory`, rows and plate side by side.
-  SparseTile(const SparseTile& other, std::pmr::memory_resource* memory);
-  /// What such a copy takes at most.
-  [[nodiscard]] std::uint64_t bytes() const noexcept;
+  /// A copy whose rows and plate live in `rows`, its lists in `lists`: a sum reads either rows
+  /// or lists, and each from its own memory without a gap.
+  SparseTile(const SparseTile& other, std::pmr::memory_resource* rows,
+             std::pmr::memory_resource* lists);
+  /// What such a copy takes of each at most.
+  [[nodiscard]] std::uint64_t room_of_rows() const noexcept;
+  [[nodiscard]] std::uint64_t room_of_lists() const noexcept;
 
   [[nodiscard]] SparseRows rows() const noexcept { return {row_pixels, row_starts, blocks}; }
   [[nodiscard]] std::span<const ListEntry> list(std::size_t i) const {

@@ -34,6 +34,24 @@ std::array<double, kMaxPlateDegree + 1> chebyshev(double x, int degree) {
   return t;
 }
 
+/// T_0 .. T_degree at the middles of n pixels, (degree + 1, n).
+std::vector<double> chebyshev_table(int n, int degree) {
+  const std::size_t size = count(n);
+  std::vector<double> table((count(degree) + 1) * size, 1.0);
+  if (degree > 0) {
+    for (int x = 0; x < n; ++x) {
+      table[size + count(x)] = (2.0 * x + 1.0) / n - 1.0;
+    }
+  }
+  for (std::size_t i = 2; i <= count(degree); ++i) {
+    double* t = table.data() + i * size;
+    for (std::size_t x = 0; x < size; ++x) {
+      t[x] = 2.0 * table[size + x] * (t - size)[x] - (t - 2 * size)[x];
+    }
+  }
+  return table;
+}
+
 void terms_at(const TileRect& rect, int x, int y, int degree, double* out) {
   const auto along_x = chebyshev((2.0 * x + 1.0) / rect.width - 1.0, degree);
   const auto along_y = chebyshev((2.0 * y + 1.0) / rect.height - 1.0, degree);
@@ -220,20 +238,15 @@ void plate_sums(const TileRect& rect, int degree, std::span<const float> tile_pl
       polynomial[t] += factors[j] * double{tile_plate[j * n_terms + t]};
     }
   }
-  std::vector<double> along_x(side * width);  // (term, x)
-  for (int x = 0; x < rect.width; ++x) {
-    const auto t = chebyshev((2.0 * x + 1.0) / rect.width - 1.0, degree);
-    for (std::size_t a = 0; a < side; ++a) {
-      along_x[a * width + count(x)] = t[a];
-    }
-  }
+  const std::vector<double> along_x = chebyshev_table(rect.width, degree);
+  const std::vector<double> along_y = chebyshev_table(rect.height, degree);
   std::array<double, kMaxPlateDegree + 1> of_x{};  // of this row: factors of T_a(xi)
   for (int y = 0; y < rect.height; ++y) {
-    const auto along_y = chebyshev((2.0 * y + 1.0) / rect.height - 1.0, degree);
-    for (std::size_t a = 0; a < side; ++a) {
-      of_x[a] = 0.0;
-      for (std::size_t b = 0; b < side; ++b) {
-        of_x[a] += polynomial[b * side + a] * along_y[b];
+    of_x.fill(0.0);
+    for (std::size_t b = 0; b < side; ++b) {
+      const double t = along_y[b * count(rect.height) + count(y)];
+      for (std::size_t a = 0; a < side; ++a) {
+        of_x[a] += polynomial[b * side + a] * t;
       }
     }
     double* row = out.data() + count(y) * width;
