@@ -151,6 +151,14 @@ await suite.test('terms and the bound are the command\'s', async () =>
       expect(nearTo(status.exposure, report.details.exposure, 1e-5),
              `exposure ${status.exposure}, the command says ${report.details.exposure}`);
     }
+    const [shown, moved] = await page.evaluate(() => {
+      const {engine, basis} = window.haarlightView;
+      const before = engine.status();
+      engine.setDrives([new Float64Array(basis.nLights)]);
+      return [before, engine.status()];
+    });
+    expect(JSON.stringify(moved) === JSON.stringify(shown),
+           `until the next frame the old picture is shown: ${JSON.stringify(shown)}, told is ${JSON.stringify(moved)}`);
   }));
 
 await suite.test('coloured drives on a file of one channel', async () =>

@@ -165,6 +165,7 @@ export class Engine {
     const summed = performance.now();
     this.measured(pages, summed - begun);
     this.shownJob = quick[0];
+    this.shownLighting = this.lighting;
     this.isWhole = isWhole;
     this.plan = isWhole ? null : {jobs, job: 0, unit: 0};
     this.takeExposure(isWhole);
@@ -238,8 +239,8 @@ export class Engine {
     return {
       isWhole: this.isWhole,
       terms: Math.max(...this.shownJob.map(part => countsTerms ? part.terms : part.pictures.length)),
-      termsAll: this.lighting?.termsAll ?? 0,
-      bound: this.isWhole && this.lighting ? this.lighting.bound(this.shownJob, this.norm) : null,
+      termsAll: this.shownLighting?.termsAll ?? 0,
+      bound: this.isWhole ? this.shownLighting.bound(this.shownJob, this.norm) : null,
       exposure: this.exposure,
     };
   }
