@@ -36,6 +36,7 @@
 #include "relight/basis/haar.h"
 #include "relight/basis/haar_blocks.h"
 #include "relight/basis/plate.h"
+#include "relight/basis/prefetch.h"
 #include "relight/basis/prepared_basis.h"
 #include "relight/basis/weight_list.h"
 
@@ -154,9 +155,9 @@ void triad(std::span<float> a, std::span<const float> b, std::span<const float> 
   });
 }
 
-/// What reading alone reaches, with the prefetches that did best (1 and 4 KB ahead of 0 to 32):
-/// a triad's stores that pass by the caches need none of a core's places for reads, so that
-/// where cores are few a sum that only reads cannot keep up with it.
+/// What reading alone reaches, with the kernels' prefetches: a triad's stores that pass by the
+/// caches need none of a core's places for reads, so that where cores are few a sum that only
+/// reads cannot keep up with it.
 float read_all(std::span<const float> values) {
   std::atomic<std::uint32_t> all{0};
   parallel_for(values.size() / kGrain, 1, [&](std::size_t begin, std::size_t end) {
@@ -164,12 +165,10 @@ float read_all(std::span<const float> values) {
 #if defined(__x86_64__)
     __m128i sums[4] = {};
     for (std::size_t i = begin * kGrain; i < end * kGrain; i += 16) {
-      const auto* from = reinterpret_cast<const char*>(&values[i]);
-      _mm_prefetch(from + 4096, _MM_HINT_T1);
-      _mm_prefetch(from + 1024, _MM_HINT_T0);
+      const auto* from = reinterpret_cast<const __m128i*>(&values[i]);
+      prefetch_ahead(from);
       for (int k = 0; k < 4; ++k) {
-        sums[k] = _mm_xor_si128(
-            sums[k], _mm_loadu_si128(reinterpret_cast<const __m128i*>(from + 16 * k)));
+        sums[k] = _mm_xor_si128(sums[k], _mm_loadu_si128(from + k));
       }
     }
     bits = static_cast<std::uint32_t>(_mm_cvtsi128_si32(

@@ -34,27 +34,24 @@ std::array<double, kMaxPlateDegree + 1> chebyshev(double x, int degree) {
   return t;
 }
 
-/// T_0 .. T_degree at the middles of n pixels, (degree + 1, n).
+/// Pixel i of n from -1 to 1, its middle.
+double unit_place(int i, int n) { return (2.0 * i + 1.0) / n - 1.0; }
+
+/// T_0 .. T_degree at n pixels, (degree + 1, n).
 std::vector<double> chebyshev_table(int n, int degree) {
-  const std::size_t size = count(n);
-  std::vector<double> table((count(degree) + 1) * size, 1.0);
-  if (degree > 0) {
-    for (int x = 0; x < n; ++x) {
-      table[size + count(x)] = (2.0 * x + 1.0) / n - 1.0;
-    }
-  }
-  for (std::size_t i = 2; i <= count(degree); ++i) {
-    double* t = table.data() + i * size;
-    for (std::size_t x = 0; x < size; ++x) {
-      t[x] = 2.0 * table[size + x] * (t - size)[x] - (t - 2 * size)[x];
+  std::vector<double> table((count(degree) + 1) * count(n));
+  for (int i = 0; i < n; ++i) {
+    const auto t = chebyshev(unit_place(i, n), degree);
+    for (std::size_t a = 0; a <= count(degree); ++a) {
+      table[a * count(n) + count(i)] = t[a];
     }
   }
   return table;
 }
 
 void terms_at(const TileRect& rect, int x, int y, int degree, double* out) {
-  const auto along_x = chebyshev((2.0 * x + 1.0) / rect.width - 1.0, degree);
-  const auto along_y = chebyshev((2.0 * y + 1.0) / rect.height - 1.0, degree);
+  const auto along_x = chebyshev(unit_place(x, rect.width), degree);
+  const auto along_y = chebyshev(unit_place(y, rect.height), degree);
   for (std::size_t b = 0; b <= count(degree); ++b) {
     for (std::size_t a = 0; a <= count(degree); ++a) {
       *out++ = along_x[a] * along_y[b];
