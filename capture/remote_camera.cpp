@@ -9,11 +9,13 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <linux/magic.h>
 #include <poll.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
 namespace haarlight {
@@ -24,7 +26,9 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kAnswerTime{2000};
-constexpr std::size_t kMaxQueued = 64;
+constexpr std::size_t kMaxHeldBytes = std::size_t{1} << 30U;
+constexpr std::size_t kMinHeld = 4;
+constexpr std::uint32_t kMaxBuffers = 1024;
 
 std::string describe(const CameraSpec& spec) { return "remote camera " + spec.device; }
 
@@ -52,7 +56,28 @@ int send_packet(int fd, const RemoteHeader& header) {
 
 }  // namespace
 
-/// Pixels mapped read-only, or copied; freed when the last frame that shows them is released.
+namespace {
+
+RemoteHeader release_of(std::uint64_t sequence) {
+  RemoteHeader header;
+  header.message = static_cast<std::uint16_t>(RemoteMessage::release);
+  header.sequence = sequence;
+  return header;
+}
+
+/// A file of memory that can never become shorter than it is now: a mapping of it cannot fault.
+/// (Files on disk, on huge pages or behind another program can.)
+bool is_safe_to_map(const Fd& fd) {
+  const int seals = ::fcntl(fd.get(), F_GET_SEALS);
+  struct statfs where {};
+  return seals >= 0 && (seals & F_SEAL_SHRINK) != 0 && ::fstatfs(fd.get(), &where) == 0 &&
+         where.f_type == TMPFS_MAGIC;
+}
+
+}  // namespace
+
+/// Rows of words mapped read-only, or copied; freed when the last frame that shows them is
+/// released.
 class RemoteFrameMemory {
  public:
   RemoteFrameMemory(const RemoteFrameMemory&) = delete;
@@ -63,15 +88,18 @@ class RemoteFrameMemory {
     }
   }
 
-  /// Nothing when the memory holds fewer than `bytes`.
-  static std::shared_ptr<RemoteFrameMemory> open(const Fd& fd, std::size_t bytes) {
+  /// Nothing when the file holds fewer than `height` rows of `stride` bytes.
+  static std::shared_ptr<RemoteFrameMemory> open(const Fd& fd, std::size_t stride, int height,
+                                                 int width) {
+    // The seal before the length: a file sealed in between could have been shortened first.
+    const bool is_mappable = is_safe_to_map(fd);
+    const std::size_t bytes = stride * static_cast<std::size_t>(height);
     struct stat info {};
     if (::fstat(fd.get(), &info) != 0 || info.st_size < static_cast<off_t>(bytes)) {
       return nullptr;
     }
     std::shared_ptr<RemoteFrameMemory> memory(new RemoteFrameMemory);
-    const int seals = ::fcntl(fd.get(), F_GET_SEALS);
-    if (seals >= 0 && (seals & F_SEAL_SHRINK) != 0) {
+    if (is_mappable) {
       void* mapping = ::mmap(nullptr, bytes, PROT_READ, MAP_SHARED, fd.get(), 0);
       if (mapping == MAP_FAILED) {
         return nullptr;
@@ -80,30 +108,51 @@ class RemoteFrameMemory {
       memory->size_ = bytes;
       return memory;
     }
-    memory->copy_.resize((bytes + 1) / 2);
-    std::size_t done = 0;
-    while (done < bytes) {
-      const ssize_t n = ::pread(fd.get(), reinterpret_cast<char*>(memory->copy_.data()) + done,
-                                bytes - done, static_cast<off_t>(done));
-      if (n <= 0) {
+    // Without the padding: what a copy takes is the frame's, not the server's to choose.
+    const std::size_t row_bytes = 2 * static_cast<std::size_t>(width);
+    memory->copy_.resize(static_cast<std::size_t>(height) * static_cast<std::size_t>(width));
+    auto* to = reinterpret_cast<char*>(memory->copy_.data());
+    if (stride == row_bytes) {
+      return read_all(fd, 0, to, bytes) ? memory : nullptr;
+    }
+    for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y) {
+      if (!read_all(fd, y * stride, to + y * row_bytes, row_bytes)) {
         return nullptr;
       }
-      done += static_cast<std::size_t>(n);
     }
     return memory;
   }
 
-  /// Sealed against shrinking and mapped: the same file may be looked at again.
   [[nodiscard]] bool is_mapped() const { return mapping_ != nullptr; }
   [[nodiscard]] std::size_t size() const { return size_; }
-  [[nodiscard]] const std::uint16_t* words() const {
-    return mapping_ != nullptr ? static_cast<const std::uint16_t*>(mapping_) : copy_.data();
+  [[nodiscard]] ImageView<const std::uint16_t> view(std::size_t stride, int height,
+                                                    int width) const {
+    return is_mapped() ? ImageView<const std::uint16_t>(
+                             static_cast<const std::uint16_t*>(mapping_), height, width, 1,
+                             static_cast<std::ptrdiff_t>(stride / 2))
+                       : ImageView<const std::uint16_t>(copy_.data(), height, width, 1, width);
   }
 
  private:
   RemoteFrameMemory() = default;
+  static bool read_all(const Fd& fd, std::size_t from, char* to, std::size_t bytes) {
+    std::size_t done = 0;
+    while (done < bytes) {
+      const ssize_t n =
+          ::pread(fd.get(), to + done, bytes - done, static_cast<off_t>(from + done));
+      if (n < 0 && errno == EINTR) {
+        continue;
+      }
+      if (n <= 0) {
+        return false;
+      }
+      done += static_cast<std::size_t>(n);
+    }
+    return true;
+  }
+
   void* mapping_ = nullptr;
-  std::size_t size_ = 0;
+  std::size_t size_ = 0;  ///< bytes mapped
   std::vector<std::uint16_t> copy_;
 };
 
@@ -160,6 +209,10 @@ Result<CameraSetup> RemoteCamera::start(const CameraSpec& spec) {
     stop();
     return fail(Errc::refused, what);
   }
+  const std::size_t frame_bytes = std::size_t{2} * ask.width * ask.height;
+  max_held_ = std::min<std::size_t>(std::min(set->n_buffers, kMaxBuffers),
+                                    std::max(kMinHeld, kMaxHeldBytes / frame_bytes));
+  n_held_ = std::make_shared<std::atomic<std::size_t>>(0);
   RemoteHeader go;
   go.message = static_cast<std::uint16_t>(RemoteMessage::start);
   if (auto sent = send(go); !sent) {
@@ -168,7 +221,7 @@ Result<CameraSetup> RemoteCamera::start(const CameraSpec& spec) {
   }
   return CameraSetup{.width = static_cast<int>(set->width),
                      .height = static_cast<int>(set->height),
-                     .n_buffers = static_cast<int>(std::min(set->n_buffers, 1024U)),
+                     .n_buffers = static_cast<int>(max_held_),
                      .fps = set->fps,
                      .exposure_us = set->exposure_us,
                      .gain_db = set->gain_db,
@@ -187,12 +240,15 @@ Result<Frame> RemoteCamera::next(Clock::time_point deadline) {
       return tl::unexpected<Fault>(packet.error());
     }
     const auto message = static_cast<RemoteMessage>(packet->header.message);
-    if (message == RemoteMessage::frame) {
+    if (message == RemoteMessage::frame && take_or_return(packet->header)) {
       return make_frame(*std::move(packet));
     }
     if (message == RemoteMessage::error) {
       return fail(Errc::io, fmt::format("{}: it reports errno {}", describe(spec_),
                                         packet->header.flags));
+    }
+    if (Clock::now() >= deadline) {
+      return fail(Errc::timeout, describe(spec_) + ": no frame before the deadline");
     }
   }
 }
@@ -220,23 +276,37 @@ Result<void> RemoteCamera::trigger() {
   return send(header);
 }
 
-std::shared_ptr<RemoteFrameMemory> RemoteCamera::map_memory(const Fd& fd, std::size_t bytes) {
-  constexpr std::size_t kMaxMapped = 1024;
+bool RemoteCamera::take_or_return(const RemoteHeader& header) {
+  if (n_held_->load() < max_held_) {
+    ++*n_held_;
+    return true;
+  }
+  (void)send_packet(socket_->get(), release_of(header.sequence));
+  return false;
+}
+
+std::shared_ptr<RemoteFrameMemory> RemoteCamera::memory_of(const Fd& fd, std::size_t stride) {
   struct stat info {};
   if (::fstat(fd.get(), &info) != 0) {
     return nullptr;
   }
-  const std::pair<std::uint64_t, std::uint64_t> key(info.st_dev, info.st_ino);
-  if (const auto known = mapped_.find(key);
-      known != mapped_.end() && known->second->size() >= bytes) {
-    return known->second;
+  const auto found = std::find_if(files_.begin(), files_.end(), [&](const KnownFile& file) {
+    return file.device == info.st_dev && file.inode == info.st_ino;
+  });
+  const bool is_known = found != files_.end();
+  std::shared_ptr<RemoteFrameMemory> memory = is_known ? found->memory.lock() : nullptr;
+  if (memory == nullptr ||
+      memory->size() < stride * static_cast<std::size_t>(spec_.frame_height)) {
+    memory = RemoteFrameMemory::open(fd, stride, spec_.frame_height, spec_.frame_width);
   }
-  std::shared_ptr<RemoteFrameMemory> memory = RemoteFrameMemory::open(fd, bytes);
+  if (is_known) {
+    files_.erase(found);
+  }
   if (memory != nullptr && memory->is_mapped()) {
-    if (mapped_.size() >= kMaxMapped) {
-      mapped_.clear();
+    files_.push_front({info.st_dev, info.st_ino, memory, is_known ? memory : nullptr});
+    if (files_.size() > max_held_ + kSpareFiles) {
+      files_.pop_back();
     }
-    mapped_[key] = memory;
   }
   return memory;
 }
@@ -251,7 +321,8 @@ void RemoteCamera::stop() noexcept {
   }
   socket_.reset();
   queued_.clear();
-  mapped_.clear();
+  files_.clear();
+  n_held_.reset();
 }
 
 Result<void> RemoteCamera::send(const RemoteHeader& header) {
@@ -342,8 +413,11 @@ Result<RemoteHeader> RemoteCamera::answer_to(RemoteMessage message) {
                   fmt::format("{}: it refused: {}", describe(spec_), std::strerror(error)),
                   error);
     }
-    if (kind == RemoteMessage::frame && queued_.size() < kMaxQueued) {
+    if (kind == RemoteMessage::frame && n_held_ != nullptr && take_or_return(packet->header)) {
       queued_.push_back(*std::move(packet));
+    }
+    if (Clock::now() >= deadline) {
+      return fail(Errc::timeout, describe(spec_) + ": no answer before the deadline");
     }
   }
 }
@@ -358,34 +432,29 @@ Result<Frame> RemoteCamera::make_frame(Packet packet) {
   const auto width = static_cast<std::size_t>(spec_.frame_width);
   const auto height = static_cast<std::size_t>(spec_.frame_height);
   const std::size_t stride = h.stride;
-  const std::size_t bytes = stride * height;
   const bool is_shaped = h.width == width && h.height == height && stride >= 2 * width &&
                          stride % 2 == 0 && stride <= 64 * width + 4096;
   if (!packet.memory.is_open() || !is_shaped) {
+    --*n_held_;
     return fail(Errc::protocol,
                 fmt::format("{}: frame {} of {} x {}, stride {}, {} memory; expected {} x {}",
                             describe(spec_), h.sequence, h.width, h.height, h.stride,
                             packet.memory.is_open() ? "with" : "without", width, height));
   }
-  auto release = [socket = socket_, sequence = h.sequence] {
-    RemoteHeader header;
-    header.message = static_cast<std::uint16_t>(RemoteMessage::release);
-    header.sequence = sequence;
-    (void)send_packet(socket->get(), header);
-  };
   std::shared_ptr<RemoteFrameMemory> memory =
-      h.bytes >= bytes ? map_memory(packet.memory, bytes) : nullptr;
+      h.bytes >= stride * height ? memory_of(packet.memory, stride) : nullptr;
+  ImageView<const std::uint16_t> pixels;
   if (memory == nullptr) {
     info.flags |= kFrameShort;
-    return Frame(info, {}, std::move(release));
+  } else {
+    pixels = memory->view(stride, spec_.frame_height, spec_.frame_width);
   }
-  const ImageView<const std::uint16_t> pixels(memory->words(), spec_.frame_height,
-                                              spec_.frame_width, 1,
-                                              static_cast<std::ptrdiff_t>(stride / 2));
-  return Frame(info, pixels, [memory, release = std::move(release)]() mutable {
-    memory.reset();
-    release();
-  });
+  return Frame(info, pixels,
+               [memory, n_held = n_held_, socket = socket_, sequence = h.sequence]() mutable {
+                 memory.reset();
+                 --*n_held;  // first: the server may send the next at once
+                 (void)send_packet(socket->get(), release_of(sequence));
+               });
 }
 
 }  // namespace haarlight

@@ -1,7 +1,8 @@
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <deque>
-#include <map>
 #include <memory>
 
 #include "capture/camera.h"
@@ -10,9 +11,14 @@
 
 /// @file
 /// A camera behind a unix SEQPACKET socket: the client of capture/remote_camera_protocol.h.
-/// Frames are mapped read-only where they lie; a memfd that its owner could still shrink is
+/// Frames are mapped read-only where they lie; a file that its owner could still shrink is
 /// copied instead (a shrunken mapping would end the process). One thread; a Frame may be
 /// released from any thread and may outlive the camera.
+///
+/// Limits, whatever the server sends: no more frames are held than it granted buffers nor than
+/// 1 GiB of them (at least 4); more are given back unseen. A mapping ends with its frame; only
+/// a file that comes again stays mapped, and of those no more than the frames that may be held
+/// and kSpareFiles.
 
 namespace haarlight {
 
@@ -37,6 +43,9 @@ class RemoteCamera final : public Camera {
   [[nodiscard]] Result<void> trigger() override;
   void stop() noexcept override;
 
+  /// A server has some files more than frames that it grants: one is being filled.
+  static constexpr std::size_t kSpareFiles = 4;
+
  private:
   struct Packet {
     RemoteHeader header;
@@ -47,15 +56,26 @@ class RemoteCamera final : public Camera {
   /// Waits for a kind of answer; frames are queued meanwhile.
   [[nodiscard]] Result<RemoteHeader> answer_to(RemoteMessage message);
   [[nodiscard]] Result<Frame> make_frame(Packet packet);
-  /// Mapped once: a server sends the same few memory files again and again.
-  [[nodiscard]] std::shared_ptr<RemoteFrameMemory> map_memory(const Fd& fd, std::size_t bytes);
+  /// True when there is room for one more; else it was given back.
+  [[nodiscard]] bool take_or_return(const RemoteHeader& header);
+  [[nodiscard]] std::shared_ptr<RemoteFrameMemory> memory_of(const Fd& fd, std::size_t stride);
+
+  /// A file that frames came in. Its identity holds while it is mapped; after that it tells
+  /// only that the server may send its files again.
+  struct KnownFile {
+    std::uint64_t device = 0;
+    std::uint64_t inode = 0;
+    std::weak_ptr<RemoteFrameMemory> memory;
+    std::shared_ptr<RemoteFrameMemory> kept;  ///< since it came a second time
+  };
 
   std::shared_ptr<Fd> socket_;
   CameraSpec spec_;
   std::deque<Packet> queued_;
   TriggerSource trigger_ = TriggerSource::free;
-  /// By device and inode, which live as long as the mapping.
-  std::map<std::pair<std::uint64_t, std::uint64_t>, std::shared_ptr<RemoteFrameMemory>> mapped_;
+  std::size_t max_held_ = 0;
+  std::shared_ptr<std::atomic<std::size_t>> n_held_;  ///< queued ones included
+  std::deque<KnownFile> files_;                       ///< the latest first
 };
 
 }  // namespace haarlight
