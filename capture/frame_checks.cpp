@@ -35,7 +35,7 @@ FrameGlance glance_at(ImageView<const std::uint16_t> active, double clip_dn) {
 namespace {
 
 constexpr std::size_t kMaxSamples = 4096;                   // of one picture
-constexpr std::size_t kAllSamples = std::size_t{1} << 22U;  // of all patterns: 8 MB
+constexpr std::size_t kAllSamples = std::size_t{1} << 21U;  // of all patterns: 8 MB
 constexpr int kLeastSamples = 64;
 constexpr double kLeastSignal = 0.01;  // share of the range: rounding and read noise are below
 constexpr double kClippedShare = 0.9;  // of the clip level: predicted above it may clip
@@ -145,15 +145,16 @@ FrameFinding FrameChecker::judge_level(const Reference& reference,
   double seen = 0.0;
   double predicted = 0.0;
   int n = 0;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    const double before = reference.samples[i] - reference.dark_dn;
+  for (std::size_t i = 0; i + 1 < samples.size(); i += 2) {
+    const double before = reference.samples[i + 1] - reference.dark_dn;
     const double now = ratio * before;
-    const bool counts = reference.samples[i] < form_.saturation_dn() &&
+    const double own = ratio * (reference.samples[i] - reference.dark_dn);
+    const bool counts = reference.samples[i] < form_.saturation_dn() && own <= unclipped &&
                         std::min(before, now) >= kLeastSignal * range &&
                         now <= kClippedShare * unclipped;
     if (counts) {
       seen += samples[i] - dark_dn_;
-      predicted += now;
+      predicted += own;
       ++n;
     }
   }
@@ -172,10 +173,13 @@ std::vector<std::uint16_t> FrameChecker::sample(ImageView<const std::uint16_t> a
       static_cast<std::size_t>(active.height()) * static_cast<std::size_t>(active.width());
   const std::size_t step = std::max<std::size_t>(1, n / n_samples_) | 1U;  // odd: no mosaic
   std::vector<std::uint16_t> samples;
-  samples.reserve(n / step + 1);
+  samples.reserve(2 * (n / step + 1));
   const auto width = static_cast<std::size_t>(active.width());
   for (std::size_t i = 0; i < n; i += step) {
-    samples.push_back(active(static_cast<int>(i / width), static_cast<int>(i % width)));
+    const auto row = active.row(static_cast<int>(i / width));
+    const std::size_t x = i % width;
+    samples.push_back(row[x]);
+    samples.push_back(row[x + 2 < width ? x + 2 : x >= 2 ? x - 2 : x]);  // of the same colour
   }
   return samples;
 }

@@ -37,9 +37,10 @@ struct FrameFinding {
 ///
 ///     | sum(v - d) / sum(k (v0 - d0)) - 1 | <= level_tolerance,   k = E g / (E0 g0)
 ///
-/// over the samples unclipped in v0 and predicted below 0.9 of the clip level, each at least
-/// 1 % of the range; d the last dark frame's mean, or the black level. Fewer than 64 such
-/// samples prove nothing and pass.
+/// over the samples unclipped in v0 whose neighbour of the same colour lets expect, in both
+/// frames, at least 1 % of the range and less than 0.9 of the clip level (chosen by themselves,
+/// samples near 1 % would be those whose noise was high in v0); d the last dark frame's mean,
+/// or the black level. Fewer than 64 such samples prove nothing and pass.
 class FrameChecker {
  public:
   FrameChecker(const Plan& plan, const FrameForm& form);
@@ -56,7 +57,7 @@ class FrameChecker {
     double scale = 0.0;  ///< exposure * gain; 0: none yet
     double dark_dn = 0.0;
     int shot = 0;
-    std::vector<std::uint16_t> samples;
+    std::vector<std::uint16_t> samples;  ///< value, neighbour's value, ...
   };
   [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
   [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,

@@ -149,6 +149,8 @@ void EventStream::unsubscribe(const std::shared_ptr<EventSubscription>& subscrip
   std::erase(subscriptions_, subscription);
 }
 
+void EventStream::end(EventSubscription& subscription) { subscription.close(); }
+
 void EventStream::close() {
   const std::lock_guard lock(mutex_);
   is_closed_ = true;

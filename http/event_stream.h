@@ -81,6 +81,8 @@ class EventStream {
   [[nodiscard]] std::shared_ptr<EventSubscription> subscribe(
       std::optional<std::int64_t> last_event_id, std::function<void()> wake);
   void unsubscribe(const std::shared_ptr<EventSubscription>& subscription);
+  /// Ends one: it is woken and reads the end.
+  static void end(EventSubscription& subscription);
   /// Ends every subscription, those to come included.
   void close();
 

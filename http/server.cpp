@@ -13,6 +13,7 @@
 #include <optional>
 #include <stop_token>
 #include <thread>
+#include <tuple>
 #include <unordered_map>
 #include <utility>
 
@@ -20,11 +21,14 @@
 #include <fmt/format.h>
 #include <microhttpd.h>
 #include <netinet/in.h>
+#include <strings.h>
 #include <sys/random.h>
 #include <sys/socket.h>
 
 #include "core/log.h"
+#include "http/request_worker.h"
 #include "http/static_files.h"
+#include "http/stranger.h"
 
 namespace haarlight {
 namespace {
@@ -38,9 +42,13 @@ constexpr std::string_view kLoginPath = "/v1/login";
 
 /// What a socket is doing; guarded by Impl::mutex.
 struct Connection {
-  enum class State { waiting, busy, streaming };
+  /// waiting for a request's header; busy with its body or its answer; working: a lane has it
+  enum class State { waiting, busy, working, streaming };
   int fd = -1;
   State state = State::waiting;
+  std::string address;                              ///< of the other side, without its port
+  bool has_token = false;                           ///< streaming: of the one who listens
+  std::shared_ptr<EventSubscription> subscription;  ///< streaming
   Clock::time_point since;
   bool is_doomed = false;  ///< shut down, its close is on the way
 };
@@ -53,6 +61,7 @@ struct Exchange {
   bool is_login = false;
   bool has_header = false;  ///< the first call of the access handler is done
   bool is_too_large = false;
+  std::optional<HttpResponse> answer;  ///< of a lane, once the connection is resumed
 };
 
 bool equal_in_constant_time(std::string_view a, std::string_view b) {
@@ -117,6 +126,39 @@ std::string_view header_of(MHD_Connection* connection, const char* name) {
   return value == nullptr ? std::string_view{} : std::string_view(value);
 }
 
+std::string address_of(const sockaddr* address) {
+  char text[INET6_ADDRSTRLEN] = "";
+  if (address != nullptr && address->sa_family == AF_INET) {
+    inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text,
+              sizeof(text));
+  } else if (address != nullptr && address->sa_family == AF_INET6) {
+    inet_ntop(AF_INET6, &reinterpret_cast<const sockaddr_in6*>(address)->sin6_addr, text,
+              sizeof(text));
+  }
+  return text;
+}
+
+extern "C" {
+static MHD_Result haarlight_take_host(void* cls, MHD_ValueKind /*kind*/, const char* name,
+                                      const char* value) {
+  if (name != nullptr && ::strcasecmp(name, MHD_HTTP_HEADER_HOST) == 0) {
+    static_cast<std::vector<std::string_view>*>(cls)->emplace_back(value == nullptr ? ""
+                                                                                    : value);
+  }
+  return MHD_YES;
+}
+}
+
+Caller caller_of(MHD_Connection* connection) {
+  Caller caller;
+  MHD_get_connection_values(connection, MHD_HEADER_KIND, haarlight_take_host, &caller.hosts);
+  caller.origin = header_of(connection, MHD_HTTP_HEADER_ORIGIN);
+  caller.fetch_site = header_of(connection, "Sec-Fetch-Site");
+  caller.fetch_mode = header_of(connection, "Sec-Fetch-Mode");
+  caller.fetch_dest = header_of(connection, "Sec-Fetch-Dest");
+  return caller;
+}
+
 struct ResponseDelete {
   void operator()(MHD_Response* response) const noexcept { MHD_destroy_response(response); }
 };
@@ -146,7 +188,6 @@ struct Listener {
   MHD_Connection* connection = nullptr;
   std::shared_ptr<EventStream> stream;
   std::shared_ptr<EventSubscription> subscription;
-  std::atomic<std::size_t>* n_listeners = nullptr;
 };
 
 extern "C" {
@@ -166,7 +207,6 @@ static ssize_t haarlight_read_stream(void* cls, std::uint64_t /*position*/, char
 static void haarlight_free_stream(void* cls) {
   const std::unique_ptr<Listener> listener(static_cast<Listener*>(cls));
   listener->stream->unsubscribe(listener->subscription);
-  --*listener->n_listeners;
 }
 }
 
@@ -176,6 +216,7 @@ struct HttpServer::Impl {
   HttpServerConfig config;
   HttpSite site;
   bool is_loopback = true;
+  bool is_exposed = false;  ///< can be reached from elsewhere: reading needs the token too
   std::string session_key;
   int port = 0;
   MHD_Daemon* daemon = nullptr;
@@ -183,16 +224,20 @@ struct HttpServer::Impl {
   mutable std::mutex mutex;
   std::condition_variable_any tick;
   std::unordered_map<Connection*, std::unique_ptr<Connection>> connections;
-  std::size_t n_busy = 0;
-  std::atomic<std::size_t> n_listeners{0};
+  std::size_t n_busy = 0;  ///< working ones included
   std::atomic<std::uint64_t> n_requests{0};
   std::atomic<std::uint64_t> n_refused{0};
   std::uint64_t n_evicted = 0;    // mutex
   std::uint64_t n_timed_out = 0;  // mutex
+  RequestWorker looks;
+  RequestWorker works;
   std::jthread timer;
 
   Impl(HttpServerConfig asked, HttpSite pages)
-      : config(std::move(asked)), site(std::move(pages)) {}
+      : config(std::move(asked)),
+        site(std::move(pages)),
+        looks(config.max_waiting, config.lane_patience),
+        works(config.max_waiting, config.lane_patience) {}
   ~Impl();
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
@@ -203,6 +248,8 @@ struct HttpServer::Impl {
   void close_connection(Connection* known);
   void set_state(MHD_Connection* connection, Connection::State state);
   void make_room_locked(const Connection* newest);
+  /// False: every other listener has more right to its place.
+  bool make_room_for_listener(bool is_with_token);
   void doom_locked(Connection& connection);
   void close_late_locked(Clock::time_point now);
   void run_timer(const std::stop_token& stop);
@@ -211,11 +258,12 @@ struct HttpServer::Impl {
   MHD_Result receive(MHD_Connection* connection, const char* method, const char* upload,
                      std::size_t* upload_size, void** context);
   std::optional<HttpResponse> refuse(MHD_Connection* connection, Exchange& exchange);
-  [[nodiscard]] std::optional<HttpResponse> refuse_stranger(MHD_Connection* connection) const;
   std::optional<HttpResponse> find_route(Exchange& exchange) const;
   [[nodiscard]] bool has_token(MHD_Connection* connection) const;
-  MHD_Result answer(MHD_Connection* connection, const Exchange& exchange);
-  [[nodiscard]] HttpResponse log_in(const Exchange& exchange) const;
+  MHD_Result answer(MHD_Connection* connection, Exchange& exchange);
+  /// Never throws.
+  [[nodiscard]] static HttpResponse respond(const Exchange& exchange);
+  [[nodiscard]] HttpResponse log_in(MHD_Connection* connection, const Exchange& exchange) const;
   MHD_Result send(MHD_Connection* connection, const HttpResponse& response);
   MHD_Result send_file(MHD_Connection* connection, const Exchange& exchange);
   MHD_Result send_stream(MHD_Connection* connection, const Exchange& exchange);
@@ -224,6 +272,10 @@ struct HttpServer::Impl {
 };
 
 namespace {
+
+bool is_busy(Connection::State state) {
+  return state == Connection::State::busy || state == Connection::State::working;
+}
 
 Connection* connection_context(MHD_Connection* connection) {
   const MHD_ConnectionInfo* info =
@@ -240,6 +292,9 @@ void HttpServer::Impl::open_connection(MHD_Connection* connection, void** contex
       MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
   auto known = std::make_unique<Connection>();
   known->fd = info == nullptr ? -1 : info->connect_fd;
+  const MHD_ConnectionInfo* peer =
+      MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
+  known->address = address_of(peer == nullptr ? nullptr : peer->client_addr);
   known->since = Clock::now();
   *context = known.get();
   const std::lock_guard lock(mutex);
@@ -254,9 +309,7 @@ void HttpServer::Impl::close_connection(Connection* known) {
   if (it == connections.end()) {
     return;
   }
-  if (known->state == Connection::State::busy) {
-    --n_busy;
-  }
+  n_busy -= is_busy(known->state) ? 1 : 0;
   connections.erase(it);
 }
 
@@ -266,8 +319,8 @@ void HttpServer::Impl::set_state(MHD_Connection* connection, Connection::State s
     return;
   }
   const std::lock_guard lock(mutex);
-  n_busy -= known->state == Connection::State::busy ? 1 : 0;
-  n_busy += state == Connection::State::busy ? 1 : 0;
+  n_busy -= is_busy(known->state) ? 1 : 0;
+  n_busy += is_busy(state) ? 1 : 0;
   known->state = state;
   known->since = Clock::now();
 }
@@ -287,7 +340,8 @@ void HttpServer::Impl::make_room_locked(const Connection* newest) {
       continue;
     }
     ++n_alive;
-    if (connection.get() == newest || connection->state == Connection::State::streaming) {
+    if (connection.get() == newest || connection->state == Connection::State::streaming ||
+        connection->state == Connection::State::working) {  // it ends by itself
       continue;
     }
     const auto rank = [](const Connection& c) {
@@ -303,13 +357,47 @@ void HttpServer::Impl::make_room_locked(const Connection* newest) {
   }
 }
 
+bool HttpServer::Impl::make_room_for_listener(bool is_with_token) {
+  std::shared_ptr<EventSubscription> ended;
+  {
+    const std::lock_guard lock(mutex);
+    std::vector<Connection*> listeners;
+    std::unordered_map<std::string, std::size_t> n_of_address;
+    for (const auto& [key, other] : connections) {
+      if (other->state == Connection::State::streaming && !other->is_doomed) {
+        listeners.push_back(other.get());
+        ++n_of_address[other->address];
+      }
+    }
+    if (listeners.size() < config.max_listeners) {
+      return true;
+    }
+    const auto right = [&](const Connection* c) {
+      return std::tuple(c->has_token, -static_cast<std::ptrdiff_t>(n_of_address[c->address]),
+                        c->since);
+    };
+    Connection* last = *std::min_element(
+        listeners.begin(), listeners.end(),
+        [&](const Connection* a, const Connection* b) { return right(a) < right(b); });
+    if (last->has_token && !is_with_token) {
+      return false;
+    }
+    doom_locked(*last);
+    ++n_evicted;
+    ended = last->subscription;
+  }
+  EventStream::end(*ended);  // a sleeping one does not see that its connection was shut down
+  return true;
+}
+
 void HttpServer::Impl::close_late_locked(Clock::time_point now) {
   for (const auto& [key, connection] : connections) {
-    if (connection->is_doomed || connection->state == Connection::State::streaming) {
+    if (connection->is_doomed || connection->state == Connection::State::streaming ||
+        connection->state == Connection::State::working) {
       continue;
     }
-    const bool is_busy = connection->state == Connection::State::busy;
-    if (now - connection->since > (is_busy ? config.request_timeout : config.idle_timeout)) {
+    const bool has_header = connection->state == Connection::State::busy;
+    if (now - connection->since > (has_header ? config.request_timeout : config.idle_timeout)) {
       doom_locked(*connection);
       ++n_timed_out;
     }
@@ -341,38 +429,6 @@ void HttpServer::Impl::run_timer(const std::stop_token& stop) {
 }
 
 // ---- requests ------------------------------------------------------------------------------
-
-std::optional<HttpResponse> HttpServer::Impl::refuse_stranger(
-    MHD_Connection* connection) const {
-  const auto host = parse_authority(header_of(connection, MHD_HTTP_HEADER_HOST));
-  if (!host) {
-    return error_response(400, "no usable Host header", "Host", "name the server's address");
-  }
-  const auto is_ours = [&](const Authority& authority) {
-    // A name can be made to point anywhere (DNS rebinding), a number cannot.
-    if (authority.is_loopback || (authority.is_ip_literal && !is_loopback)) {
-      return true;
-    }
-    return std::find(config.allowed_hosts.begin(), config.allowed_hosts.end(),
-                     authority.host) != config.allowed_hosts.end();
-  };
-  if (!is_ours(*host)) {
-    return error_response(403, fmt::format("this server is not \"{}\"", host->host), "Host",
-                          "use the numeric address, or add the name to the allowed hosts");
-  }
-  const std::string_view origin = header_of(connection, MHD_HTTP_HEADER_ORIGIN);
-  if (origin.empty()) {
-    return std::nullopt;
-  }
-  for (const std::string_view scheme : {"http://", "https://"}) {
-    if (origin.substr(0, scheme.size()) == scheme &&
-        origin.substr(scheme.size()) == header_of(connection, MHD_HTTP_HEADER_HOST)) {
-      return std::nullopt;
-    }
-  }
-  return error_response(403, "a page of another site may not talk to this server", "Origin",
-                        "open the page from this server's own address");
-}
 
 std::optional<std::vector<std::string>> HttpServer::Impl::static_segments(
     const std::vector<std::string>& segments) const {
@@ -438,10 +494,14 @@ bool HttpServer::Impl::has_token(MHD_Connection* connection) const {
 
 std::optional<HttpResponse> HttpServer::Impl::refuse(MHD_Connection* connection,
                                                      Exchange& exchange) {
-  if (auto response = refuse_stranger(connection)) {
+  const Caller caller = caller_of(connection);
+  if (auto response = refuse_stranger(caller, is_loopback, config.allowed_hosts)) {
     return response;
   }
   if (auto response = find_route(exchange)) {
+    return response;
+  }
+  if (auto response = refuse_cross_site(caller, exchange.entry == nullptr)) {
     return response;
   }
   const bool is_always = exchange.entry != nullptr && exchange.entry->route.is_always;
@@ -453,8 +513,8 @@ std::optional<HttpResponse> HttpServer::Impl::refuse(MHD_Connection* connection,
     }
   }
   const Access access = exchange.entry == nullptr ? Access::open : exchange.entry->route.access;
-  const bool needs_token = !config.token.empty() && (access == Access::write ||
-                                                     (access == Access::read && !is_loopback));
+  const bool needs_token = !config.token.empty() &&
+                           (access == Access::write || (access == Access::read && is_exposed));
   if (needs_token && !has_token(connection)) {
     HttpResponse response =
         error_response(401, "the token is missing or wrong", exchange.request.path,
@@ -506,14 +566,18 @@ MHD_Result HttpServer::Impl::receive(MHD_Connection* connection, const char* met
   return answer(connection, exchange);
 }
 
-MHD_Result HttpServer::Impl::answer(MHD_Connection* connection, const Exchange& exchange) {
+MHD_Result HttpServer::Impl::answer(MHD_Connection* connection, Exchange& exchange) {
+  if (exchange.answer) {
+    set_state(connection, Connection::State::busy);
+    return send(connection, *exchange.answer);
+  }
   if (exchange.is_too_large) {
     return send(connection,
                 error_response(413, "the body is too large", exchange.request.path,
                                fmt::format("send at most {} bytes", config.max_body_bytes)));
   }
   if (exchange.is_login) {
-    return send(connection, log_in(exchange));
+    return send(connection, log_in(connection, exchange));
   }
   if (exchange.entry == nullptr) {
     return send_file(connection, exchange);
@@ -521,19 +585,41 @@ MHD_Result HttpServer::Impl::answer(MHD_Connection* connection, const Exchange& 
   if (exchange.entry->stream) {
     return send_stream(connection, exchange);
   }
+  const HttpRoute& route = exchange.entry->route;
+  if (route.lane == Lane::here) {
+    return send(connection, respond(exchange));
+  }
+  const std::string client = exchange.request.query_or("client", "");
+  set_state(connection, Connection::State::working);
+  MHD_suspend_connection(connection);
+  // The exchange lives until the connection is resumed, which `done` does, once.
+  (route.lane == Lane::work ? works : looks)
+      .push({.key = route.lane == Lane::work && !client.empty() ? route.pattern + " " + client
+                                                                : std::string(),
+             .answer = [&exchange] { return respond(exchange); },
+             .done =
+                 [connection, &exchange](HttpResponse response) {
+                   exchange.answer = std::move(response);
+                   MHD_resume_connection(connection);
+                 }});
+  return MHD_YES;
+}
+
+HttpResponse HttpServer::Impl::respond(const Exchange& exchange) {
   try {
-    return send(connection, exchange.entry->route.handler(exchange.request));
+    return exchange.entry->route.handler(exchange.request);
   } catch (const Error& error) {
-    return send(connection, error_response(error));
+    return error_response(error);
   } catch (const std::exception& error) {
     log_error(fmt::format("http: {} {}: {}", exchange.request.method, exchange.request.path,
                           error.what()));
-    return send(connection, error_response(500, "the server made a mistake",
-                                           exchange.request.path, "the log has the details"));
+    return error_response(500, "the server made a mistake", exchange.request.path,
+                          "the log has the details");
   }
 }
 
-HttpResponse HttpServer::Impl::log_in(const Exchange& exchange) const {
+HttpResponse HttpServer::Impl::log_in(MHD_Connection* connection,
+                                      const Exchange& exchange) const {
   std::string_view given = exchange.request.body;
   while (!given.empty() &&
          (given.back() == '\n' || given.back() == '\r' || given.back() == ' ')) {
@@ -546,8 +632,10 @@ HttpResponse HttpServer::Impl::log_in(const Exchange& exchange) const {
     return error_response(401, "the token is wrong", std::string(kLoginPath),
                           "the daemon's token file has it");
   }
-  const std::string cookie =
-      fmt::format("{}={}; HttpOnly; SameSite=Strict; Path=/", kCookieName, session_key);
+  // A page that came by TLS never gives its cookie away without.
+  const bool is_tls = header_of(connection, MHD_HTTP_HEADER_ORIGIN).starts_with("https://");
+  const std::string cookie = fmt::format("{}={}; HttpOnly; SameSite=Strict; Path=/{}",
+                                         kCookieName, session_key, is_tls ? "; Secure" : "");
   return {204, "", "", {{"Set-Cookie", cookie}}};
 }
 
@@ -600,17 +688,16 @@ MHD_Result HttpServer::Impl::send_stream(MHD_Connection* connection, const Excha
     }
     last_id = id;
   }
-  if (n_listeners.load() >= config.max_listeners) {
+  const bool is_with_token = !config.token.empty() && has_token(connection);
+  if (!make_room_for_listener(is_with_token)) {
     return send(connection, error_response(503, "too many listeners", exchange.request.path,
-                                           "close another page"));
+                                           "close another page, or log in"));
   }
   auto listener = std::make_unique<Listener>();
   listener->connection = connection;
   listener->stream = exchange.entry->stream;
-  listener->n_listeners = &n_listeners;
   listener->subscription =
       listener->stream->subscribe(last_id, [connection] { MHD_resume_connection(connection); });
-  ++n_listeners;
   Listener* raw = listener.get();
   const ResponseHandle handle(MHD_create_response_from_callback(
       MHD_SIZE_UNKNOWN, 4096, haarlight_read_stream, raw, haarlight_free_stream));
@@ -622,6 +709,11 @@ MHD_Result HttpServer::Impl::send_stream(MHD_Connection* connection, const Excha
   ++n_requests;
   add_common_headers(handle.get(), "text/event-stream", "no-store");
   add_header(handle.get(), "X-Accel-Buffering", "no");
+  if (Connection* known = connection_context(connection); known != nullptr) {
+    const std::lock_guard lock(mutex);
+    known->has_token = is_with_token;
+    known->subscription = raw->subscription;
+  }
   set_state(connection, Connection::State::streaming);
   return MHD_queue_response(connection, MHD_HTTP_OK, handle.get());
 }
@@ -694,10 +786,19 @@ static void haarlight_log_http(void* /*cls*/, const char* format, va_list argume
 void HttpServer::Impl::start() {
   const BindAddress address = parse_bind_address(config.address, config.port);
   is_loopback = address.is_loopback;
-  if (!is_loopback && config.token.empty()) {
-    throw Error(fmt::format("{} can be reached from other machines and there is no token",
-                            config.address),
-                "http.address", "set http.token_file, or listen on 127.0.0.1");
+  is_exposed = !is_loopback || !config.allowed_hosts.empty();
+  if (is_exposed && config.token.empty()) {
+    throw Error(
+        fmt::format("{} can be reached from other machines and there is no token",
+                    is_loopback ? config.allowed_hosts.front() : config.address),
+        is_loopback ? "http.allowed_hosts" : "http.address",
+        is_loopback ? "set http.token_file" : "set http.token_file, or listen on 127.0.0.1");
+  }
+  for (const std::string& host : config.allowed_hosts) {
+    if (!parse_authority(host)) {
+      throw Error(fmt::format("\"{}\" is no name of a host", host), "http.allowed_hosts",
+                  "write for example \"rig.example\" or \"rig.example:8443\"");
+    }
   }
   if (!config.token.empty() && config.token.size() < kMinTokenLength) {
     throw Error(fmt::format("the token has {} characters", config.token.size()),
@@ -755,9 +856,12 @@ HttpServer::Impl::~Impl() {
     timer.request_stop();
     timer.join();
   }
+  // None may sleep while the server stops.
+  looks.close();
+  works.close();
   for (const HttpSite::Entry& entry : site.entries()) {
     if (entry.stream) {
-      entry.stream->close();  // wakes every listener: none may sleep while the daemon stops
+      entry.stream->close();  // wakes every listener
     }
   }
   if (daemon != nullptr) {

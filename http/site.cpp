@@ -44,19 +44,19 @@ void HttpSite::add(HttpRoute route) {
   insert({std::move(pattern), std::move(route), nullptr});
 }
 
-void HttpSite::get(std::string pattern, HttpHandler handler) {
-  add({"GET", std::move(pattern), std::move(handler), Access::read, false});
+void HttpSite::get(std::string pattern, HttpHandler handler, Lane lane) {
+  add({"GET", std::move(pattern), std::move(handler), Access::read, false, lane});
 }
 
-void HttpSite::post(std::string pattern, HttpHandler handler) {
-  add({"POST", std::move(pattern), std::move(handler), Access::write, false});
+void HttpSite::post(std::string pattern, HttpHandler handler, Lane lane) {
+  add({"POST", std::move(pattern), std::move(handler), Access::write, false, lane});
 }
 
 void HttpSite::add_events(std::string pattern, std::shared_ptr<EventStream> stream) {
   HAARLIGHT_EXPECTS(stream != nullptr, "an event stream");
   PathPattern compiled(pattern);
   insert({std::move(compiled),
-          {"GET", std::move(pattern), {}, Access::read, false},
+          {"GET", std::move(pattern), {}, Access::read, false, Lane::here},
           std::move(stream)});
 }
 

@@ -51,9 +51,22 @@ enum class Access {
   write,  ///< the token is needed when there is one (there must be one off loopback)
 };
 
-/// A handler runs on the one HTTP thread: it looks things up or leaves a message for another
-/// thread, and never waits. A haarlight::Error becomes error_response(error); any other
-/// exception becomes 500 and a line in the log.
+/// Which thread runs a handler.
+enum class Lane {
+  /// The one HTTP thread, beside all-off: only what takes microseconds whatever the plan, the
+  /// session or the number of clients, and never waits.
+  here,
+  /// What reads a session, the disk or a picture: one thread for all of these, with a bounded
+  /// queue (503 with Retry-After beyond it).
+  look,
+  /// Seconds of reckoning, as a plan's: a thread and queue of its own, so that looks need not
+  /// wait. With ?client=NAME a newer request of that client for the same path takes the place
+  /// of one that still waits (409).
+  work,
+};
+
+/// A haarlight::Error becomes error_response(error); any other exception becomes 500 and a line
+/// in the log. Those of one lane never run at the same time.
 using HttpHandler = std::function<HttpResponse(const HttpRequest& request)>;
 
 struct HttpRoute {
@@ -62,6 +75,7 @@ struct HttpRoute {
   HttpHandler handler;
   Access access = Access::read;
   bool is_always = false;  ///< served even when the server is overloaded and refuses the others
+  Lane lane = Lane::look;
 };
 
 /// Filled before the server starts; the server takes it by value.
@@ -69,8 +83,9 @@ class HttpSite {
  public:
   /// @throws ContractViolation  a pattern that PathPattern refuses, or a route given twice
   void add(HttpRoute route);
-  void get(std::string pattern, HttpHandler handler);   ///< Access::read
-  void post(std::string pattern, HttpHandler handler);  ///< Access::write
+  /// Access::read and Access::write.
+  void get(std::string pattern, HttpHandler handler, Lane lane = Lane::look);
+  void post(std::string pattern, HttpHandler handler, Lane lane = Lane::look);
 
   /// GET `pattern` is an event stream. Last-Event-ID resumes it.
   void add_events(std::string pattern, std::shared_ptr<EventStream> stream);

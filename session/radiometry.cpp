@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -17,10 +18,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kStrip = 64;  // rows of a TIFF's strip, read at once
-// Two exposures are compared where the shorter has this signal to noise ratio, and the longer
-// is below this share of the clip level: noise selects nothing there.
+// Two exposures are compared where a sample's neighbours let expect this signal to noise ratio
+// of the shorter, and less than this share of the clip level of the longer.
 constexpr double kComparedSnr = 10.0;
 constexpr double kComparedShare = 0.7;
+constexpr double kSureSigmas = 5.0;  // of the levels' ratio: beyond it is no noise
 constexpr double kMovedSigmas = 6.0;
 
 double rounded(double value) {
@@ -67,7 +69,13 @@ void MergeTally::add(const MergeTally& other) {
     LevelPair& sum = levels[scales];
     sum.sum_longer += pair.sum_longer;
     sum.sum_predicted += pair.sum_predicted;
+    sum.var_longer += pair.var_longer;
+    sum.var_predicted += pair.var_predicted;
   }
+}
+
+double LevelPair::sigma() const {
+  return std::sqrt(var_longer + ratio() * ratio() * var_predicted) / sum_predicted;
 }
 
 /// What is the same for all samples of one frame. In steps (DN) where the noise is unknown:
@@ -190,6 +198,54 @@ double Radiometry::step_of(const ScaledFrame& frame) const {
              : 0.0;
 }
 
+/// One row of a strip: samples[i * n_frames + k] is sample i of exposure k, shortest first.
+struct Radiometry::StripRow {
+  std::span<const ExposureSample> samples;
+  std::size_t n_frames = 0;
+  std::size_t channels = 1;
+};
+
+void Radiometry::compare_levels(const StripRow& row, std::vector<LevelPair>& levels) const {
+  const std::size_t m = row.n_frames;
+  const std::size_t n = row.samples.size() / m;
+  const std::size_t step = 2 * row.channels;  // the same colour, in a mosaic too
+  for (std::size_t i = 0; i < n; ++i) {
+    for (std::size_t k = 1; k < m; ++k) {
+      const ExposureSample& shorter = row.samples[i * m + k - 1];
+      const ExposureSample& longer = row.samples[i * m + k];
+      if (shorter.is_clipped() || longer.is_clipped()) {
+        continue;
+      }
+      // What the neighbours see in both exposures: their noise is not this sample's.
+      double signal = 0.0;
+      double per_unit = 0.0;
+      for (const std::size_t j : {i - step, i + step}) {
+        if (j < n) {  // i - step wraps round at the left edge
+          for (const std::size_t e : {k - 1, k}) {
+            const ExposureSample& s = row.samples[j * m + e];
+            signal += s.electrons;
+            per_unit += s.per_unit;
+          }
+        }
+      }
+      if (!(per_unit > 0.0)) {
+        continue;
+      }
+      const double radiance = std::max(signal / per_unit, 0.0);
+      const double expected = radiance * shorter.per_unit;
+      if (expected > kComparedSnr * std::sqrt(expected + shorter.floor) &&
+          radiance * longer.per_unit < kComparedShare * longer.clip) {
+        const double scale = longer.per_unit / shorter.per_unit;
+        LevelPair& pair = levels[k];
+        pair.sum_longer += longer.electrons;
+        pair.sum_predicted += shorter.electrons * scale;
+        pair.var_longer += radiance * longer.per_unit + longer.floor;
+        pair.var_predicted += (expected + shorter.floor) * scale * scale;
+      }
+    }
+  }
+}
+
 void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
                                RadianceRows& out) const {
   const FrameForm& form = session_->info().form;
@@ -209,8 +265,10 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
     }
     words.push_back(session_->read_rows(*frame.frame, y0, y1));
   }
-  std::vector<ExposureSample> samples(n_frames);
+  std::vector<ExposureSample> row(row_samples * n_frames);
   for (std::size_t i = 0; i < n; ++i) {
+    const std::span<ExposureSample> samples =
+        std::span(row).subspan(i % row_samples * n_frames, n_frames);
     const std::size_t at = in_picture + i;
     const double flat = flat_.relative.is_empty() ? 1.0 : flat_.relative.pixels()[at];
     for (std::size_t k = 0; k < n_frames; ++k) {
@@ -248,20 +306,13 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
     }
     MergeTally& tally = out.tally;
     ++tally.n_pixels;
-    if (n_frames < 2 || merged.n_used < 2) {
-      continue;
+    if (n_frames > 1 && merged.n_used > 1) {
+      ++tally.n_compared;
+      tally.n_moved +=
+          merged.chi_square > kMovedSigmas * kMovedSigmas + merged.n_used ? 1U : 0U;
     }
-    ++tally.n_compared;
-    tally.n_moved += merged.chi_square > kMovedSigmas * kMovedSigmas + merged.n_used ? 1U : 0U;
-    for (std::size_t k = 1; k < n_frames; ++k) {
-      const ExposureSample& shorter = samples[k - 1];
-      const ExposureSample& longer = samples[k];
-      const double noise = std::sqrt(std::max(shorter.electrons, 0.0) + shorter.floor);
-      if (shorter.electrons > kComparedSnr * noise &&
-          longer.electrons < kComparedShare * longer.clip) {
-        levels[k].sum_longer += longer.electrons;
-        levels[k].sum_predicted += shorter.electrons * longer.per_unit / shorter.per_unit;
-      }
+    if (n_frames > 1 && (i + 1) % row_samples == 0) {
+      compare_levels({row, n_frames, static_cast<std::size_t>(form.channels)}, levels);
     }
   }
   for (std::size_t k = 1; k < n_frames; ++k) {
@@ -269,6 +320,8 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
       LevelPair& pair = out.tally.levels[{factors[k - 1].scale, factors[k].scale}];
       pair.sum_longer += levels[k].sum_longer;
       pair.sum_predicted += levels[k].sum_predicted;
+      pair.var_longer += levels[k].var_longer;
+      pair.var_predicted += levels[k].var_predicted;
     }
   }
 }
@@ -313,11 +366,12 @@ double Radiometry::dark_sigma(const PatternGroup& group) const {
 
 void Radiometry::require_levels(const MergeTally& tally) const {
   for (const auto& [scales, pair] : tally.levels) {
-    if (std::abs(pair.ratio() - 1.0) > options_.max_level_error) {
+    const double sigma = response_.is_measured ? pair.sigma() : 0.0;
+    if (std::abs(pair.ratio() - 1.0) > options_.max_level_error + kSureSigmas * sigma) {
       throw Error(
-          fmt::format("an exposure {:.4g} times longer is only {:.4f} times as bright as the "
-                      "shorter one predicts (allowed: {:.0f} % off)",
-                      scales.second / scales.first, pair.ratio(),
+          fmt::format("an exposure {:.4g} times longer is {:.4f} +- {:.4f} times as bright as "
+                      "the shorter one predicts (allowed: {:.0f} % off)",
+                      scales.second / scales.first, pair.ratio(), sigma,
                       100.0 * options_.max_level_error),
           session_->folder().string(),
           "correct the black level, check that the camera takes its exposures on, or allow it "

@@ -32,11 +32,17 @@ struct RadiometryOptions {
   [[nodiscard]] std::string key() const;
 };
 
-/// The level of a longer exposure against what the one before it predicts.
+/// The level of a longer exposure against what the one before it predicts, over samples chosen
+/// by their neighbours of the same colour: whether a sample counts says nothing about its own
+/// noise.
 struct LevelPair {
   double sum_longer = 0.0;
   double sum_predicted = 0.0;
+  double var_longer = 0.0;  ///< of the sums, by photon and read noise
+  double var_predicted = 0.0;
   [[nodiscard]] double ratio() const { return sum_longer / sum_predicted; }
+  /// Standard error of ratio().
+  [[nodiscard]] double sigma() const;
 };
 
 /// Counted while pictures are measured; summed over bands and patterns.
@@ -78,6 +84,7 @@ class Radiometry {
   [[nodiscard]] RadianceRows measure(const PatternGroup& group, const Rows& rows) const;
 
   /// @throws Error  an exposure whose level contradicts the others by more than max_level_error
+  /// and 5 standard errors of the ratio
   void require_levels(const MergeTally& tally) const;
 
   /// Standard deviation of a pattern's radiance by the dark model's own noise, the same in
@@ -101,6 +108,8 @@ class Radiometry {
   struct Factors;
   void measure_flat_field(const ExposurePlan& plan, Transfer transfer);
   [[nodiscard]] Factors factors_of(const ScaledFrame& frame) const;
+  struct StripRow;
+  void compare_levels(const StripRow& row, std::vector<LevelPair>& levels) const;
   void measure_strip(const PatternGroup& group, const Rows& rows, int y0, int y1,
                      RadianceRows& out) const;
 

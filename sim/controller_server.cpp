@@ -675,6 +675,12 @@ void ControllerServer::set_temperature(double temperature_c) {
     return 0;
   });
 }
+void ControllerServer::set_late_acting(const LateActing& late) {
+  impl_->with_controller([&late](LightController& c, std::int64_t) {
+    c.set_late_acting(late);
+    return 0;
+  });
+}
 void ControllerServer::unplug_rtu() { impl_->unplug(); }
 void ControllerServer::replug_rtu() { impl_->replug(); }
 void ControllerServer::set_reply_delay(std::chrono::microseconds delay) {

@@ -1,6 +1,10 @@
 #include <algorithm>
+#include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <memory>
+#include <mutex>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -23,7 +27,7 @@ HttpSite small_site() {
   });
   site.add({"POST", "/v1/all-off",
             [](const HttpRequest&) { return HttpResponse{.body = "dark"}; }, Access::write,
-            true});
+            true, Lane::here});
   return site;
 }
 
@@ -148,19 +152,163 @@ TEST(HttpLimits, ServesAllOffButNoOtherWhenOverloaded) {
   EXPECT_EQ(exchange(server.port(), "POST", "/v1/all-off").body, "dark");
 }
 
-TEST(HttpLimits, LimitsListeners) {
+std::unique_ptr<RawClient> listen(int port, const std::string& headers = {}) {
+  auto client = std::make_unique<RawClient>(port);
+  client->send("GET /v1/events HTTP/1.1\r\nHost: localhost\r\n" + headers + "\r\n");
+  (void)client->read_until("retry", milliseconds(2000));
+  return client;
+}
+
+TEST(HttpLimits, ANewListenerTakesTheOldestOnesPlace) {
   auto stream = std::make_shared<EventStream>();
   HttpSite site = small_site();
   site.add_events("/v1/events", stream);
-  const HttpServer server({.max_listeners = 2}, std::move(site));
-  std::vector<std::unique_ptr<RawClient>> listeners;
-  for (int i = 0; i < 2; ++i) {
-    listeners.push_back(std::make_unique<RawClient>(server.port()));
-    listeners.back()->send("GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n");
-    (void)listeners.back()->read_until("retry");
+  const HttpServer server({.heartbeat = std::chrono::seconds(60)}, std::move(site));
+  std::vector<std::unique_ptr<RawClient>> silent;
+  for (int i = 0; i < 200; ++i) {
+    silent.push_back(listen(server.port()));
   }
-  EXPECT_EQ(exchange(server.port(), "GET", "/v1/events").status, 503);
+  const auto page = listen(server.port());
+  stream->publish(0, "state", "news");
+  EXPECT_NE(page->read_until("news", milliseconds(2000)).find("news"), std::string::npos);
+  EXPECT_TRUE(silent.front()->is_closed_within(milliseconds(2000)));
+  EXPECT_LE(stream->n_listeners(), 65U);  // one may be closing
   EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").status, 200);
+  EXPECT_EQ(server.counters().evicted, 137U);
+}
+
+TEST(HttpLimits, AListenerWithTheTokenGoesForNoneWithout) {
+  auto stream = std::make_shared<EventStream>();
+  HttpSite site = small_site();
+  site.add_events("/v1/events", stream);
+  const HttpServer server({.token = "0123456789abcdef", .max_listeners = 2}, std::move(site));
+  const std::string bearer = "Authorization: Bearer 0123456789abcdef\r\n";
+  const auto stranger = listen(server.port());
+  const auto first = listen(server.port(), bearer);
+  const auto second = listen(server.port(), bearer);
+  EXPECT_TRUE(stranger->is_closed_within(milliseconds(2000)));
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/events").status, 503);
+  stream->publish(0, "state", "news");
+  for (const auto& page : {&first, &second}) {
+    EXPECT_NE((*page)->read_until("news", milliseconds(2000)).find("news"), std::string::npos);
+  }
+  const auto third = listen(server.port(), bearer);
+  EXPECT_TRUE(first->is_closed_within(milliseconds(2000)));
+}
+
+/// A site whose POST /v1/dry-run lasts until it is let go.
+struct SlowSite {
+  std::mutex mutex;
+  std::condition_variable changed;
+  bool is_open = false;
+  std::atomic<int> n_begun{0};
+
+  HttpSite site() {
+    HttpSite site = small_site();
+    site.post(
+        "/v1/dry-run",
+        [this](const HttpRequest& request) {
+          ++n_begun;
+          std::unique_lock lock(mutex);
+          changed.wait(lock, [this] { return is_open; });
+          return HttpResponse{.body = request.body};
+        },
+        Lane::work);
+    return site;
+  }
+  void let_go() {
+    const std::lock_guard lock(mutex);
+    is_open = true;
+    changed.notify_all();
+  }
+};
+
+void send_dry_run(RawClient& client, const std::string& body, const std::string& query = {}) {
+  client.send("POST /v1/dry-run" + query + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: " +
+              std::to_string(body.size()) + "\r\n\r\n" + body);
+}
+
+TEST(HttpLimits, AllOffAndLooksDoNotWaitBehindWork) {
+  SlowSite slow;
+  const HttpServer server({}, slow.site());
+  RawClient asking(server.port());
+  send_dry_run(asking, "plan");
+  while (slow.n_begun == 0) {
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+  const std::vector<double> times_ms = all_off_times_ms(server.port(), 21);
+  EXPECT_LT(times_ms[times_ms.size() / 2], 100.0);
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/state").body, "{}");
+  slow.let_go();
+  EXPECT_EQ(asking.read_response()->body, "plan");
+}
+
+TEST(HttpLimits, TheQueueBeforeALaneIsBounded) {
+  SlowSite slow;
+  const HttpServer server({.max_waiting = 2}, slow.site());
+  std::vector<std::unique_ptr<RawClient>> asking;
+  for (int i = 0; i < 3; ++i) {
+    asking.push_back(std::make_unique<RawClient>(server.port()));
+    send_dry_run(*asking.back(), std::to_string(i));
+    while (slow.n_begun == 0) {  // the first is at work, the others wait
+      std::this_thread::sleep_for(milliseconds(1));
+    }
+  }
+  RawResponse full;
+  const auto deadline = Clock::now() + std::chrono::seconds(5);
+  while (full.status != 503 && Clock::now() < deadline) {
+    RawClient more(server.port());
+    send_dry_run(more, "more");
+    full = more.read_response(milliseconds(300)).value_or(RawResponse{});
+  }
+  EXPECT_EQ(full.status, 503);
+  EXPECT_EQ(full.headers["retry-after"], "1");
+  slow.let_go();
+  EXPECT_EQ(asking[0]->read_response()->body, "0");
+}
+
+TEST(HttpLimits, ANewerRequestOfTheSameClientTakesTheWaitingOnesPlace) {
+  SlowSite slow;
+  const HttpServer server({}, slow.site());
+  RawClient at_work(server.port());
+  send_dry_run(at_work, "first", "?client=a");
+  while (slow.n_begun == 0) {
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+  RawClient other(server.port());
+  send_dry_run(other, "other", "?client=b");
+  std::vector<std::unique_ptr<RawClient>> typed;
+  for (int i = 0; i < 20; ++i) {
+    typed.push_back(std::make_unique<RawClient>(server.port()));
+    send_dry_run(*typed.back(), std::to_string(i), "?client=a");
+    if (i > 0) {
+      EXPECT_EQ(typed[typed.size() - 2]->read_response()->status, 409);
+    }
+  }
+  slow.let_go();
+  EXPECT_EQ(at_work.read_response()->body, "first");
+  EXPECT_EQ(other.read_response()->body, "other");
+  EXPECT_EQ(typed.back()->read_response()->body, "19");
+  EXPECT_EQ(slow.n_begun, 3);
+}
+
+TEST(HttpLimits, EndsWhileWorkWaits) {
+  SlowSite slow;
+  auto server = std::make_unique<HttpServer>(HttpServerConfig{}, slow.site());
+  std::vector<std::unique_ptr<RawClient>> asking;
+  for (int i = 0; i < 8; ++i) {
+    asking.push_back(std::make_unique<RawClient>(server->port()));
+    send_dry_run(*asking.back(), "plan");
+  }
+  while (slow.n_begun == 0) {
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+  asking.pop_back();  // one goes away meanwhile
+  std::thread ending([&server] { server.reset(); });
+  std::this_thread::sleep_for(milliseconds(50));
+  slow.let_go();
+  ending.join();
+  EXPECT_EQ(slow.n_begun, 1);
 }
 
 }  // namespace

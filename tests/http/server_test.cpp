@@ -95,6 +95,34 @@ TEST(HttpServer, ReportsErrorsInOneForm) {
   EXPECT_EQ(exchange(server.port(), "DELETE", "/v1/run").headers.at("allow"), "POST");
 }
 
+TEST(HttpServer, RefusesTwoHostsAndPagesOfOtherSitesWithoutOrigin) {
+  const HttpServer server({}, echo_site());
+  const auto status = [&server](const std::string& headers) {
+    RawClient client(server.port());
+    client.send("GET /v1/state HTTP/1.1\r\n" + headers + "\r\n");
+    const auto response = client.read_response();
+    return response ? response->status : 0;
+  };
+  EXPECT_EQ(status("Host: localhost\r\nHost: evil.example\r\n"), 400);
+  EXPECT_EQ(status("Host: localhost\r\nhost: localhost\r\n"), 400);
+  EXPECT_EQ(status("Host: localhost\r\nSec-Fetch-Site: cross-site\r\n"), 403);
+  EXPECT_EQ(status("Host: localhost\r\nSec-Fetch-Site: same-origin\r\n"), 200);
+}
+
+TEST(HttpServer, BehindAProxyEverythingNeedsTheTokenAndAPostIsTaken) {
+  EXPECT_THROW(HttpServer({.allowed_hosts = {"rig.example"}}, echo_site()), Error);
+  const HttpServer server({.token = kToken, .allowed_hosts = {"rig.example"}}, echo_site());
+  const std::string page =
+      "Origin: https://rig.example\r\nSec-Fetch-Site: same-origin\r\n"
+      "X-Forwarded-For: 192.0.2.7\r\nX-Forwarded-Proto: https\r\n";
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/run", page, "p").status, 401);
+  EXPECT_EQ(exchange(server.port(), "GET", "/v1/state", page).status, 401);
+  EXPECT_EQ(exchange(server.port(), "POST", "/v1/run", page + kBearer, "p").status, 202);
+  const RawResponse login = exchange(server.port(), "POST", "/v1/login", page, kToken);
+  EXPECT_EQ(login.status, 204);
+  EXPECT_NE(login.headers.at("set-cookie").find("; Secure"), std::string::npos);
+}
+
 TEST(HttpServer, RefusesAForeignHostOrOrigin) {
   const HttpServer server({}, echo_site());
   const auto status = [&](std::string_view headers) {

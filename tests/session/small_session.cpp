@@ -147,9 +147,10 @@ void make_small_session(const fs::path& folder, int n_lights) {
 }
 
 void make_session(const fs::path& folder, const SessionInfo& info,
-                  const std::function<Image<std::uint16_t>(int shot)>& pixels) {
+                  const std::function<Image<std::uint16_t>(int shot)>& pixels,
+                  const std::string& rig_toml) {
   DiskStorage storage;
-  auto writer = SessionWriter::create(folder, info, "", kSmallPlan, 0, storage);
+  auto writer = SessionWriter::create(folder, info, rig_toml, kSmallPlan, 0, storage);
   const auto require = [](const auto& result) {
     if (!result) {
       throw std::runtime_error(result.error().what);

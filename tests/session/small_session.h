@@ -47,9 +47,10 @@ inline const std::string kSmallPlan = R"({"plan": "one at a time"})";
 void make_small_session(const std::filesystem::path& folder, int n_lights);
 
 /// A finished session of the given shots with asserted evidence; `pixels` gives a shot's stored
-/// rows.
+/// rows. A rig's text goes with info.rig_hash.
 void make_session(const std::filesystem::path& folder, const SessionInfo& info,
-                  const std::function<Image<std::uint16_t>(int shot)>& pixels);
+                  const std::function<Image<std::uint16_t>(int shot)>& pixels,
+                  const std::string& rig_toml = "");
 
 /// What must be equal between a disturbed and an undisturbed session: for every shot pattern,
 /// tag and pixel hash, with the plan's hash in front. Times, sequence numbers and attempts are

@@ -1,0 +1,91 @@
+#include "http/request_worker.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include <sys/resource.h>
+
+namespace haarlight {
+namespace {
+
+constexpr int kNice = 10;  // frames, lights and the HTTP thread go first
+
+HttpResponse overloaded() {
+  HttpResponse response =
+      error_response(503, "too much is asked at once", "the request", "try again in a second");
+  response.headers["Retry-After"] = "1";
+  return response;
+}
+
+}  // namespace
+
+RequestWorker::RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience)
+    : max_waiting_(max_waiting),
+      patience_(patience),
+      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+
+RequestWorker::~RequestWorker() { close(); }
+
+void RequestWorker::push(Job job) {
+  std::optional<Job> superseded;
+  bool is_taken = false;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto older =
+        job.key.empty() ? waiting_.end()
+                        : std::find_if(waiting_.begin(), waiting_.end(),
+                                       [&](const Waiting& w) { return w.job.key == job.key; });
+    if (is_closed_) {
+      // Refused below.
+    } else if (older != waiting_.end()) {
+      superseded = std::exchange(older->job, std::move(job));
+      older->since = Clock::now();
+      is_taken = true;
+    } else if (waiting_.size() < max_waiting_) {
+      waiting_.push_back({std::move(job), Clock::now()});
+      is_taken = true;
+    }
+  }
+  filled_.notify_one();
+  if (superseded) {
+    superseded->done(error_response(409, "a newer request of the same client stands for this",
+                                    "the request", "wait for the newer one's answer"));
+  }
+  if (!is_taken) {
+    job.done(overloaded());
+  }
+}
+
+void RequestWorker::close() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_closed_ = true;
+  }
+  thread_.request_stop();
+  if (thread_.joinable()) {
+    thread_.join();
+  }
+  for (Waiting& left : std::exchange(waiting_, {})) {  // nobody else touches it any more
+    left.job.done(overloaded());
+  }
+}
+
+void RequestWorker::run(const std::stop_token& stop) {
+  (void)::setpriority(PRIO_PROCESS, 0, kNice);  // Linux: of this thread alone
+  while (!stop.stop_requested()) {
+    std::optional<Waiting> next;
+    {
+      std::unique_lock lock(mutex_);
+      if (!filled_.wait(lock, stop, [this] { return !waiting_.empty(); }) ||
+          stop.stop_requested()) {
+        return;
+      }
+      next.emplace(std::move(waiting_.front()));
+      waiting_.pop_front();
+    }
+    next->job.done(Clock::now() - next->since > patience_ ? overloaded() : next->job.answer());
+  }
+}
+
+}  // namespace haarlight
