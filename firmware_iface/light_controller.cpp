@@ -289,7 +289,7 @@ void LightController::command(Pattern pattern, std::uint32_t tag, bool has_trigg
 
 void LightController::perform(const Act& act) {
   show(act.pattern, act.tag, act.t_ns);
-  if (late_.shows == LateActing::Shows::with_light || waiting_.empty()) {
+  if (late_.shows != LateActing::Shows::at_once || waiting_.empty()) {
     set_shown(act);
   }
   if (act.has_trigger) {

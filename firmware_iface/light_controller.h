@@ -61,6 +61,7 @@ struct LateActing {
     with_light,  ///< the status shows the new tag and sum when the light does: a gateway that
                  ///< forwards late, a controller that scans its registers in a cycle
     at_once,     ///< the status lies: it shows them with the acknowledgement
+    in_order,    ///< with_light, and what is asked next is answered only then: busy_until_ns
   };
   double share = 0.0;  ///< of the commands, drawn by (seed, number of the command)
   std::chrono::microseconds least{5'000};
@@ -107,6 +108,12 @@ class LightController {
   void set_interlock_open(bool is_open, std::int64_t now_ns);
   /// From the next command on.
   void set_late_acting(const LateActing& late) { late_ = late; }
+  /// LateActing::Shows::in_order: no request may be carried out before. Else the last time.
+  [[nodiscard]] std::int64_t busy_until_ns() const {
+    return late_.shows == LateActing::Shows::in_order && !waiting_.empty()
+               ? waiting_.back().t_ns
+               : now_ns_;
+  }
   /// Lets time pass: late acts, lease and thermal cuts happen at their own moment, not at
   /// `now_ns`.
   void advance(std::int64_t now_ns);

@@ -279,6 +279,11 @@ class ControllerServer::Impl {
   };
 
   Reply answer(const ModbusRequest& request) {
+    const std::int64_t busy_ns =
+        with_controller([](LightController& c, std::int64_t) { return c.busy_until_ns(); });
+    if (!sleep_until(busy_ns)) {
+      return {.pdu = {}, .fault = {}, .is_slept = false};
+    }
     WireExchange exchanged = exchange(request.pdu);
     const bool is_slept =
         exchanged.delay.count() == 0 || sleep_until(now_ns() + exchanged.delay.count());

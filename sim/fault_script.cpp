@@ -55,8 +55,8 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
       late->problem("most_ms", "is shorter than least_ms", "give the range from short to long");
     }
     if (late->has("shows")) {
-      l.shows =
-          static_cast<LateActing::Shows>(late->choice("shows", {"with_light", "at_once"}));
+      l.shows = static_cast<LateActing::Shows>(
+          late->choice("shows", {"with_light", "at_once", "in_order"}));
     }
   }
   root.finish();

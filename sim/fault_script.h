@@ -19,7 +19,8 @@
 ///     [[restart]]
 ///     at_s = 5.0   off_ms = 300
 ///     [late_light]
-///     share = 0.1   least_ms = 5.0   most_ms = 60.0   shows = "with_light"   # or "at_once"
+///     share = 0.1   least_ms = 5.0   most_ms = 60.0   shows = "with_light"   # "at_once",
+///     "in_order"
 
 namespace haarlight {
 

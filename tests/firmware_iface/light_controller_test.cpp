@@ -379,6 +379,11 @@ TEST(LightController, ALateOneThatIsHonestShowsTagAndSumWithItsLight) {
   EXPECT_EQ(c.lit().t_ns, 30 * kMs);
 }
 
+TEST(LightController, ALateOneInOrderIsBusyUntilItsLight) {
+  EXPECT_EQ(late_controller(LateActing::Shows::in_order).busy_until_ns(), 30 * kMs);
+  EXPECT_EQ(late_controller(LateActing::Shows::with_light).busy_until_ns(), 10 * kMs);
+}
+
 TEST(LightController, ALateOneThatLiesShowsThemBeforeItsLight) {
   LightController c = late_controller(LateActing::Shows::at_once);
   EXPECT_EQ(status_of(c, 11 * kMs).status.tag, 5U);
