@@ -132,6 +132,75 @@ Result<V4l2StreamFormat> choose_format(V4l2Device& device, const CameraSpec& spe
   return set;
 }
 
+/// Region and format. Which of the two keeps the other depends on the driver: both orders are
+/// tried, and what stands in the end is read back.
+Result<V4l2StreamFormat> choose_region(V4l2Device& device, const CameraSpec& spec,
+                                       const PixelFormat& format) {
+  const auto offered = device.crop();
+  if (!offered) {
+    return tl::unexpected<Fault>(offered.error());
+  }
+  if (!spec.v4l2.crop) {
+    // An earlier program's region would be kept. A driver that only tells of its region has
+    // had no other.
+    if (*offered && (*offered)->now != (*offered)->usual) {
+      const auto reset = device.set_crop((*offered)->usual);
+      if (!reset && reset.error().code != Errc::unsupported) {
+        return tl::unexpected<Fault>(reset.error());
+      }
+    }
+    return choose_format(device, spec, format);
+  }
+  if (!*offered) {
+    return fail(Errc::unsupported,
+                fmt::format("camera \"{}\", {}: its driver takes no region of the sensor; "
+                            "leave crop out",
+                            spec.id, device.node()));
+  }
+  const V4l2Rect wanted{(*spec.v4l2.crop)[0], (*spec.v4l2.crop)[1], spec.frame_width,
+                        spec.frame_height};
+  const V4l2Rect& whole = (*offered)->whole;
+  if (wanted.left < whole.left || wanted.top < whole.top ||
+      wanted.left + wanted.width > whole.left + whole.width ||
+      wanted.top + wanted.height > whole.top + whole.height) {
+    return fail(Errc::unsupported,
+                fmt::format("camera \"{}\", {}: the region {} lies outside of the sensor, {}",
+                            spec.id, device.node(), region_text(wanted), region_text(whole)));
+  }
+  V4l2Rect found = wanted;
+  for (const bool is_region_first : {true, false}) {
+    if (is_region_first) {
+      // What stands of it is seen below; a refusal may depend on the format of before.
+      if (auto set = device.set_crop(wanted); !set && set.error().code == Errc::device_gone) {
+        return tl::unexpected<Fault>(set.error());
+      }
+    }
+    auto set = choose_format(device, spec, format);
+    if (!set && (!is_region_first || set.error().code != Errc::unsupported)) {
+      return set;
+    }
+    if (!is_region_first) {
+      if (auto region = device.set_crop(wanted); !region) {
+        return tl::unexpected<Fault>(region.error());
+      }
+    }
+    const auto now = device.crop();
+    auto kept =
+        now ? device.format() : Result<V4l2StreamFormat>(tl::unexpected<Fault>(now.error()));
+    if (!kept) {
+      return kept;
+    }
+    found = *now ? (*now)->now : whole;
+    if (set && found == wanted && *kept == *set) {
+      return set;
+    }
+  }
+  return fail(Errc::refused,
+              fmt::format("camera \"{}\", {}: asked for the region {}, it set {}; write a crop "
+                          "and a size that it has",
+                          spec.id, device.node(), region_text(wanted), region_text(found)));
+}
+
 Result<double> choose_fps(V4l2Device& device, const CameraSpec& spec) {
   auto fps = device.set_fps(spec.fps);
   if (!fps && fps.error().code != Errc::unsupported) {
@@ -160,7 +229,7 @@ Result<V4l2Camera::Stream> V4l2Camera::open_stream(const CameraSpec& spec) {
   if (!device) {
     return tl::unexpected<Fault>(device.error());
   }
-  auto set = choose_format(*device, spec, *format);
+  auto set = choose_region(*device, spec, *format);
   if (!set) {
     return tl::unexpected<Fault>(set.error());
   }
@@ -172,7 +241,7 @@ Result<V4l2Camera::Stream> V4l2Camera::open_stream(const CameraSpec& spec) {
   if (!offered) {
     return tl::unexpected<Fault>(offered.error());
   }
-  auto controls = V4l2Controls::choose(*offered, spec);
+  auto controls = V4l2Controls::choose(*offered, spec, trigger_);
   if (!controls) {
     return tl::unexpected<Fault>(controls.error());
   }
@@ -236,6 +305,22 @@ Result<CameraSetup> V4l2Camera::start(const CameraSpec& spec) {
                      .gain_db = stream_->controls.gain_db(),
                      .use = stream_->format->use,
                      .identity = identity_text(*identity_)};
+}
+
+Result<void> V4l2Camera::set_trigger(TriggerSource source) {
+  trigger_ = source;
+  return {};
+}
+
+Result<void> V4l2Camera::trigger() {
+  if (stream_ == nullptr) {
+    return fail(Errc::device_gone, "V4L2 camera: not started");
+  }
+  auto fired = stream_->controls.fire(stream_->device);
+  if (!fired && fired.error().code != Errc::device_busy) {  // busy: at the frame before
+    return give_up(fired.error());
+  }
+  return {};
 }
 
 void V4l2Camera::stop() noexcept {

@@ -35,10 +35,10 @@ class V4l2Camera final : public Camera {
   V4l2Camera(const V4l2Camera&) = delete;
   V4l2Camera& operator=(const V4l2Camera&) = delete;
 
-  /// Finds the device (after the first time: the same one, under whatever node), sets format,
-  /// rate and controls and streams. Faults: device_gone, device_busy (another program has it,
-  /// no USB bandwidth), unsupported (not offered: the text lists what is), refused (set to
-  /// another value than asked; no right to open it), io.
+  /// Finds the device (after the first time: the same one, under whatever node), sets region,
+  /// format, rate and controls and streams. Faults: device_gone, device_busy (another program
+  /// has it, no USB bandwidth), unsupported (not offered: the text lists what is), refused (set
+  /// to another value than asked; no right to open it), io.
   [[nodiscard]] Result<CameraSetup> start(const CameraSpec& spec) override;
   /// EIO and a broken stream are answered by streaming anew, a few times without a good frame
   /// in between; then fault io (a new start reopens the device). A control that changed by
@@ -47,6 +47,9 @@ class V4l2Camera final : public Camera {
   /// Frames until `exposure_delay_frames` after the change say that their exposure is not
   /// known.
   [[nodiscard]] Result<double> set_exposure(double exposure_us) override;
+  /// The next start sets the rig file's `trigger` controls, and faults without them.
+  [[nodiscard]] Result<void> set_trigger(TriggerSource source) override;
+  [[nodiscard]] Result<void> trigger() override;
   void stop() noexcept override;
 
   [[nodiscard]] const V4l2Counters& counters() const { return counters_; }
@@ -67,7 +70,8 @@ class V4l2Camera final : public Camera {
 
   V4l2Places places_;
   std::optional<V4l2Identity> identity_;  ///< of the first start
-  bool is_depth_proven_ = false;          ///< a frame kept to the rig file's bits
+  TriggerSource trigger_ = TriggerSource::free;
+  bool is_depth_proven_ = false;  ///< a frame kept to the rig file's bits
   std::unique_ptr<Stream> stream_;
   V4l2Counters counters_;
 };

@@ -49,6 +49,7 @@ constexpr std::array kModes{
     Mode{control_id::kPowerLineFrequency, 0},
 };
 
+constexpr std::int64_t kFired = 1;             // a button takes any value
 constexpr double kExposureAbsoluteUs = 100.0;  // V4L2's unit of exposure_time_absolute
 
 bool is_entry(const V4l2Control& control, std::int64_t value) {
@@ -57,11 +58,15 @@ bool is_entry(const V4l2Control& control, std::int64_t value) {
 }
 
 bool is_in_range(const V4l2Control& control, std::int64_t value) {
-  return value >= control.min && value <= control.max &&
+  return control.kind != V4l2ControlKind::button && value >= control.min &&
+         value <= control.max &&
          (control.kind != V4l2ControlKind::menu || is_entry(control, value));
 }
 
 std::string range_text(const V4l2Control& control) {
+  if (control.kind == V4l2ControlKind::button) {
+    return "nothing: a button, for trigger.fire";
+  }
   if (control.kind != V4l2ControlKind::menu) {
     return fmt::format("{} to {}{}", control.min, control.max,
                        control.step > 1 ? fmt::format(" in steps of {}", control.step) : "");
@@ -78,14 +83,18 @@ std::string range_text(const V4l2Control& control) {
 /// Builds the list of one camera.
 class V4l2Controls::Chooser {
  public:
-  Chooser(const std::vector<V4l2Control>& offered, const CameraSpec& spec)
-      : offered_(offered), spec_(spec) {}
+  Chooser(const std::vector<V4l2Control>& offered, const CameraSpec& spec,
+          TriggerSource trigger)
+      : offered_(offered), spec_(spec), trigger_(trigger) {}
 
   Result<V4l2Controls> run() {
     chosen_.fixed_exposure_us_ = spec_.exposure_us;
     chosen_.noted_gain_db_ = spec_.gain_db;
     // In two rounds, so that "modes first" holds for the rig file's own modes too.
-    if (auto done = read_settings(); !done) {
+    if (auto done = read_settings(spec_.v4l2.controls); !done) {
+      return tl::unexpected<Fault>(done.error());
+    }
+    if (auto done = read_trigger(); !done) {
       return tl::unexpected<Fault>(done.error());
     }
     for (const Mode& mode : kModes) {
@@ -154,11 +163,17 @@ class V4l2Controls::Chooser {
     return {};
   }
 
-  Result<void> read_settings() {
-    for (const ControlSetting& setting : spec_.v4l2.controls) {
+  Result<void> read_settings(const std::vector<ControlSetting>& settings) {
+    for (const ControlSetting& setting : settings) {
       const V4l2Control* control = by_name(setting.name);
       if (control == nullptr) {
         return unknown(setting.name);
+      }
+      if (asked(control->id) != nullptr) {
+        return fail(Errc::unsupported,
+                    fmt::format("camera \"{}\": control {} is set twice under controls and "
+                                "trigger; remove one",
+                                spec_.id, control->name));
       }
       std::int64_t value = setting.value;
       if (!setting.entry.empty()) {
@@ -180,6 +195,35 @@ class V4l2Controls::Chooser {
       asked_.push_back({*control, value});
     }
     return {};
+  }
+
+  Result<void> read_trigger() {
+    const V4l2Trigger& trigger = spec_.v4l2.trigger;
+    if (trigger_ == TriggerSource::free) {
+      return read_settings(trigger.off);
+    }
+    const bool is_software = trigger_ == TriggerSource::software;
+    const std::vector<ControlSetting>& settings = is_software ? trigger.software : trigger.line;
+    if (settings.empty() || (is_software && trigger.fire.empty())) {
+      return fail(Errc::unsupported,
+                  fmt::format("camera \"{}\" runs freely: the rig file has no trigger.{}",
+                              spec_.id, is_software ? "software with trigger.fire" : "line"));
+    }
+    if (is_software) {
+      const V4l2Control* control = by_name(trigger.fire);
+      if (control == nullptr) {
+        return unknown(trigger.fire);
+      }
+      if (!control->is_settable ||
+          (control->kind != V4l2ControlKind::button && !is_in_range(*control, kFired))) {
+        return fail(Errc::unsupported,
+                    fmt::format("camera \"{}\": trigger.fire = \"{}\" is no button, nor a "
+                                "control that can be set to {}",
+                                spec_.id, control->name, kFired));
+      }
+      chosen_.fire_ = *control;
+    }
+    return read_settings(settings);
   }
 
   [[nodiscard]] const SetControl* asked(std::uint32_t id) const {
@@ -230,6 +274,8 @@ class V4l2Controls::Chooser {
     } else {
       control = by_id(control_id::kExposureAbsolute);
       control = control != nullptr ? control : by_id(control_id::kExposure);
+      // Some drivers have one of their own under that name (Tegra: 64 bits, microseconds).
+      control = control != nullptr ? control : by_name("exposure");
     }
     if (control == nullptr) {
       return fail(Errc::unsupported,
@@ -271,11 +317,13 @@ class V4l2Controls::Chooser {
   }
 
   Result<void> add_gain() {
-    if (asked(control_id::kGain) != nullptr || asked(control_id::kAnalogueGain) != nullptr) {
-      return {};  // in the device's own units; gain_db is noted
-    }
     const V4l2Control* control = by_id(control_id::kAnalogueGain);
     control = control != nullptr ? control : by_id(control_id::kGain);
+    control = control != nullptr ? control : by_name("gain");
+    if (asked(control_id::kGain) != nullptr ||
+        (control != nullptr && asked(control->id) != nullptr)) {
+      return {};  // in the device's own units; gain_db is noted
+    }
     const double unit = spec_.v4l2.gain_unit_db;
     if (unit == 0.0 && spec_.gain_db != 0.0) {
       return fail(Errc::unsupported,
@@ -305,29 +353,36 @@ class V4l2Controls::Chooser {
 
   const std::vector<V4l2Control>& offered_;
   const CameraSpec& spec_;
+  const TriggerSource trigger_;
   std::vector<SetControl> asked_;  ///< by the rig file, in its order
   V4l2Controls chosen_;
 };
 
 Result<V4l2Controls> V4l2Controls::choose(const std::vector<V4l2Control>& offered,
-                                          const CameraSpec& spec) {
-  return Chooser(offered, spec).run();
+                                          const CameraSpec& spec, TriggerSource trigger) {
+  return Chooser(offered, spec, trigger).run();
 }
 
 std::int64_t V4l2Controls::exposure_steps(double exposure_us) const {
   const V4l2Control& control = controls_[*exposure_].control;
   const auto steps = static_cast<std::int64_t>(std::llround(exposure_us / exposure_unit_us_));
-  return control.min + (steps - control.min) / control.step * control.step;
+  if (!is_in_range(control, steps)) {
+    return steps;  // refused by its caller or by the device
+  }
+  // Without a sign: between two numbers of 64 bits lie more than one of them holds.
+  const std::uint64_t above =
+      static_cast<std::uint64_t>(steps) - static_cast<std::uint64_t>(control.min);
+  return steps - static_cast<std::int64_t>(above % static_cast<std::uint64_t>(control.step));
 }
 
 Result<void> V4l2Controls::set_one(V4l2Device& device, SetControl& set, bool is_exact) const {
-  if (auto done = device.set_control(set.control.id, set.value); !done) {
+  if (auto done = device.set_control(set.control, set.value); !done) {
     Fault fault = done.error();
     fault.what = fmt::format("control {} = {} (it takes {}): {}", set.control.name, set.value,
                              range_text(set.control), fault.what);
     return tl::unexpected<Fault>(std::move(fault));
   }
-  const auto value = device.control(set.control.id);
+  const auto value = device.control(set.control);
   if (!value) {
     return tl::unexpected<Fault>(value.error());
   }
@@ -355,7 +410,7 @@ Result<void> V4l2Controls::apply(V4l2Device& device) {
 
 Result<void> V4l2Controls::verify(const V4l2Device& device) const {
   for (const SetControl& set : controls_) {
-    const auto value = device.control(set.control.id);
+    const auto value = device.control(set.control);
     if (!value) {
       Fault fault = value.error();
       fault.code = fault.code == Errc::device_gone ? fault.code : Errc::io;
@@ -403,6 +458,13 @@ Result<double> V4l2Controls::set_exposure(V4l2Device& device, double exposure_us
     return tl::unexpected<Fault>(done.error());
   }
   return this->exposure_us();
+}
+
+Result<void> V4l2Controls::fire(V4l2Device& device) const {
+  if (!fire_) {
+    return fail(Errc::unsupported, device.node() + ": it was not set to wait for a trigger");
+  }
+  return device.set_control(*fire_, kFired);
 }
 
 double V4l2Controls::exposure_us() const {

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <utility>
 
 #include <fcntl.h>
@@ -114,6 +115,7 @@ void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2P
 V4l2ControlKind kind_of(std::uint32_t type) {
   switch (type) {
     case V4L2_CTRL_TYPE_INTEGER:
+    case V4L2_CTRL_TYPE_INTEGER64:
     case V4L2_CTRL_TYPE_BITMASK:
       return V4l2ControlKind::integer;
     case V4L2_CTRL_TYPE_BOOLEAN:
@@ -121,6 +123,8 @@ V4l2ControlKind kind_of(std::uint32_t type) {
     case V4L2_CTRL_TYPE_MENU:
     case V4L2_CTRL_TYPE_INTEGER_MENU:
       return V4l2ControlKind::menu;
+    case V4L2_CTRL_TYPE_BUTTON:
+      return V4l2ControlKind::button;
     default:
       return V4l2ControlKind::other;
   }
@@ -352,8 +356,9 @@ Result<std::vector<V4l2Format>> V4l2Device::formats() const {
 Result<std::vector<V4l2MenuEntry>> V4l2Device::menu_of(const V4l2Control& control,
                                                        bool has_names) const {
   std::vector<V4l2MenuEntry> entries;
-  const std::int64_t last = std::min<std::int64_t>(control.max, control.min + kMaxListed);
-  for (std::int64_t i = control.min; i <= last; ++i) {
+  const std::int64_t first = std::clamp<std::int64_t>(control.min, 0, INT32_MAX);
+  const std::int64_t last = std::min<std::int64_t>(control.max, first + kMaxListed);
+  for (std::int64_t i = first; i <= last; ++i) {
     auto menu = zeroed<v4l2_querymenu>();
     menu.id = control.id;
     menu.index = static_cast<std::uint32_t>(i);
@@ -368,49 +373,89 @@ Result<std::vector<V4l2MenuEntry>> V4l2Device::menu_of(const V4l2Control& contro
   return entries;
 }
 
+Result<std::optional<V4l2Control>> V4l2Device::next_control(std::uint32_t id) const {
+  auto query = zeroed<v4l2_query_ext_ctrl>();
+  query.id = id | V4L2_CTRL_FLAG_NEXT_CTRL | V4L2_CTRL_FLAG_NEXT_COMPOUND;
+  auto listed = call(VIDIOC_QUERY_EXT_CTRL, &query, "VIDIOC_QUERY_EXT_CTRL");
+  if (!listed && listed.error().sys_errno == ENOTTY) {
+    auto old = zeroed<v4l2_queryctrl>();
+    old.id = id | V4L2_CTRL_FLAG_NEXT_CTRL;
+    listed = call(VIDIOC_QUERYCTRL, &old, "VIDIOC_QUERYCTRL");
+    query.id = old.id;
+    query.type = old.type;
+    std::memcpy(query.name, old.name, sizeof query.name);
+    query.minimum = old.minimum;
+    query.maximum = old.maximum;
+    query.step = static_cast<std::uint64_t>(std::max(1, old.step));
+    query.default_value = old.default_value;
+    query.flags = old.flags;
+  }
+  if (!listed && listed.error().code != Errc::unsupported) {
+    return tl::unexpected<Fault>(listed.error());
+  }
+  if (!listed || query.id <= id) {
+    return std::optional<V4l2Control>();
+  }
+  const auto has = [&](std::uint32_t flag) { return (query.flags & flag) != 0; };
+  V4l2Control control;
+  control.id = query.id;
+  control.name = control_key({query.name, ::strnlen(query.name, sizeof query.name)});
+  // A heading of the list and what the driver switched off are no controls; what has more than
+  // one value is listed only.
+  const bool is_array = has(V4L2_CTRL_FLAG_HAS_PAYLOAD) || query.nr_of_dims > 0;
+  control.kind = is_array ? V4l2ControlKind::other : kind_of(query.type);
+  control.is_inactive = has(V4L2_CTRL_FLAG_INACTIVE);
+  control.is_wide = query.type == V4L2_CTRL_TYPE_INTEGER64;
+  if (has(V4L2_CTRL_FLAG_DISABLED) || query.type == V4L2_CTRL_TYPE_CTRL_CLASS) {
+    control.name.clear();
+    return std::optional(control);
+  }
+  const bool is_button = control.kind == V4l2ControlKind::button;
+  // Nothing is set that cannot be read back; a button has nothing to read.
+  control.is_settable = control.kind != V4l2ControlKind::other &&
+                        !has(V4L2_CTRL_FLAG_READ_ONLY) &&
+                        (is_button || !has(V4L2_CTRL_FLAG_WRITE_ONLY));
+  if (is_button || control.kind == V4l2ControlKind::other) {
+    return std::optional(control);
+  }
+  control.min = query.minimum;
+  control.max = query.maximum;
+  control.step = static_cast<std::int64_t>(
+      std::clamp<std::uint64_t>(query.step, 1, std::numeric_limits<std::int64_t>::max()));
+  control.default_value = query.default_value;
+  if (control.kind == V4l2ControlKind::menu) {
+    auto entries = menu_of(control, query.type == V4L2_CTRL_TYPE_MENU);
+    if (!entries) {
+      return tl::unexpected<Fault>(entries.error());
+    }
+    control.entries = *std::move(entries);
+  }
+  if (has(V4L2_CTRL_FLAG_WRITE_ONLY)) {
+    return std::optional(control);
+  }
+  if (const auto value = this->control(control)) {
+    control.value = *value;
+  } else if (value.error().code == Errc::device_gone) {
+    return tl::unexpected<Fault>(value.error());
+  }
+  return std::optional(control);
+}
+
 Result<std::vector<V4l2Control>> V4l2Device::controls() const {
   std::vector<V4l2Control> controls;
   std::uint32_t id = 0;
   for (std::uint32_t i = 0; i < kMaxControls; ++i) {
-    auto query = zeroed<v4l2_queryctrl>();
-    query.id = id | V4L2_CTRL_FLAG_NEXT_CTRL;
-    const auto listed = call(VIDIOC_QUERYCTRL, &query, "VIDIOC_QUERYCTRL");
-    if (!listed && listed.error().code != Errc::unsupported) {
-      return tl::unexpected<Fault>(listed.error());
+    auto control = next_control(id);
+    if (!control) {
+      return tl::unexpected<Fault>(control.error());
     }
-    if (!listed || query.id <= id) {
+    if (!*control) {
       break;
     }
-    id = query.id;
-    V4l2Control control;
-    control.id = id;
-    control.name = control_key(text_of(query.name));
-    control.kind = kind_of(query.type);
-    if ((query.flags & V4L2_CTRL_FLAG_DISABLED) != 0 ||
-        control.kind == V4l2ControlKind::other) {
-      continue;
+    id = (*control)->id;
+    if (!(*control)->name.empty()) {
+      controls.push_back(**std::move(control));
     }
-    control.min = query.minimum;
-    control.max = query.maximum;
-    control.step = std::max(1, query.step);
-    control.default_value = query.default_value;
-    control.is_settable = (query.flags & V4L2_CTRL_FLAG_READ_ONLY) == 0;
-    control.is_inactive = (query.flags & V4L2_CTRL_FLAG_INACTIVE) != 0;
-    if (control.kind == V4l2ControlKind::menu) {
-      auto entries = menu_of(control, query.type == V4L2_CTRL_TYPE_MENU);
-      if (!entries) {
-        return tl::unexpected<Fault>(entries.error());
-      }
-      control.entries = *std::move(entries);
-    }
-    if ((query.flags & V4L2_CTRL_FLAG_WRITE_ONLY) != 0) {
-      control.is_settable = false;  // nothing that cannot be read back is set
-    } else if (const auto value = this->control(id)) {
-      control.value = *value;
-    } else if (value.error().code == Errc::device_gone) {
-      return tl::unexpected<Fault>(value.error());
-    }
-    controls.push_back(std::move(control));
   }
   return controls;
 }
@@ -418,43 +463,108 @@ Result<std::vector<V4l2Control>> V4l2Device::controls() const {
 // ---- setting
 // ----------------------------------------------------------------------------------
 
+namespace {
+
+V4l2StreamFormat stream_format(const v4l2_format& format) {
+  if (format.type == V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE) {
+    const v4l2_pix_format_mplane& pix = format.fmt.pix_mp;
+    return {letters_of(pix.pixelformat),  static_cast<int>(pix.width),
+            static_cast<int>(pix.height), pix.plane_fmt[0].bytesperline,
+            pix.plane_fmt[0].sizeimage,   pix.field == V4L2_FIELD_NONE};
+  }
+  const v4l2_pix_format& pix = format.fmt.pix;
+  return {letters_of(pix.pixelformat),
+          static_cast<int>(pix.width),
+          static_cast<int>(pix.height),
+          pix.bytesperline,
+          pix.sizeimage,
+          pix.field == V4L2_FIELD_NONE};
+}
+
+}  // namespace
+
 Result<V4l2StreamFormat> V4l2Device::set_format(const std::string& fourcc, int width,
                                                 int height) {
   // All zero: a stale bytesperline of an earlier program would be kept by some drivers.
   auto format = zeroed<v4l2_format>();
-  V4l2StreamFormat set;
-  if (is_multiplanar_) {
-    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE;
-    v4l2_pix_format_mplane& pix = format.fmt.pix_mp;
+  const auto fill = [&](auto& pix) {
     pix.pixelformat = fourcc_of(fourcc);
     pix.width = static_cast<std::uint32_t>(width);
     pix.height = static_cast<std::uint32_t>(height);
     pix.field = V4L2_FIELD_NONE;
-    if (auto asked = call(VIDIOC_S_FMT, &format, "VIDIOC_S_FMT"); !asked) {
-      return tl::unexpected<Fault>(asked.error());
-    }
-    n_planes_ = std::clamp<std::uint32_t>(pix.num_planes, 1, VIDEO_MAX_PLANES);
-    set = {letters_of(pix.pixelformat),  static_cast<int>(pix.width),
-           static_cast<int>(pix.height), pix.plane_fmt[0].bytesperline,
-           pix.plane_fmt[0].sizeimage,   pix.field == V4L2_FIELD_NONE};
-    return set;
+  };
+  if (is_multiplanar_) {
+    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE;
+    fill(format.fmt.pix_mp);
+  } else {
+    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    fill(format.fmt.pix);
   }
-  format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  v4l2_pix_format& pix = format.fmt.pix;
-  pix.pixelformat = fourcc_of(fourcc);
-  pix.width = static_cast<std::uint32_t>(width);
-  pix.height = static_cast<std::uint32_t>(height);
-  pix.field = V4L2_FIELD_NONE;
   if (auto asked = call(VIDIOC_S_FMT, &format, "VIDIOC_S_FMT"); !asked) {
     return tl::unexpected<Fault>(asked.error());
   }
-  set = {letters_of(pix.pixelformat),
-         static_cast<int>(pix.width),
-         static_cast<int>(pix.height),
-         pix.bytesperline,
-         pix.sizeimage,
-         pix.field == V4L2_FIELD_NONE};
-  return set;
+  if (is_multiplanar_) {
+    n_planes_ = std::clamp<std::uint32_t>(format.fmt.pix_mp.num_planes, 1, VIDEO_MAX_PLANES);
+  }
+  return stream_format(format);
+}
+
+Result<V4l2StreamFormat> V4l2Device::format() const {
+  auto format = zeroed<v4l2_format>();
+  format.type =
+      is_multiplanar_ ? V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE : V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  if (auto asked = call(VIDIOC_G_FMT, &format, "VIDIOC_G_FMT"); !asked) {
+    return tl::unexpected<Fault>(asked.error());
+  }
+  return stream_format(format);
+}
+
+namespace {
+
+V4l2Rect rect_of(const v4l2_rect& r) {
+  const auto size = [](std::uint32_t n) {
+    return static_cast<int>(std::min<std::uint32_t>(n, INT32_MAX));
+  };
+  return {r.left, r.top, size(r.width), size(r.height)};
+}
+
+}  // namespace
+
+Result<V4l2Rect> V4l2Device::selection(std::uint32_t target, const char* name) const {
+  auto selection = zeroed<v4l2_selection>();
+  selection.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;  // with several planes too
+  selection.target = target;
+  if (auto asked = call(VIDIOC_G_SELECTION, &selection, name); !asked) {
+    return tl::unexpected<Fault>(asked.error());
+  }
+  return rect_of(selection.r);
+}
+
+Result<std::optional<V4l2Crop>> V4l2Device::crop() const {
+  const auto whole = selection(V4L2_SEL_TGT_CROP_BOUNDS, "VIDIOC_G_SELECTION CROP_BOUNDS");
+  const auto usual =
+      whole ? selection(V4L2_SEL_TGT_CROP_DEFAULT, "VIDIOC_G_SELECTION CROP_DEFAULT") : whole;
+  const auto now = usual ? selection(V4L2_SEL_TGT_CROP, "VIDIOC_G_SELECTION CROP") : usual;
+  if (now) {
+    return std::optional(V4l2Crop{*now, *usual, *whole});
+  }
+  // ENODATA: none with this input.
+  if (now.error().code == Errc::unsupported || now.error().sys_errno == ENODATA) {
+    return std::optional<V4l2Crop>();
+  }
+  return tl::unexpected<Fault>(now.error());
+}
+
+Result<V4l2Rect> V4l2Device::set_crop(const V4l2Rect& region) {
+  auto selection = zeroed<v4l2_selection>();
+  selection.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  selection.target = V4L2_SEL_TGT_CROP;
+  selection.r = {region.left, region.top, static_cast<std::uint32_t>(region.width),
+                 static_cast<std::uint32_t>(region.height)};
+  if (auto asked = call(VIDIOC_S_SELECTION, &selection, "VIDIOC_S_SELECTION CROP"); !asked) {
+    return tl::unexpected<Fault>(asked.error());
+  }
+  return rect_of(selection.r);
 }
 
 Result<double> V4l2Device::set_fps(double fps) {
@@ -482,17 +592,64 @@ Result<double> V4l2Device::set_fps(double fps) {
   return fps_of(capture.timeperframe);
 }
 
-Result<std::int64_t> V4l2Device::control(std::uint32_t id) const {
-  v4l2_control control{.id = id, .value = 0};
-  if (auto asked = call(VIDIOC_G_CTRL, &control, "VIDIOC_G_CTRL"); !asked) {
-    return tl::unexpected<Fault>(asked.error());
+namespace {
+
+/// One control of the calls that take several.
+struct ControlCall {
+  explicit ControlCall(const V4l2Control& of)
+      : control(zeroed<v4l2_ext_control>()), list(zeroed<v4l2_ext_controls>()) {
+    control.id = of.id;
+    list.which = V4L2_CTRL_WHICH_CUR_VAL;
+    list.count = 1;
+    list.controls = &control;
   }
-  return control.value;
+  ~ControlCall() = default;
+  ControlCall(const ControlCall&) = delete;
+  ControlCall& operator=(const ControlCall&) = delete;
+
+  v4l2_ext_control control;
+  v4l2_ext_controls list;
+};
+
+/// ENOTTY: the driver has older calls only; EINVAL: some have these for a few controls only.
+bool has_older_call(const V4l2Control& control, const Fault& fault) {
+  return !control.is_wide && (fault.sys_errno == ENOTTY || fault.sys_errno == EINVAL);
 }
 
-Result<void> V4l2Device::set_control(std::uint32_t id, std::int64_t value) {
-  v4l2_control control{.id = id, .value = static_cast<std::int32_t>(value)};
-  return call(VIDIOC_S_CTRL, &control, "VIDIOC_S_CTRL");
+}  // namespace
+
+Result<std::int64_t> V4l2Device::control(const V4l2Control& control) const {
+  ControlCall get(control);
+  auto asked = call(VIDIOC_G_EXT_CTRLS, &get.list, "VIDIOC_G_EXT_CTRLS");
+  if (asked) {
+    // The fields of the union: other controls fill 32 bits of it.
+    const std::int64_t wide = get.control.value64;
+    const std::int32_t narrow = get.control.value;
+    return control.is_wide ? wide : narrow;
+  }
+  if (!has_older_call(control, asked.error())) {
+    return tl::unexpected<Fault>(asked.error());
+  }
+  v4l2_control old{.id = control.id, .value = 0};
+  if (asked = call(VIDIOC_G_CTRL, &old, "VIDIOC_G_CTRL"); !asked) {
+    return tl::unexpected<Fault>(asked.error());
+  }
+  return old.value;
+}
+
+Result<void> V4l2Device::set_control(const V4l2Control& control, std::int64_t value) {
+  ControlCall set(control);
+  if (control.is_wide) {
+    set.control.value64 = value;
+  } else {
+    set.control.value = static_cast<std::int32_t>(value);
+  }
+  auto asked = call(VIDIOC_S_EXT_CTRLS, &set.list, "VIDIOC_S_EXT_CTRLS");
+  if (asked || !has_older_call(control, asked.error())) {
+    return asked;
+  }
+  v4l2_control old{.id = control.id, .value = static_cast<std::int32_t>(value)};
+  return call(VIDIOC_S_CTRL, &old, "VIDIOC_S_CTRL");
 }
 
 Result<bool> V4l2Device::subscribe(std::uint32_t type, std::uint32_t id) {
@@ -523,8 +680,9 @@ Result<V4l2Event> V4l2Device::take_event() {
   }
   if (event.type == V4L2_EVENT_CTRL) {
     const bool has_value = (event.u.ctrl.changes & V4L2_EVENT_CTRL_CH_VALUE) != 0;
+    const bool is_wide = event.u.ctrl.type == V4L2_CTRL_TYPE_INTEGER64;
     return V4l2Event{has_value ? V4l2Event::Kind::control : V4l2Event::Kind::other, event.id,
-                     event.u.ctrl.value};
+                     is_wide ? event.u.ctrl.value64 : event.u.ctrl.value};
   }
   return V4l2Event{
       event.type == V4L2_EVENT_SOURCE_CHANGE ? V4l2Event::Kind::source : V4l2Event::Kind::other,

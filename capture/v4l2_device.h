@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -52,7 +53,8 @@ struct V4l2Format {
   std::vector<V4l2Size> sizes;  ///< empty: the driver does not tell
 };
 
-enum class V4l2ControlKind { integer, boolean, menu, other };
+/// `other`: an array, a text or a struct, which haarlight lists and does not set.
+enum class V4l2ControlKind { integer, boolean, menu, button, other };
 
 struct V4l2MenuEntry {
   std::int64_t value = 0;
@@ -67,10 +69,27 @@ struct V4l2Control {
   std::int64_t max = 0;
   std::int64_t step = 1;
   std::int64_t default_value = 0;
-  std::int64_t value = 0;  ///< when it was listed
-  bool is_settable = true;
+  std::int64_t value = 0;   ///< when it was listed
+  bool is_settable = true;  ///< and can be read back, a button excepted
   bool is_inactive = false;
+  bool is_wide = false;  ///< of 64 bits
   std::vector<V4l2MenuEntry> entries;
+};
+
+/// Of the sensor, in pixels.
+struct V4l2Rect {
+  int left = 0;
+  int top = 0;
+  int width = 0;
+  int height = 0;
+  friend bool operator==(const V4l2Rect&, const V4l2Rect&) = default;
+};
+
+/// The region of the sensor that frames are taken from.
+struct V4l2Crop {
+  V4l2Rect now;
+  V4l2Rect usual;  ///< the driver's own
+  V4l2Rect whole;  ///< that regions lie in
 };
 
 /// What the driver set for S_FMT.
@@ -81,6 +100,7 @@ struct V4l2StreamFormat {
   std::size_t stride = 0;  ///< bytes a row, padding included
   std::size_t size = 0;    ///< bytes a buffer
   bool is_progressive = true;
+  friend bool operator==(const V4l2StreamFormat&, const V4l2StreamFormat&) = default;
 };
 
 /// A filled buffer.
@@ -135,10 +155,16 @@ class V4l2Device {
   /// Sets the format, bytes a row left to the driver; what it set.
   [[nodiscard]] Result<V4l2StreamFormat> set_format(const std::string& fourcc, int width,
                                                     int height);
+  [[nodiscard]] Result<V4l2StreamFormat> format() const;
+  /// Nothing where the driver knows no regions.
+  [[nodiscard]] Result<std::optional<V4l2Crop>> crop() const;
+  /// The region set, which may be another one.
+  [[nodiscard]] Result<V4l2Rect> set_crop(const V4l2Rect& region);
   /// Asks for a rate; the rate set, or 0 where the driver knows none.
   [[nodiscard]] Result<double> set_fps(double fps);
-  [[nodiscard]] Result<std::int64_t> control(std::uint32_t id) const;
-  [[nodiscard]] Result<void> set_control(std::uint32_t id, std::int64_t value);
+  /// By the calls that know 64 bits, or by the older ones where the driver has no others.
+  [[nodiscard]] Result<std::int64_t> control(const V4l2Control& control) const;
+  [[nodiscard]] Result<void> set_control(const V4l2Control& control, std::int64_t value);
   /// Asks to be told of changes; false where the driver cannot tell.
   [[nodiscard]] Result<bool> watch_control(std::uint32_t id);
   [[nodiscard]] Result<bool> watch_source();
@@ -172,6 +198,9 @@ class V4l2Device {
   [[nodiscard]] Result<V4l2Size> describe_size(V4l2Size size, std::uint32_t fourcc) const;
   [[nodiscard]] Result<std::vector<V4l2MenuEntry>> menu_of(const V4l2Control& control,
                                                            bool has_names) const;
+  /// The next control after `id`; nothing at the end.
+  [[nodiscard]] Result<std::optional<V4l2Control>> next_control(std::uint32_t id) const;
+  [[nodiscard]] Result<V4l2Rect> selection(std::uint32_t target, const char* name) const;
   [[nodiscard]] Result<void> map_buffer(int index);
 
   Fd fd_;

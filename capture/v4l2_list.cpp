@@ -86,6 +86,11 @@ std::string identity_text(const V4l2Identity& identity) {
          (identity.index == 0 ? "" : fmt::format(", its node {}", identity.index));
 }
 
+std::string region_text(const V4l2Rect& region) {
+  return fmt::format("{}x{} from column {}, row {}", region.width, region.height, region.left,
+                     region.top);
+}
+
 bool is_same_camera(const V4l2Identity& a, const V4l2Identity& b) noexcept {
   const bool is_named = !a.serial.empty() || !b.serial.empty();
   return a.card == b.card && a.index == b.index &&
@@ -122,7 +127,18 @@ std::string to_text(const V4l2Description& camera) {
     text += fmt::format("  format \"{}\" {}: {}; {}\n", format.fourcc, format.description, use,
                         sizes_text(format));
   }
+  if (camera.crop) {
+    text += fmt::format("  region {} of {}; crop takes another one\n",
+                        region_text(camera.crop->now), region_text(camera.crop->whole));
+  }
   for (const V4l2Control& control : camera.controls) {
+    if (control.kind == V4l2ControlKind::button || control.kind == V4l2ControlKind::other) {
+      text += fmt::format("  control {}: {}\n", control.name,
+                          control.kind == V4l2ControlKind::button
+                              ? "a button; trigger.fire takes it"
+                              : "an array or a text, which haarlight does not set");
+      continue;
+    }
     text += fmt::format("  control {} = {}", control.name, control.value);
     if (control.kind == V4l2ControlKind::menu) {
       for (const V4l2MenuEntry& entry : control.entries) {
@@ -159,6 +175,11 @@ Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Pla
     return tl::unexpected<Fault>(controls.error());
   }
   camera.controls = *std::move(controls);
+  auto crop = device->crop();
+  if (!crop) {
+    return tl::unexpected<Fault>(crop.error());
+  }
+  camera.crop = *crop;
   return camera;
 }
 

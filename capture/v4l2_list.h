@@ -18,7 +18,8 @@ struct V4l2Description {
   V4l2Identity identity;
   std::vector<V4l2Format> formats;
   std::vector<V4l2Control> controls;
-  std::string problem;  ///< not empty: it is there but could not be asked, and why
+  std::optional<V4l2Crop> crop;  ///< nothing: its driver takes no region of the sensor
+  std::string problem;           ///< not empty: it is there but could not be asked, and why
 };
 
 /// Every node that streams pictures, in the order of their numbers; also those that could not
@@ -29,11 +30,15 @@ struct V4l2Description {
 [[nodiscard]] Result<V4l2Description> describe_v4l2_camera(const std::filesystem::path& node,
                                                            const V4l2Places& places = {});
 
-/// For people, several lines: who it is, its formats with sizes and rates, its controls.
+/// For people, several lines: who it is, its formats with sizes and rates, the region
+/// of the sensor, its controls.
 [[nodiscard]] std::string to_text(const V4l2Description& camera);
 
 /// "Y16  640x480 (60, 30 fps), ...; GREY ..." in one line, formats that haarlight reads only.
 [[nodiscard]] std::string formats_text(const std::vector<V4l2Format>& formats);
+
+/// "640x480 from column 320, row 240".
+[[nodiscard]] std::string region_text(const V4l2Rect& region);
 
 /// "HD Camera, serial 1234" or "HD Camera at usb-0000:00:14.0-2".
 [[nodiscard]] std::string identity_text(const V4l2Identity& identity);

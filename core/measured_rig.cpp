@@ -420,9 +420,11 @@ std::string describe_camera(const CameraSpec& c) {
   const char* kind = c.kind == CameraKind::v4l2     ? "v4l2"
                      : c.kind == CameraKind::remote ? "remote"
                                                     : "replay";
-  return fmt::format("{} {} {} x {}, {} rows of picture, {} bits, {:g} fps, {:g} dB, bayer {}",
-                     kind, c.format, c.frame_width, c.frame_height, c.active_rows, c.bits,
-                     c.fps, c.gain_db, to_string(c.bayer));
+  return fmt::format(
+      "{} {} {} x {}{}, {} rows of picture, {} bits, {:g} fps, {:g} dB, bayer {}", kind,
+      c.format, c.frame_width, c.frame_height,
+      c.v4l2.crop ? fmt::format(" from {}, {}", (*c.v4l2.crop)[0], (*c.v4l2.crop)[1]) : "",
+      c.active_rows, c.bits, c.fps, c.gain_db, to_string(c.bayer));
 }
 
 std::string describe_controller(const ControllerSpec& c) {

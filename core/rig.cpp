@@ -141,11 +141,53 @@ std::vector<ControlSetting> read_controls(ConfigTable& t) {
     } else if (t.is_flag(name)) {
       control.value = t.flag_or(name, false) ? 1 : 0;
     } else {
-      control.value = t.integer(name, {.min = -0x1p31, .max = 0x1p31});
+      control.value = t.integer(name);
     }
     controls.push_back(std::move(control));
   }
   return controls;
+}
+
+/// A region of the sensor: K is the whole sensor's, the model is the frame's.
+void read_crop(ConfigTable& t, CameraSpec& camera) {
+  const std::vector<double> at = t.numbers("crop", 2);
+  const bool is_mosaic = camera.bayer != BayerPattern::none;
+  const bool is_whole = at[0] == std::floor(at[0]) && at[1] == std::floor(at[1]);
+  if (!is_whole || !(at[0] >= 0 && at[1] >= 0 && at[0] <= 65536 && at[1] <= 65536)) {
+    t.problem("crop", "not a pixel of the sensor",
+              "write crop = [column, row]: where the frame of `size` begins");
+    return;
+  }
+  if (is_mosaic && (std::fmod(at[0], 2.0) != 0.0 || std::fmod(at[1], 2.0) != 0.0)) {
+    t.problem("crop", "an odd number would begin the colour mosaic with another colour",
+              "write even numbers");
+    return;
+  }
+  camera.v4l2.crop = {static_cast<int>(at[0]), static_cast<int>(at[1])};
+  camera.model.cx -= at[0];
+  camera.model.cy -= at[1];
+}
+
+V4l2Trigger read_trigger(ConfigTable& t) {
+  V4l2Trigger trigger;
+  for (auto [key, list] : {std::pair{"off", &trigger.off},
+                           {"software", &trigger.software},
+                           {"line", &trigger.line}}) {
+    if (auto controls = t.table(key)) {
+      *list = read_controls(*controls);
+    }
+  }
+  trigger.fire = t.text_or("fire", "");
+  if (trigger.off.empty()) {
+    t.problem("off", "off is missing: a camera left waiting for a trigger would stay silent",
+              "write what lets it run freely: off = { trigger_mode = 0 }");
+  }
+  if (trigger.software.empty() != trigger.fire.empty()) {
+    t.problem(trigger.fire.empty() ? "software" : "fire",
+              "software and fire go together: what makes it wait, and what starts an exposure",
+              "write both: software = { trigger_mode = 1 }, fire = \"trigger_software\"");
+  }
+  return trigger;
 }
 
 /// What a V4L2 camera's format says stands for keys that are missing, and against others.
@@ -161,6 +203,9 @@ void read_v4l2(ConfigTable& t, CameraSpec& camera) {
   }
   if (auto controls = t.table("controls")) {
     v4l2.controls = read_controls(*controls);
+  }
+  if (auto trigger = t.table("trigger")) {
+    v4l2.trigger = read_trigger(*trigger);
   }
   const PixelFormat* format = find_pixel_format(camera.format);
   if (format == nullptr) {
@@ -192,6 +237,27 @@ void read_v4l2(ConfigTable& t, CameraSpec& camera) {
               fmt::format("bayer = \"{}\", but the format is {}", to_string(camera.bayer),
                           format->name),
               "leave bayer out");
+  }
+  if (t.has("crop")) {
+    read_crop(t, camera);
+  }
+}
+
+/// A V4L2 camera is triggered by controls that have no common names: the rig file names them.
+void require_trigger(ConfigTable& sync, SyncMode mode, const CameraSpec& camera) {
+  const V4l2Trigger& trigger = camera.v4l2.trigger;
+  const bool is_missing = (mode == SyncMode::light_leads && trigger.software.empty()) ||
+                          (mode == SyncMode::controller_leads && trigger.line.empty());
+  if (camera.kind == CameraKind::v4l2 && is_missing) {
+    const char* what = mode == SyncMode::light_leads ? "software" : "line";
+    sync.problem(
+        "mode",
+        fmt::format("camera \"{}\" has no trigger.{} here: it would run freely", camera.id,
+                    what),
+        fmt::format("write in [[camera]] which of its controls make it wait (haarlight "
+                    "cameras lists them): trigger = {{ off = {{ .. }}, {} = {{ .. "
+                    "}}{} }}; or mode = \"free-run\"",
+                    what, mode == SyncMode::light_leads ? ", fire = \"..\"" : ""));
   }
 }
 
@@ -343,6 +409,9 @@ Rig read_tables(ConfigTable& root) {
     rig.sync = static_cast<SyncMode>(sync->choice("mode", words(kSyncWords)));
     rig.strobe_every =
         static_cast<int>(sync->integer_or("strobe_every", 1, {.min = 1, .max = 8}));
+    for (const CameraSpec& camera : rig.cameras) {
+      require_trigger(*sync, rig.sync, camera);
+    }
   }
   if (auto storage = root.table("storage")) {
     rig.storage.folder = storage->text_or("folder", rig.storage.folder);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -83,6 +84,14 @@ struct ControlSetting {
   std::string entry;       ///< of a menu, by its name; empty: by value
 };
 
+/// Controls of a V4L2 camera that say who starts an exposure, each list in file order.
+struct V4l2Trigger {
+  std::vector<ControlSetting> off;       ///< the camera itself, again and again
+  std::vector<ControlSetting> software;  ///< `fire`; empty: it cannot
+  std::vector<ControlSetting> line;      ///< its trigger input; empty: it cannot
+  std::string fire;                      ///< a button, or a control that is set to 1
+};
+
 /// What only a V4L2 camera has.
 struct V4l2Settings {
   int n_buffers = 8;              ///< asked of the driver, which may give another number
@@ -91,6 +100,9 @@ struct V4l2Settings {
   double exposure_unit_us = 0.0;  ///< a step of that control; 0: 100 for exposure_time_absolute
   double gain_unit_db = 0.0;      ///< a step of the gain control; 0: gain_db is only noted
   std::vector<ControlSetting> controls;  ///< in file order
+  /// Column and row of the sensor where the frame begins; without it the driver's own region.
+  std::optional<std::array<int, 2>> crop;
+  V4l2Trigger trigger;
 };
 
 struct CameraSpec {

@@ -82,6 +82,33 @@ TEST_F(V4l2Daemon, CapturesAPlanAndEveryFrameShowsItsOwnLight) {
   EXPECT_TRUE(light_->is_dark());
 }
 
+TEST_F(V4l2Daemon, LightLeadsWithTheRigFilesTriggerControls) {
+  shim::Camera camera = looking_camera();
+  testing::add_trigger(camera);
+  camera.trigger_delay_ns = 300'000;
+  machine_.plug(0, camera, "A1");
+  rig_.sync = SyncMode::light_leads;
+  rig_.cameras[0].v4l2.trigger = testing::usual_trigger();
+  rig_.cameras[0].exposure_delay_frames = 0;
+  start();
+  const RunReceipt receipt = daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_for(Phase::done)) << daemon_->state().reason_text;
+  expect_true_session(receipt.folder);
+  EXPECT_GE(shim::n_fired(machine_.node(0)), 64U);  // every frame by a trigger of ours
+  EXPECT_TRUE(light_->is_dark());
+}
+
+TEST_F(V4l2Daemon, LightLeadsWithoutTriggerControlsEndsTheRunWithTheCure) {
+  machine_.plug(0, looking_camera(), "A1");
+  rig_.sync = SyncMode::light_leads;
+  start();
+  (void)daemon_->run(kPlan, "p.toml");
+  ASSERT_TRUE(wait_until([](const DaemonState& s) {
+    return s.reason_text.find("no trigger.software") != std::string::npos;
+  })) << daemon_->state().reason_text;
+  EXPECT_TRUE(wait_for(Phase::idle));
+}
+
 TEST_F(V4l2Daemon, TheCableOutSuspendsWithinASecondAndTheRunGoesOnUnderAnotherNode) {
   machine_.plug(0, looking_camera(), "A1");
   start();

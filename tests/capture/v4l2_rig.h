@@ -70,6 +70,37 @@ inline shim::Camera usual_camera() {
   return camera;
 }
 
+inline constexpr std::uint32_t kTriggerMode = V4L2_CID_CAMERA_CLASS_BASE + 47;
+inline constexpr std::uint32_t kTriggerSource = V4L2_CID_CAMERA_CLASS_BASE + 49;
+inline constexpr std::uint32_t kTriggerSoftware = V4L2_CID_CAMERA_CLASS_BASE + 50;
+
+/// The trigger controls of Allied Vision's driver.
+inline void add_trigger(shim::Camera& camera) {
+  using C = shim::Control;
+  camera.controls.push_back(
+      C{.id = kTriggerMode, .name = "Trigger Mode", .type = V4L2_CTRL_TYPE_BOOLEAN, .max = 1});
+  camera.controls.push_back(C{.id = kTriggerSource,
+                              .name = "Trigger Source",
+                              .type = V4L2_CTRL_TYPE_MENU,
+                              .max = 4,
+                              .entries = {"Line 0", "Line 1", "Line 2", "Line 3", "Software"}});
+  camera.controls.push_back(
+      C{.id = kTriggerSoftware,
+        .name = "Trigger Software",
+        .type = V4L2_CTRL_TYPE_BUTTON,
+        .max = 0,
+        .flags = V4L2_CTRL_FLAG_WRITE_ONLY | V4L2_CTRL_FLAG_EXECUTE_ON_WRITE});
+  camera.trigger_mode = kTriggerMode;
+  camera.trigger_button = kTriggerSoftware;
+}
+
+inline V4l2Trigger usual_trigger() {
+  return {.off = {{"trigger_mode", 0, ""}},
+          .software = {{"trigger_source", 0, "Software"}, {"trigger_mode", 1, ""}},
+          .line = {{"trigger_source", 0, "Line 0"}, {"trigger_mode", 1, ""}},
+          .fire = "trigger_software"};
+}
+
 class V4l2Machine {
  public:
   V4l2Machine() {

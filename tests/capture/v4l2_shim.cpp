@@ -198,7 +198,8 @@ std::optional<int> poll_device(pollfd* wait, int timeout_ms) {
       if (wait->revents != 0) {
         return 1;
       }
-      if (handle->device->camera.period_ns > 0 && !handle->device->is_silent) {
+      if ((handle->device->camera.period_ns > 0 || is_triggered(*handle->device)) &&
+          !handle->device->is_silent) {
         until = std::min(until, next_frame_ns(*handle));
       }
     }
@@ -223,6 +224,7 @@ void plug(const std::string& path, Camera camera) {
   auto device = std::make_shared<Device>();
   device->path = real_path(path.c_str());
   device->camera = std::move(camera);
+  device->region = device->camera.sensor.value_or(Region{});
   w.devices.insert_or_assign(device->path, device);
   is_any_plugged = true;
 }
@@ -257,17 +259,16 @@ void with_device(const std::string& path, Work work) {
 
 }  // namespace
 
-int control_value(const std::string& path, std::uint32_t id) {
-  int value = -1;
+std::int64_t control_value(const std::string& path, std::uint32_t id) {
+  std::int64_t value = -1;
   with_device(path, [&](World&, Device& device) { value = control_of(device, id)->value; });
   return value;
 }
 
-void move_control(const std::string& path, std::uint32_t id, int value, bool is_told) {
+void move_control(const std::string& path, std::uint32_t id, std::int64_t value, bool is_told) {
   with_device(path, [&](World& w, Device& device) {
     if (is_told) {
-      v4l2_control c{id, value};
-      (void)set_control(w, -1, device, c);
+      (void)set_control(w, -1, device, id, value);
       device.set_ids.pop_back();
     } else {
       control_of(device, id)->value = value;
@@ -279,6 +280,22 @@ std::vector<std::uint32_t> controls_set(const std::string& path) {
   std::vector<std::uint32_t> ids;
   with_device(path, [&](World&, Device& device) { ids = device.set_ids; });
   return ids;
+}
+
+std::size_t n_fired(const std::string& path) {
+  std::size_t n = 0;
+  with_device(path, [&](World&, Device& device) { n = device.n_fired; });
+  return n;
+}
+
+Region region(const std::string& path) {
+  Region found;
+  with_device(path, [&](World&, Device& device) { found = device.region; });
+  return found;
+}
+
+void set_region(const std::string& path, const Region& region) {
+  with_device(path, [&](World&, Device& device) { device.region = region; });
 }
 
 void break_stream(const std::string& path) {

@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -25,18 +26,27 @@ struct Control {
   std::uint32_t id = 0;
   std::string name;        ///< as a driver writes it: "Exposure Time, Absolute"
   std::uint32_t type = 1;  ///< V4L2_CTRL_TYPE_INTEGER
-  int min = 0;
-  int max = 255;
-  int step = 1;
-  int value = 0;
+  std::int64_t min = 0;
+  std::int64_t max = 255;
+  std::int64_t step = 1;
+  std::int64_t value = 0;
   std::vector<std::string> entries{};  ///< of a menu; an empty one is left out
   bool keeps = true;                   ///< false: takes a value and stays as it is
+  std::uint32_t flags = 0;             ///< V4L2_CTRL_FLAG_...; HAS_PAYLOAD: an array
 };
 
 struct Offer {
   std::string fourcc;
   std::vector<std::pair<int, int>> sizes;
   std::vector<int> fps;
+};
+
+/// Of the sensor.
+struct Region {
+  int left = 0;
+  int top = 0;
+  int width = 0;
+  int height = 0;
 };
 
 /// A buffer about to be filled.
@@ -69,6 +79,14 @@ struct Camera {
   std::uint32_t most_buffers = 32;
   std::uint32_t first_sequence = 0;
   bool has_events = true;
+  bool has_ext_controls = true;        ///< false: the calls of before 64 bits only
+  std::optional<Region> sensor{};      ///< regions can be set; frames have the region's size
+  int region_step = 1;                 ///< a region's place is rounded to it
+  bool format_forgets_region = false;  ///< S_FMT: a region at 0, 0 of the size asked
+  /// Ids of a control that makes it wait for a trigger, when not 0, and of the one that fires.
+  std::uint32_t trigger_mode = 0;
+  std::uint32_t trigger_button = 0;
+  std::int64_t trigger_delay_ns = 0;
   bool has_sequence_of_its_own = true;
   /// 0: a frame is there whenever it is asked for; else one in so many nanoseconds.
   std::int64_t period_ns = 0;
@@ -86,10 +104,15 @@ void unplug(const std::string& path);
 void unplug_all();
 
 /// The current value, and a change of it that nobody asked for; `is_told`: by an event.
-[[nodiscard]] int control_value(const std::string& path, std::uint32_t id);
-void move_control(const std::string& path, std::uint32_t id, int value, bool is_told);
+[[nodiscard]] std::int64_t control_value(const std::string& path, std::uint32_t id);
+void move_control(const std::string& path, std::uint32_t id, std::int64_t value, bool is_told);
 /// Ids in the order in which they were set since the camera was plugged.
 [[nodiscard]] std::vector<std::uint32_t> controls_set(const std::string& path);
+/// Triggers that started an exposure since the camera was plugged.
+[[nodiscard]] std::size_t n_fired(const std::string& path);
+/// The region now; as another program sets it.
+[[nodiscard]] Region region(const std::string& path);
+void set_region(const std::string& path, const Region& region);
 /// The stream breaks until it is left: poll says so, DQBUF answers EIO.
 void break_stream(const std::string& path);
 /// No frame comes while it is silent.

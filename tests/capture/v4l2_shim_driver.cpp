@@ -43,27 +43,35 @@ void advance(Handle& handle) {
   if (!handle.is_streaming || handle.is_broken || device.is_silent || device.is_gone) {
     return;
   }
-  if (device.camera.period_ns == 0) {
-    if (handle.filled.empty() && !handle.queued.empty()) {
-      handle.filled.push_back({handle.queued.front(), handle.n_next++});
+  const std::int64_t now = now_ns();
+  const auto expose = [&](std::int64_t ready) {
+    if (!handle.queued.empty()) {
+      handle.filled.push_back({handle.queued.front(), handle.n_next, ready});
       handle.queued.pop_front();
+    }
+    ++handle.n_next;
+  };
+  if (is_triggered(device)) {
+    for (; !handle.fired.empty() && handle.fired.front() <= now; handle.fired.pop_front()) {
+      expose(handle.fired.front());
     }
     return;
   }
-  const std::int64_t now = now_ns();
-  for (; ready_ns(handle, handle.n_next) <= now; ++handle.n_next) {
-    if (!handle.queued.empty()) {
-      handle.filled.push_back({handle.queued.front(), handle.n_next});
-      handle.queued.pop_front();
+  if (device.camera.period_ns == 0) {
+    if (handle.filled.empty() && !handle.queued.empty()) {
+      expose(0);
     }
+    return;
+  }
+  while (ready_ns(handle, handle.n_next) <= now) {
+    expose(ready_ns(handle, handle.n_next));
   }
 }
 
 Filling fill(Handle& handle, const Filled& filled, std::byte* memory) {
   const Device& device = *handle.device;
   const Camera& camera = device.camera;
-  const bool is_paced = camera.period_ns > 0;
-  const std::int64_t end = is_paced ? ready_ns(handle, filled.n) : now_ns();
+  const std::int64_t end = filled.ready_ns > 0 ? filled.ready_ns : now_ns();
   Filling job{.bytes = {memory, device.size},
               .width = device.width,
               .height = device.height,
@@ -98,6 +106,11 @@ void wake(const Handle& handle) {
   (void)!::write(handle.wake, &one, sizeof one);
 }
 
+bool is_triggered(Device& device) {
+  const Control* mode = control_of(device, device.camera.trigger_mode);
+  return mode != nullptr && mode->value != 0;
+}
+
 short poll_bits(Handle& handle) {
   if (handle.device->is_gone) {
     return POLLERR | POLLHUP | POLLPRI;
@@ -110,7 +123,12 @@ short poll_bits(Handle& handle) {
   return static_cast<short>(bits | (handle.filled.empty() ? 0 : POLLIN));
 }
 
-std::int64_t next_frame_ns(const Handle& handle) { return ready_ns(handle, handle.n_next); }
+std::int64_t next_frame_ns(const Handle& handle) {
+  if (is_triggered(*handle.device)) {
+    return handle.fired.empty() ? INT64_MAX : handle.fired.front();
+  }
+  return ready_ns(handle, handle.n_next);
+}
 
 Control* control_of(Device& device, std::uint32_t id) {
   for (Control& control : device.camera.controls) {
@@ -121,26 +139,55 @@ Control* control_of(Device& device, std::uint32_t id) {
   return nullptr;
 }
 
-int set_control(World& w, int fd, Device& device, v4l2_control& c) {
-  Control* control = control_of(device, c.id);
+namespace {
+
+/// An exposure by trigger; EBUSY while one is under way.
+int fire(World& w, Device& device) {
+  for (auto& [fd, handle] : w.handles) {
+    if (handle.device.get() != &device || !handle.is_streaming || !is_triggered(device)) {
+      continue;
+    }
+    const std::int64_t now = now_ns();
+    if (!handle.fired.empty() && now < handle.fired.back()) {
+      return EBUSY;
+    }
+    const Camera& camera = device.camera;
+    handle.fired.push_back(now + camera.trigger_delay_ns + camera.exposure_ns + camera.read_ns);
+    ++device.n_fired;
+    wake(handle);
+  }
+  return 0;
+}
+
+}  // namespace
+
+int set_control(World& w, int fd, Device& device, std::uint32_t id, std::int64_t value) {
+  Control* control = control_of(device, id);
   if (control == nullptr) {
     return EINVAL;
   }
-  if (c.value < control->min || c.value > control->max) {
+  if ((control->flags & V4L2_CTRL_FLAG_READ_ONLY) != 0) {
+    return EACCES;
+  }
+  if (id == device.camera.trigger_button) {
+    return fire(w, device);
+  }
+  if (value < control->min || value > control->max) {
     return ERANGE;
   }
-  device.set_ids.push_back(c.id);
+  device.set_ids.push_back(id);
   if (control->keeps) {
-    control->value = c.value;
+    control->value = value;
   }
   for (auto& [other, handle] : w.handles) {  // told to everyone but the one who did it
     if (other != fd && handle.device.get() == &device &&
-        std::count(handle.watched.begin(), handle.watched.end(), c.id) > 0) {
+        std::count(handle.watched.begin(), handle.watched.end(), id) > 0) {
       v4l2_event event{};
       event.type = V4L2_EVENT_CTRL;
-      event.id = c.id;
+      event.id = id;
+      event.u.ctrl.type = control->type;
       event.u.ctrl.changes = V4L2_EVENT_CTRL_CH_VALUE;
-      event.u.ctrl.value = control->value;
+      event.u.ctrl.value64 = control->value;
       handle.events.push_back(event);
       wake(handle);
     }
@@ -206,27 +253,122 @@ int list_interval(const Device& device, v4l2_frmivalenum& f) {
   return 0;
 }
 
-int query_control(Device& device, v4l2_queryctrl& q) {
-  const bool is_next = (q.id & V4L2_CTRL_FLAG_NEXT_CTRL) != 0;
-  const std::uint32_t id = q.id & ~V4L2_CTRL_FLAG_NEXT_CTRL;
+bool is_compound(const Control& control) {
+  return (control.flags & V4L2_CTRL_FLAG_HAS_PAYLOAD) != 0;
+}
+
+bool is_wide(const Control& control) { return control.type == V4L2_CTRL_TYPE_INTEGER64; }
+
+/// The next one, as the flags of `asked` say.
+const Control* next_control(const Device& device, std::uint32_t asked) {
+  const bool with_compound = (asked & V4L2_CTRL_FLAG_NEXT_COMPOUND) != 0;
+  const std::uint32_t id = asked & V4L2_CTRL_ID_MASK;
   const Control* found = nullptr;
   for (const Control& control : device.camera.controls) {
-    if (is_next ? control.id > id && (found == nullptr || control.id < found->id)
-                : control.id == id) {
+    if (control.id > id && (with_compound || !is_compound(control)) &&
+        (found == nullptr || control.id < found->id)) {
       found = &control;
     }
   }
+  return found;
+}
+
+int query_control(const Device& device, v4l2_queryctrl& q) {
+  const Control* found = next_control(device, q.id);
+  if (found == nullptr) {
+    return EINVAL;
+  }
+  const auto range = [&](std::int64_t value) {
+    return is_wide(*found) ? 0 : static_cast<std::int32_t>(value);  // as the kernel says it
+  };
+  q.id = found->id;
+  q.type = found->type;
+  write_text(q.name, found->name);
+  q.minimum = range(found->min);
+  q.maximum = range(found->max);
+  q.step = range(found->step);
+  q.default_value = range(found->min);
+  q.flags = found->flags;
+  return 0;
+}
+
+int query_ext_control(const Device& device, v4l2_query_ext_ctrl& q) {
+  const Control* found = next_control(device, q.id);
   if (found == nullptr) {
     return EINVAL;
   }
   q.id = found->id;
   q.type = found->type;
-  write_text(q.name, found->name);
+  std::memset(q.name, 0, sizeof q.name);
+  std::memcpy(q.name, found->name.data(), std::min(found->name.size(), sizeof q.name - 1));
   q.minimum = found->min;
   q.maximum = found->max;
-  q.step = found->step;
+  q.step = static_cast<std::uint64_t>(found->step);
   q.default_value = found->min;
-  q.flags = 0;
+  q.flags = found->flags;
+  q.nr_of_dims = is_compound(*found) ? 1 : 0;
+  return 0;
+}
+
+/// `value` of a control that has a single one.
+int get_control(Device& device, std::uint32_t id, std::int64_t& value) {
+  const Control* control = control_of(device, id);
+  if (control == nullptr || is_compound(*control)) {
+    return EINVAL;
+  }
+  value = control->value;
+  return (control->flags & V4L2_CTRL_FLAG_WRITE_ONLY) != 0 ? EACCES : 0;
+}
+
+int ext_controls(World& w, int fd, Device& device, v4l2_ext_controls& list, bool is_set) {
+  for (std::uint32_t i = 0; i < list.count; ++i) {
+    v4l2_ext_control& each = list.controls[i];
+    const std::uint32_t id = each.id;
+    const Control* control = control_of(device, id);
+    list.error_idx = i;
+    if (control == nullptr || is_compound(*control)) {
+      return EINVAL;
+    }
+    std::int64_t value = 0;
+    if (is_set) {
+      value = is_wide(*control) ? std::int64_t{each.value64} : std::int64_t{each.value};
+    }
+    const int error =
+        is_set ? set_control(w, fd, device, id, value) : get_control(device, id, value);
+    if (error != 0) {
+      return error;
+    }
+    if (is_wide(*control)) {
+      each.value64 = value;
+    } else {
+      each.value = static_cast<std::int32_t>(value);  // and leaves the other half alone
+    }
+  }
+  return 0;
+}
+
+v4l2_rect rect_of(const Region& r) {
+  return {r.left, r.top, static_cast<std::uint32_t>(r.width),
+          static_cast<std::uint32_t>(r.height)};
+}
+
+int selection(Device& device, v4l2_selection& s, bool is_set) {
+  const auto& sensor = device.camera.sensor;
+  if (!sensor) {
+    return ENOTTY;
+  }
+  if (is_set) {
+    if (s.target != V4L2_SEL_TGT_CROP) {
+      return EINVAL;
+    }
+    if (device.owner >= 0) {
+      return EBUSY;
+    }
+    const int step = device.camera.region_step;
+    device.region = {s.r.left / step * step, s.r.top / step * step, static_cast<int>(s.r.width),
+                     static_cast<int>(s.r.height)};
+  }
+  s.r = rect_of(s.target == V4L2_SEL_TGT_CROP ? device.region : *sensor);
   return 0;
 }
 
@@ -238,6 +380,28 @@ int query_menu(Device& device, v4l2_querymenu& m) {
   }
   (void)std::snprintf(reinterpret_cast<char*>(m.name), sizeof m.name, "%s",
                       control->entries[m.index].c_str());
+  return 0;
+}
+
+int get_format(const Device& device, v4l2_format& format) {
+  if (device.camera.is_multiplanar) {
+    v4l2_pix_format_mplane& pix = format.fmt.pix_mp;
+    pix.pixelformat = device.fourcc;
+    pix.width = static_cast<std::uint32_t>(device.width);
+    pix.height = static_cast<std::uint32_t>(device.height);
+    pix.field = V4L2_FIELD_NONE;
+    pix.num_planes = 1;
+    pix.plane_fmt[0].bytesperline = static_cast<std::uint32_t>(device.stride);
+    pix.plane_fmt[0].sizeimage = static_cast<std::uint32_t>(device.size);
+    return 0;
+  }
+  v4l2_pix_format& pix = format.fmt.pix;
+  pix.pixelformat = device.fourcc;
+  pix.width = static_cast<std::uint32_t>(device.width);
+  pix.height = static_cast<std::uint32_t>(device.height);
+  pix.field = V4L2_FIELD_NONE;
+  pix.bytesperline = static_cast<std::uint32_t>(device.stride);
+  pix.sizeimage = static_cast<std::uint32_t>(device.size);
   return 0;
 }
 
@@ -265,6 +429,12 @@ int set_format(Handle& handle, v4l2_format& format) {
       size = each;
     }
   }
+  if (camera.format_forgets_region) {
+    device.region = {0, 0, width, height};
+  }
+  if (camera.sensor) {
+    size = {device.region.width, device.region.height};
+  }
   device.fourcc = fourcc_of(offer->fourcc);
   device.width = size.first;
   device.height = size.second;
@@ -275,25 +445,7 @@ int set_format(Handle& handle, v4l2_format& format) {
   const std::size_t stale = is_mp ? 0 : format.fmt.pix.bytesperline;
   device.stride = std::max(row, stale) + camera.row_padding;
   device.size = device.stride * static_cast<std::size_t>(size.second);
-  if (is_mp) {
-    v4l2_pix_format_mplane& pix = format.fmt.pix_mp;
-    pix.pixelformat = device.fourcc;
-    pix.width = static_cast<std::uint32_t>(size.first);
-    pix.height = static_cast<std::uint32_t>(size.second);
-    pix.field = V4L2_FIELD_NONE;
-    pix.num_planes = 1;
-    pix.plane_fmt[0].bytesperline = static_cast<std::uint32_t>(device.stride);
-    pix.plane_fmt[0].sizeimage = static_cast<std::uint32_t>(device.size);
-  } else {
-    v4l2_pix_format& pix = format.fmt.pix;
-    pix.pixelformat = device.fourcc;
-    pix.width = static_cast<std::uint32_t>(size.first);
-    pix.height = static_cast<std::uint32_t>(size.second);
-    pix.field = V4L2_FIELD_NONE;
-    pix.bytesperline = static_cast<std::uint32_t>(device.stride);
-    pix.sizeimage = static_cast<std::uint32_t>(device.size);
-  }
-  return 0;
+  return get_format(device, format);
 }
 
 int parameters(Device& device, v4l2_streamparm& p, bool is_set) {
@@ -412,6 +564,7 @@ int stream(Handle& handle, bool is_on) {
     }
     handle.t0_ns = now_ns();
     handle.n_next = 0;
+    handle.fired.clear();
     for (const auto& [id, value] : handle.device->camera.set_at_stream_on) {
       control_of(*handle.device, id)->value = value;
     }
@@ -451,18 +604,40 @@ int answer(World& w, int fd, Handle& handle, unsigned long request, void* argume
       return list_interval(device, as(static_cast<v4l2_frmivalenum*>(nullptr)));
     case VIDIOC_QUERYCTRL:
       return query_control(device, as(static_cast<v4l2_queryctrl*>(nullptr)));
+    case VIDIOC_QUERY_EXT_CTRL:
+      return !device.camera.has_ext_controls
+                 ? ENOTTY
+                 : query_ext_control(device, as(static_cast<v4l2_query_ext_ctrl*>(nullptr)));
+    case VIDIOC_G_EXT_CTRLS:
+    case VIDIOC_S_EXT_CTRLS:
+      return !device.camera.has_ext_controls
+                 ? ENOTTY
+                 : ext_controls(w, fd, device, as(static_cast<v4l2_ext_controls*>(nullptr)),
+                                request == VIDIOC_S_EXT_CTRLS);
+    case VIDIOC_G_SELECTION:
+    case VIDIOC_S_SELECTION:
+      return selection(device, as(static_cast<v4l2_selection*>(nullptr)),
+                       request == VIDIOC_S_SELECTION);
     case VIDIOC_QUERYMENU:
       return query_menu(device, as(static_cast<v4l2_querymenu*>(nullptr)));
     case VIDIOC_G_CTRL: {
       auto& c = as(static_cast<v4l2_control*>(nullptr));
-      const Control* control = control_of(device, c.id);
-      c.value = control == nullptr ? 0 : control->value;
-      return control == nullptr ? EINVAL : 0;
+      std::int64_t value = 0;
+      const int error = get_control(device, c.id, value);
+      c.value = static_cast<std::int32_t>(value);
+      return error != 0 || !is_wide(*control_of(device, c.id)) ? error : EINVAL;
     }
-    case VIDIOC_S_CTRL:
-      return set_control(w, fd, device, as(static_cast<v4l2_control*>(nullptr)));
+    case VIDIOC_S_CTRL: {
+      const auto& c = as(static_cast<v4l2_control*>(nullptr));
+      const Control* control = control_of(device, c.id);
+      return control != nullptr && is_wide(*control)
+                 ? EINVAL
+                 : set_control(w, fd, device, c.id, c.value);
+    }
     case VIDIOC_S_FMT:
       return set_format(handle, as(static_cast<v4l2_format*>(nullptr)));
+    case VIDIOC_G_FMT:
+      return get_format(device, as(static_cast<v4l2_format*>(nullptr)));
     case VIDIOC_G_PARM:
     case VIDIOC_S_PARM:
       return parameters(device, as(static_cast<v4l2_streamparm*>(nullptr)),

@@ -33,12 +33,15 @@ struct Device {
   std::size_t size = 0;
   int fps = 0;
   std::vector<std::uint32_t> set_ids;
+  Region region;
+  std::size_t n_fired = 0;
   int owner = -1;  ///< descriptor that has the buffers
 };
 
 struct Filled {
   std::uint32_t index = 0;
   std::uint64_t n = 0;
+  std::int64_t ready_ns = 0;
 };
 
 /// An open descriptor of a camera.
@@ -54,6 +57,7 @@ struct Handle {
   std::deque<Filled> filled;
   std::int64_t t0_ns = 0;
   std::uint64_t n_next = 0;
+  std::deque<std::int64_t> fired;  ///< when the frames of triggers will be there
   std::vector<std::uint32_t> watched;
   std::deque<v4l2_event> events;
 };
@@ -85,7 +89,9 @@ void wake(const Handle& handle);
 
 // As the driver, under the world's lock.
 [[nodiscard]] Control* control_of(Device& device, std::uint32_t id);
-int set_control(World& w, int fd, Device& device, v4l2_control& c);
+int set_control(World& w, int fd, Device& device, std::uint32_t id, std::int64_t value);
+/// Waits for triggers instead of running freely.
+[[nodiscard]] bool is_triggered(Device& device);
 [[nodiscard]] short poll_bits(Handle& handle);
 /// When the next frame will be there.
 [[nodiscard]] std::int64_t next_frame_ns(const Handle& handle);

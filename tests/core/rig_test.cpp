@@ -7,6 +7,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/measured_rig.h"
 
 namespace haarlight {
 namespace {
@@ -134,6 +135,60 @@ TEST(Rig, AV4l2FormatContradictedOrUnknownIsNamed) {
   EXPECT_THAT(message_of(v4l2_rig_text("bayer = \"rggb\"\n")), HasSubstr("leave bayer out"));
   EXPECT_THAT(message_of(with(v4l2_rig_text(""), "\"BG12\"", "\"GRAY\"")),
               HasSubstr("did you mean \"GREY\""));
+}
+
+TEST(Rig, ARegionOfTheSensorMovesThePrincipalPoint) {
+  const CameraModel whole = parse_rig(v4l2_rig_text(""), "rig.toml").cameras[0].model;
+  const Rig rig = parse_rig(v4l2_rig_text("crop = [16, 8]\n"), "rig.toml");
+  const CameraSpec& camera = rig.cameras[0];
+  EXPECT_EQ(camera.v4l2.crop, (std::array<int, 2>{16, 8}));
+  EXPECT_EQ(camera.model.cx, whole.cx - 16.0);
+  EXPECT_EQ(camera.model.cy, whole.cy - 8.0);
+  EXPECT_EQ(camera.model.fx, whole.fx);
+  EXPECT_EQ(camera.model.width, camera.frame_width);
+  EXPECT_THAT(message_of(v4l2_rig_text("crop = [15, 8]\n")), HasSubstr("even numbers"));
+  EXPECT_THAT(message_of(v4l2_rig_text("crop = [0.5, 8]\n")), HasSubstr("[column, row]"));
+  EXPECT_THAT(message_of(v4l2_rig_text("crop = [-2, 8]\n")), HasSubstr("[column, row]"));
+  EXPECT_EQ(describe_camera(camera).find("from 16, 8") != std::string::npos, true);
+}
+
+TEST(Rig, ATriggerIsWholeOrRefused) {
+  const std::string whole =
+      "trigger = { off = { trigger_mode = 0 }, software = { trigger_source = \"Software\", "
+      "trigger_mode = 1 }, fire = \"trigger_software\" }\n";
+  const Rig rig = parse_rig(v4l2_rig_text(whole), "rig.toml");
+  const V4l2Trigger& trigger = rig.cameras[0].v4l2.trigger;
+  ASSERT_EQ(trigger.software.size(), 2U);
+  EXPECT_EQ(trigger.software[0].entry, "Software");
+  EXPECT_EQ(trigger.software[1].value, 1);
+  EXPECT_EQ(trigger.off.size(), 1U);
+  EXPECT_EQ(trigger.fire, "trigger_software");
+  EXPECT_TRUE(trigger.line.empty());
+  EXPECT_THAT(message_of(v4l2_rig_text("trigger = { fire = \"x\", off = { a = 0 } }\n")),
+              HasSubstr("go together"));
+  EXPECT_THAT(message_of(v4l2_rig_text("trigger = { line = { trigger_mode = 1 } }\n")),
+              HasSubstr("off is missing"));
+}
+
+TEST(Rig, ASyncModeThatTriggersAV4l2CameraNeedsItsControls) {
+  const auto in_mode = [](const std::string& mode, const std::string& keys) {
+    return with(v4l2_rig_text(keys), "mode = \"free-run\"", "mode = \"" + mode + "\"");
+  };
+  EXPECT_THAT(message_of(in_mode("light-leads", "")), HasSubstr("no trigger.software"));
+  EXPECT_THAT(message_of(in_mode("controller-leads", "")), HasSubstr("no trigger.line"));
+  EXPECT_EQ(parse_rig(in_mode("controller-leads",
+                              "trigger = { off = { a = 0 }, line = { a = 1 } }\n"),
+                      "rig.toml")
+                .sync,
+            SyncMode::controller_leads);
+}
+
+TEST(Rig, AControlMayHave64Bits) {
+  const Rig rig = parse_rig(
+      v4l2_rig_text("controls = { pixel_rate = 9223372036854775807, low = -5000000000 }\n"),
+      "rig.toml");
+  EXPECT_EQ(rig.cameras[0].v4l2.controls[0].value, 9223372036854775807);
+  EXPECT_EQ(rig.cameras[0].v4l2.controls[1].value, -5'000'000'000);
 }
 
 TEST(Rig, OnlyA16BitContainerMayHoldFewerBits) {

@@ -109,7 +109,8 @@ class Capture(Scenario):
             text = rig_text(self.camera(**more), "modbus_tcp", "127.0.0.1:1503")
             return text.replace(
                 'format = "Y16 "', 'format = "Y16 "\nexposure_control = "none"\n'
-                'controls = { loop_video = true, osd_text_mode = 2, '
+                # The last one: of 64 bits, beyond 32.
+                'controls = { loop_video = true, osd_text_mode = 2, integer_64_bits = -20000000003, '
                 'timestamp_source = "Start of Exposure" }')
         plan = QUICK_PLAN.read_text()
         twin = rig_text({"device": '"unused"', "fps": "100.0"}, "modbus_tcp", "127.0.0.1:1503")
