@@ -116,7 +116,8 @@ TEST_P(LyingRig, AnHonestReadBackAndFalseStampsCommitNoWrongFrame) {
                  set_sync_mode(config, wanted.first);
                  config.timestamp = wanted.second;
                  give_jitter(config);
-                 config.faults.light_late = share_between(config, 0.04, 0.2);
+                 config.counts_wrong = true;
+        config.faults.light_late = share_between(config, 0.04, 0.2);
                  config.faults.stamp_late = 0.025;
                  config.faults.stamp_early = 0.025;
                });
