@@ -32,6 +32,9 @@ inline constexpr std::uint32_t kFrameSequenceRestart = 1U << 5U;  ///< the drive
 struct FrameInfo {
   std::uint64_t sequence = 0;     ///< counts frames of the sensor; a gap is a lost frame
   std::int64_t timestamp_ns = 0;  ///< CLOCK_MONOTONIC; meaning as the rig file says
+  /// When the driver (DQBUF) or the socket (recvmsg) gave it out, on the same clock: whatever
+  /// the stamp means lies before it.
+  std::int64_t arrival_ns = 0;
   std::uint32_t flags = 0;
   double exposure_us = 0.0;  ///< as in force for this frame; 0: not known
   double gain_db = 0.0;

@@ -89,6 +89,9 @@ std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig, const Plan& 
   out->skew_us = camera.skew_us;
   out->frame_us = 1e6 / camera.fps;
   out->settle_ns = settle_ns(rig.controller);
+  if (rig.sync == SyncMode::controller_leads) {
+    out->trigger_delay_ns = std::chrono::nanoseconds(trigger_delay(rig)).count();
+  }
   out->strobe_every = rig.strobe_every;
   // An upload is one call of the light thread: on a serial line not more than some seconds.
   out->table_depth = rig.controller.kind == ControllerKind::modbus_rtu ? 128 : 1024;
@@ -763,6 +766,10 @@ std::string Daemon::metrics() const {
   count("frames_damaged_total", "Frames marked as damaged or short", c.frames_damaged);
   count("sequence_gaps_total", "Gaps in the camera's frame numbers", c.sequence_gaps);
   count("frames_out_of_order_total", "Frames behind their successor", c.frames_out_of_order);
+  count("stamps_ahead_total", "Frames stamped after they came", c.stamps_ahead);
+  count("off_rhythm_total", "Frames stamped off their camera's period", c.off_rhythm);
+  count("rhythm_unknown_total", "Frames that came before their camera's period was known",
+        c.rhythm_unknown);
   count("duplicates_total", "Pictures delivered twice", c.duplicates);
   count("wrong_exposure_total", "Frames in another exposure than asked", c.wrong_exposure);
   count("checks_failed_total", "Frames whose pixels were refused", c.checks_failed);

@@ -95,6 +95,7 @@ Result<Frame> FakeCamera::next(std::chrono::steady_clock::time_point deadline) {
     ++hands_->n_held;
     const FrameInfo info{.sequence = sequence,
                          .timestamp_ns = ready_ns,
+                         .arrival_ns = steady_now_ns(),
                          .flags = kFrameMonotonic,
                          .exposure_us = spec_.exposure_us,
                          .gain_db = spec_.gain_db};

@@ -100,7 +100,7 @@ Result<LatchReceipt> FakeLightArray::show(std::span<const ElementLevel> pattern,
   receipt.t_command_ns = steady_now_ns();
   const std::lock_guard lock(light_->mutex_);
   light_->change(tag, {pattern.begin(), pattern.end()});
-  receipt.t_ack_ns = steady_now_ns();
+  receipt.t_ack_ns = receipt.t_shown_ns = steady_now_ns();
   receipt.tag_echo = tag;
   return receipt;
 }
@@ -113,7 +113,7 @@ Result<LatchReceipt> FakeLightArray::all_off() {
   receipt.t_command_ns = steady_now_ns();
   const std::lock_guard lock(light_->mutex_);
   light_->change(0, {});
-  receipt.t_ack_ns = steady_now_ns();
+  receipt.t_ack_ns = receipt.t_shown_ns = steady_now_ns();
   return receipt;
 }
 

@@ -3,7 +3,7 @@
 namespace haarlight {
 
 FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
-                                      std::int64_t now_ns) {
+                                      std::int64_t arrival_ns) {
   Verdict verdict;
   if (!last_raw_) {
     sequence_ = raw;
@@ -18,7 +18,7 @@ FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
   is_restarted_ = false;
   verdict.sequence = sequence_;
   verdict.is_stamp_jump = (last_stamp_ns_ && stamp_ns <= *last_stamp_ns_) ||
-                          stamp_ns > now_ns + kStampAheadNs || stamp_ns < now_ns - patience_ns_;
+                          stamp_ns > arrival_ns || stamp_ns < arrival_ns - patience_ns_;
   if (!verdict.is_stamp_jump) {
     last_stamp_ns_ = stamp_ns;
   }

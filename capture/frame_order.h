@@ -9,17 +9,12 @@
 
 namespace haarlight {
 
-/// A stamp further ahead of its arrival than this is wrong: its driver flags the frame, and the
-/// sequencer refuses it whatever the driver says. A true stamp lies before its arrival
-/// whichever moment it means; what is left is the host's own jitter in reading two clocks.
-inline constexpr std::int64_t kStampAheadNs = 2'000'000;
-
 class FrameOrder {
  public:
   struct Verdict {
     std::uint64_t sequence = 0;  ///< grows by at least 1 from frame to frame of one stream
     bool is_restart = false;     ///< the count went back or stood still: frames may be missing
-    bool is_stamp_jump = false;  ///< before an earlier frame's, in the future, or long past
+    bool is_stamp_jump = false;  ///< before an earlier frame's, after its arrival, or long past
   };
 
   /// @param patience_ns  a frame older than this when it arrives was stamped wrongly
@@ -27,8 +22,10 @@ class FrameOrder {
 
   /// The next frame, as it comes from the driver.
   /// @param raw      its count modulo 2^32; a step of 2^31 or more is taken for a step back
-  /// @param now_ns   when it came, on the stamps' clock
-  [[nodiscard]] Verdict judge(std::uint32_t raw, std::int64_t stamp_ns, std::int64_t now_ns);
+  /// @param arrival_ns  when the driver gave it out, on the stamps' clock: a true stamp lies
+  ///                    before, whichever moment it means
+  [[nodiscard]] Verdict judge(std::uint32_t raw, std::int64_t stamp_ns,
+                              std::int64_t arrival_ns);
 
   /// Streaming was begun anew: whatever the driver counts now, the next frame continues the
   /// sequence after a gap.

@@ -41,16 +41,7 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
   rig.commit_us = 200.0 + 60000.0 * u() * u();
   rig.stamp_jitter_us = 40.0 * u();
   rig.n_buffers = 3 + static_cast<int>(u() * 8.0);
-  rig.sync = static_cast<SyncMode>(static_cast<int>(u() * 4.0));
-  if (rig.sync == SyncMode::camera_leads) {
-    // The step counter is read a few times a frame.
-    rig.bus_us = std::min(rig.bus_us, 0.2 * frame_us);
-    rig.strobe_every = 1 + static_cast<int>(u() * u() * 3.0);
-    rig.skew_us *= 0.5;
-    rig.table_depth = u() < 0.5 ? 1024 : 1 + static_cast<int>(u() * 8.0);
-    rig.n_buffers += 3;
-  }
-  rig.trigger_us = rig.latch_us + rig.rise_us + 0.5 * rig.bus_us + 200.0;
+  set_sync_mode(rig, static_cast<SyncMode>(static_cast<int>(u() * 4.0)));
   rig.faults = {.frame_late = p(0.1),
                 .frame_dropped = p(0.1),
                 .frame_repeated = p(0.1),
@@ -76,6 +67,23 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
                 .reshoot_rate = p(0.7)};
   rig.warming_c_per_s = 20.0 * u() - 10.0;
   return rig;
+}
+
+void set_sync_mode(ModelRigConfig& rig, SyncMode sync) {
+  std::uint64_t i = 3000;
+  const auto u = [&] { return draw(rig.seed, ++i); };
+  rig.sync = sync;
+  if (sync == SyncMode::camera_leads) {
+    // The step counter is read a few times a frame.
+    rig.bus_us = std::min(rig.bus_us, 0.2e6 / rig.fps);
+    rig.strobe_every = 1 + static_cast<int>(u() * u() * 3.0);
+    rig.skew_us *= 0.5;
+    rig.table_depth = u() < 0.5 ? 1024 : 1 + static_cast<int>(u() * 8.0);
+    rig.n_buffers += 3;
+  } else {
+    rig.strobe_every = 1;
+  }
+  rig.trigger_us = rig.latch_us + rig.rise_us + 0.85 * rig.bus_us + 200.0;
 }
 
 std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig,
@@ -105,6 +113,7 @@ std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig
   plan->frame_us = frame_us;
   plan->settle_ns = static_cast<std::int64_t>(settle_us * 1e3);
   plan->sync = rig.sync;
+  plan->trigger_delay_ns = static_cast<std::int64_t>(rig.trigger_us * 1e3);
   plan->strobe_every = rig.strobe_every;
   plan->max_held = 1 + static_cast<int>(u() * 6.0);
   plan->darks_every_c = u() < 0.5 ? 0.0 : 0.2 + 2.0 * u();
@@ -287,9 +296,30 @@ void ModelRig::expose(std::uint64_t generation) {
   if (generation != generation_ || !is_streaming_) {
     return;
   }
-  const auto frame_ns = static_cast<std::int64_t>(1e9 / config_.fps);
+  const auto frame_ns =
+      static_cast<std::int64_t>(1e9 / config_.fps * (1.0 + 1e-6 * config_.camera_ppm));
   at(now_ns_ + frame_ns, [this, generation] { expose(generation); });
   expose_frame(generation);
+}
+
+std::int64_t ModelRig::stamp_jitter_ns() {
+  std::int64_t jitter_ns = some_ns(config_.stamp_jitter_us);
+  if (config_.stamp_sigma_us > 0.0) {
+    const double z = standard_normal(hash_key(config_.seed, 17, ++draws_));
+    jitter_ns += static_cast<std::int64_t>(1e3 * config_.stamp_sigma_us * z);
+  }
+  return jitter_ns;
+}
+
+std::int64_t ModelRig::stamp_lie_ns() {
+  const double late = config_.faults.stamp_late;
+  const double early = config_.faults.stamp_early;
+  const double u = late + early > 0.0 ? chance() : 1.0;
+  if (u >= late + early) {
+    return 0;
+  }
+  const auto lie_ns = static_cast<std::int64_t>(1e6 * (0.1 + 1.8 * chance()));
+  return u < late ? lie_ns : -lie_ns;
 }
 
 /// A frame's exposure begins now; it is delivered after its readout.
@@ -306,7 +336,9 @@ void ModelRig::expose_frame(std::uint64_t generation) {
   const std::int64_t read_ns =
       start_ns + exposure_ns + static_cast<std::int64_t>(config_.read_us * 1e3);
   schedule_strobes(sequence, end_ns);
-  at(std::max(end_ns, read_ns), [=, this] {
+  // The stamp is taken before the frame is handed on.
+  const std::int64_t jitter_ns = stamp_jitter_ns();
+  at(std::max(end_ns, read_ns) + std::max<std::int64_t>(jitter_ns, 0), [=, this] {
     if (generation != generation_ || !is_streaming_) {
       return;
     }
@@ -318,13 +350,14 @@ void ModelRig::expose_frame(std::uint64_t generation) {
     clean_tag_ = frame.truth.tag;
     clean_latch_ = n_latches_;
     frame.n_clean = n_clean_;
-    const std::int64_t jitter_ns = some_ns(config_.stamp_jitter_us);
+    const std::int64_t lie_ns = stamp_lie_ns();
+    frame.is_stamp_false = lie_ns != 0;
     const std::int64_t stamp_ns =
         config_.timestamp == TimestampMeaning::start_exposure  ? start_ns
         : config_.timestamp == TimestampMeaning::start_readout ? start_ns + exposure_ns
                                                                : read_ns;
     frame.info = {.sequence = sequence,
-                  .timestamp_ns = stamp_ns + jitter_ns,
+                  .timestamp_ns = stamp_ns + jitter_ns + lie_ns,
                   .flags = kFrameMonotonic,
                   .exposure_us = exposure_us,
                   .gain_db = 0.0};
@@ -376,7 +409,12 @@ void ModelRig::deliver(const ModelFrame& frame) {
   }
   const std::uint64_t id = next_frame_++;
   frames_.emplace(id, frame);
-  send(event::FrameArrived{id, stream_, frame.info, frame.pixel_hash, true});
+  const std::uint64_t n_off = state_.counters.off_rhythm;
+  FrameInfo info = frame.info;
+  info.arrival_ns = now_ns_;
+  send(event::FrameArrived{id, stream_, info, frame.pixel_hash, true});
+  outcome_.n_false += frame.is_stamp_false ? 1 : 0;
+  outcome_.n_suspected += !frame.is_stamp_false && state_.counters.off_rhythm > n_off ? 1 : 0;
 }
 
 // ---- disk
@@ -420,7 +458,9 @@ void ModelRig::commit_next() {
     }
     const ModelFrame& frame = it->second;
     const std::uint32_t tag = plan_->shots[static_cast<std::size_t>(commit.shot)].tag;
-    if (frame.truth.is_mixed || frame.truth.tag != tag) {
+    const bool is_wrong = frame.truth.is_mixed || frame.truth.tag != tag;
+    outcome_.n_wrong += is_wrong ? 1 : 0;
+    if (is_wrong && !config_.counts_wrong) {
       fail(fmt::format(
           "shot {} committed a frame that saw tag {}{}, not {}; evidence: start {} end "
           "{} stable {} next {}",
@@ -469,13 +509,9 @@ void ModelRig::schedule_rates() {
   every(faults.controller_reboot_rate, [this] { reboot(); });
   every(faults.interlock_rate, [this] {
     interlock_closes_ns_ = now_ns_ + some_ns(1'500'000.0);
-    disarm();
-    change_light(0, 0);
+    darken_by_itself();
   });
-  every(faults.lease_lost_rate, [this] {
-    disarm();
-    change_light(0, 0);
-  });
+  every(faults.lease_lost_rate, [this] { darken_by_itself(); });
   every(faults.camera_gone_rate, [this] {
     if (is_streaming_) {
       is_streaming_ = false;

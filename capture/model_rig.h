@@ -30,6 +30,11 @@ struct ModelFaults {
   double frame_damaged = 0.0;
   double light_timeout = 0.0;  ///< no answer; the pattern may or may not be shown
   double light_wrong_echo = 0.0;
+  double light_late = 0.0;    ///< acts 5 to 60 ms after its acknowledgement, shown when it does
+  double light_lying = 0.0;   ///< acts as late, and is shown at once
+  double stamp_late = 0.0;    ///< the stamp is 0.1 to 1.9 ms late
+  double stamp_early = 0.0;   ///< or early
+  double strobe_late = 0.0;   ///< a step comes up to two frames late, counted when it does
   double strobe_lost = 0.0;   ///< the edge at a frame's end does not reach the controller
   double strobe_false = 0.0;  ///< an edge within a frame, from nowhere
   double entry_wrong = 0.0;   ///< a table entry holds another shot's pattern
@@ -55,9 +60,11 @@ struct ModelRigConfig {
   TimestampMeaning timestamp = TimestampMeaning::end_frame;
   double latch_us = 200.0;  ///< command to change of light
   double rise_us = 50.0;
-  double bus_us = 800.0;      ///< longest answer time
-  double commit_us = 2000.0;  ///< longest
-  double stamp_jitter_us = 20.0;
+  double bus_us = 800.0;          ///< longest answer time
+  double commit_us = 2000.0;      ///< longest
+  double stamp_jitter_us = 20.0;  ///< longest, evenly spread
+  double stamp_sigma_us = 0.0;    ///< rms of a normal jitter beside it
+  double camera_ppm = 0.0;        ///< how much slower its clock is than the host's
   int n_buffers = 6;
   SyncMode sync = SyncMode::free_run;
   int strobe_every = 1;
@@ -65,10 +72,13 @@ struct ModelRigConfig {
   int table_depth = 1024;
   double warming_c_per_s = 0.0;  ///< of the controller, from 25 degrees C
   ModelFaults faults;
+  bool counts_wrong = false;  ///< wrong frames are counted, not a broken promise
 };
 
 /// Frame, sync mode and faults of a seed: every seed another rig.
 [[nodiscard]] ModelRigConfig random_model_rig(std::uint64_t seed);
+/// Another sync mode for a random rig, with what goes with it.
+void set_sync_mode(ModelRigConfig& rig, SyncMode sync);
 /// A small plan for it: up to `max_shots` shots, one or two exposures, some dark.
 [[nodiscard]] std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig,
                                                                      int max_shots);
@@ -79,6 +89,7 @@ struct ModelFrame {
   FrameTag truth;
   std::uint64_t pixel_hash = 0;
   int n_clean = 0;  ///< how manieth wholly clean frame since the latch, from 0
+  bool is_stamp_false = false;
 };
 
 struct ModelOutcome {
@@ -87,6 +98,10 @@ struct ModelOutcome {
   double seconds = 0.0;  ///< virtual
   std::uint64_t n_events = 0;
   int n_commits = 0;
+  int n_wrong = 0;            ///< of them: saw something else; told, not a problem, where asked
+  std::uint64_t n_false = 0;  ///< frames that came with a false stamp
+  std::uint64_t n_suspected = 0;  ///< frames off the rhythm whose stamp was true
+  std::uint64_t n_late = 0;       ///< changes of light after their acknowledgement
   SequencerCounters counters;
 };
 
@@ -149,6 +164,12 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   void light_job(std::uint64_t job, std::uint32_t tag, std::optional<ConfirmRequest> confirm);
   void show(std::uint64_t job, std::uint32_t tag);
   void change_light(std::uint32_t tag, std::int64_t delay_ns);
+  /// Dark by itself: what waits to act is forgotten.
+  void darken_by_itself();
+  /// 5 to 60 ms, or 0.
+  [[nodiscard]] std::int64_t some_lateness_ns(double share);
+  /// When a change asked for now acts, in the order of the changes.
+  [[nodiscard]] std::int64_t act_ns(std::int64_t lateness_ns);
   [[nodiscard]] FrameTag truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const;
   void reboot();
   void disarm();
@@ -157,12 +178,15 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   void poll(std::uint64_t job);
   /// The camera's edge, or a false one.
   void strobe();
+  void step_table();
   void schedule_strobes(std::uint64_t sequence, std::int64_t end_ns);
 
   // Camera.
   void start_camera(std::uint64_t stream, double exposure_us);
   void expose(std::uint64_t generation);
   void expose_frame(std::uint64_t generation);
+  [[nodiscard]] std::int64_t stamp_jitter_ns();
+  [[nodiscard]] std::int64_t stamp_lie_ns();
   void trigger();
   void deliver(const ModelFrame& frame);
 
@@ -189,6 +213,8 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   std::vector<LightSpan> light_;
   std::uint32_t boot_id_ = 1;
   std::uint32_t shown_tag_ = 0;             ///< what the controller's register says
+  std::int64_t last_act_ns_ = 0;            ///< of the newest change asked for
+  std::uint64_t n_darkened_ = 0;            ///< by itself
   std::deque<std::function<void()>> jobs_;  ///< the light thread does one after the other
   bool is_job_running_ = false;
   std::int64_t bus_back_ns_ = 0;  ///< no answers before
@@ -197,9 +223,11 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   // The pattern table.
   std::vector<std::uint32_t> table_;  ///< tags
   std::uint32_t n_armed_ = 0;
+  std::uint64_t n_armings_ = 0;  ///< and disarmings
   std::uint32_t first_armed_ = 0;
   std::uint32_t step_counter_ = 0;
   std::uint32_t n_strobes_ = 0;
+  std::uint32_t late_strobe_ = 0;  ///< the newest whose step came late
   std::uint32_t every_ = 1;
   bool is_polling_ = false;
   std::uint64_t lost_frame_ = 0;   ///< the last one whose strobe was lost; 0: none

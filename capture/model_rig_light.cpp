@@ -68,12 +68,31 @@ FrameTag ModelRig::truth_between(std::int64_t t0_ns, std::int64_t t1_ns) const {
   return truth;
 }
 
+void ModelRig::darken_by_itself() {
+  ++n_darkened_;
+  last_act_ns_ = now_ns_;
+  disarm();
+  change_light(0, 0);
+}
+
+std::int64_t ModelRig::some_lateness_ns(double share) {
+  if (share <= 0.0 || !happens(share)) {
+    return 0;
+  }
+  ++outcome_.n_late;
+  return 5 * kMs + static_cast<std::int64_t>(55e6 * chance());
+}
+
+std::int64_t ModelRig::act_ns(std::int64_t lateness_ns) {
+  last_act_ns_ = std::max(now_ns_ + lateness_ns, last_act_ns_);
+  return last_act_ns_;
+}
+
 void ModelRig::reboot() {
   ++boot_id_;
   is_connected_ = false;
   table_.clear();
-  disarm();
-  change_light(0, 0);
+  darken_by_itself();
   bus_back_ns_ = now_ns_ + some_ns(800'000.0);
 }
 
@@ -125,24 +144,39 @@ void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
   const std::int64_t command_ns = now_ns_;
   const std::int64_t latch_ns = now_ns_ + some_ns(0.5 * config_.bus_us);
   const std::int64_t ack_ns = latch_ns + some_ns(0.5 * config_.bus_us);
-  const std::int64_t answer_ns = ack_ns + some_ns(0.3 * config_.bus_us);
+  const std::int64_t answer_way_ns = some_ns(0.3 * config_.bus_us);
   const bool is_lost = happens(config_.faults.light_timeout);
   const bool is_shown = !is_lost || happens(0.5);
   const bool is_wrong_echo = happens(config_.faults.light_wrong_echo);
   at(latch_ns, [=, this] {
     const bool is_up = is_connected_;
     if (is_up && !is_lost && tag != 0 && now_ns_ < interlock_closes_ns_) {
-      at(answer_ns, [this, job] {
+      at(ack_ns + answer_way_ns, [this, job] {
         end_job(event::LightFault{job, Errc::device_busy, "latch refused: interlock"});
       });
       return;
     }
+    std::int64_t shown_ns = ack_ns;
     if (is_up && is_shown && (tag == 0 || now_ns_ >= interlock_closes_ns_)) {
       disarm();
-      change_light(tag, some_ns(config_.latch_us));
-      if (tag != 0 && config_.sync == SyncMode::controller_leads) {
-        at(now_ns_ + static_cast<std::int64_t>(config_.trigger_us * 1e3),
-           [this] { trigger(); });
+      const std::int64_t lies_ns = some_lateness_ns(config_.faults.light_lying);
+      const std::int64_t acts_ns = act_ns(some_lateness_ns(config_.faults.light_late));
+      shown_ns = std::max(shown_ns, acts_ns);
+      const auto act = [this, tag, lies_ns] {
+        change_light(tag, lies_ns + some_ns(config_.latch_us));
+        if (tag != 0 && config_.sync == SyncMode::controller_leads) {
+          at(now_ns_ + static_cast<std::int64_t>(config_.trigger_us * 1e3),
+             [this] { trigger(); });
+        }
+      };
+      if (acts_ns == now_ns_) {
+        act();
+      } else {
+        at(acts_ns, [this, act, n = n_darkened_] {
+          if (n == n_darkened_) {
+            act();
+          }
+        });
       }
     }
     if (!is_up || is_lost) {
@@ -151,14 +185,15 @@ void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
       });
       return;
     }
-    at(answer_ns, [=, this] {
+    // Read back until it shows, or until it was darkened by itself meanwhile.
+    at(shown_ns + answer_way_ns, [=, this] {
       if (!is_connected_) {
         end_job(event::LightFault{job, Errc::device_gone, "tag: connection reset"});
       } else if (tag == 0) {
         end_job(event::LightDark{job});
       } else {
         const std::uint32_t echo = is_wrong_echo ? shown_tag_ + 1 : shown_tag_;
-        end_job(event::LightShown{job, LatchReceipt{command_ns, ack_ns, echo}});
+        end_job(event::LightShown{job, LatchReceipt{command_ns, ack_ns, now_ns_, echo}});
       }
     });
   });
@@ -167,6 +202,7 @@ void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
 // ---- the pattern table
 
 void ModelRig::disarm() {
+  ++n_armings_;
   n_armed_ = 0;
   step_counter_ = 0;
 }
@@ -211,6 +247,7 @@ void ModelRig::arm(const action::ArmBlock& block) {
     const std::size_t end =
         static_cast<std::size_t>(block.first) + static_cast<std::size_t>(block.count);
     if (is_connected_ && is_done && end <= table_.size()) {
+      disarm();
       change_light(0, 0);
       first_armed_ = static_cast<std::uint32_t>(block.first);
       n_armed_ = static_cast<std::uint32_t>(block.count);
@@ -227,7 +264,7 @@ void ModelRig::arm(const action::ArmBlock& block) {
         end_job(event::LightFault{job, Errc::device_gone, "arming: connection reset"});
         return;
       }
-      send(event::BlockArmed{job, LatchReceipt{command_ns, ack_ns, 0}});
+      send(event::BlockArmed{job, LatchReceipt{command_ns, ack_ns, 0, 0}});
       is_polling_ = true;
       end_job(std::nullopt);
       poll(job);
@@ -287,14 +324,32 @@ void ModelRig::strobe() {
   if (n_armed_ == 0 || n_strobes_++ % every_ != 0) {
     return;
   }
+  // Two late steps in a row are what the counter cannot see: see strobe_proof.h.
+  const bool is_late = config_.faults.strobe_late > 0.0 &&
+                       n_strobes_ > late_strobe_ + 4 * every_ &&
+                       happens(config_.faults.strobe_late);
+  late_strobe_ = is_late ? n_strobes_ : std::min(late_strobe_, n_strobes_);
+  const std::int64_t acts_ns = act_ns(is_late ? some_ns(2e6 / config_.fps) : 0);
+  outcome_.n_late += is_late ? 1 : 0;
+  if (acts_ns == now_ns_) {
+    step_table();
+  } else {
+    at(acts_ns, [this, n = n_armings_] {
+      if (n == n_armings_ && n_armed_ > 0) {
+        step_table();
+      }
+    });
+  }
+}
+
+void ModelRig::step_table() {
   const std::uint32_t index = step_counter_++;
   if (index >= n_armed_) {
     if (shown_tag_ != 0) {
       change_light(0, some_ns(config_.latch_us));
     }
   } else if (now_ns_ < interlock_closes_ns_) {
-    disarm();
-    change_light(0, 0);
+    darken_by_itself();
   } else {
     change_light(table_[first_armed_ + index], some_ns(config_.latch_us));
   }

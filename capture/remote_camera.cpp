@@ -296,6 +296,9 @@ Result<RemoteCamera::Packet> RemoteCamera::receive(Clock::time_point deadline) {
       return fail(errc_of(error),
                   fmt::format("{}: receive: {}", describe(spec_), std::strerror(error)), error);
     }
+    packet.arrival_ns =
+        std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
+            .count();
     // Own every descriptor that came, whatever else is wrong with the message.
     for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
       if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_RIGHTS) {
@@ -352,6 +355,7 @@ Result<Frame> RemoteCamera::make_frame(Packet packet) {
   const RemoteHeader& h = packet.header;
   FrameInfo info{.sequence = h.sequence,
                  .timestamp_ns = h.timestamp_ns,
+                 .arrival_ns = packet.arrival_ns,
                  .flags = h.flags,
                  .exposure_us = h.exposure_us,
                  .gain_db = h.gain_db};

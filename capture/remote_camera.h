@@ -41,6 +41,7 @@ class RemoteCamera final : public Camera {
   struct Packet {
     RemoteHeader header;
     Fd memory;
+    std::int64_t arrival_ns = 0;  ///< recvmsg gave it out, CLOCK_MONOTONIC
   };
   [[nodiscard]] Result<void> send(const RemoteHeader& header);
   [[nodiscard]] Result<Packet> receive(std::chrono::steady_clock::time_point deadline);

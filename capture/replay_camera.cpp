@@ -68,6 +68,7 @@ Result<Frame> ReplayCamera::next(std::chrono::steady_clock::time_point /*deadlin
   const FrameEvidence& e = record.evidence;
   const FrameInfo info{.sequence = e.sequence,
                        .timestamp_ns = e.timestamp_ns,
+                       .arrival_ns = e.timestamp_ns,  // not recorded
                        .flags = e.flags,
                        .exposure_us = e.exposure_read_us,
                        .gain_db = e.gain_db};

@@ -10,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "capture/frame_rhythm.h"
 #include "capture/sequencer_messages.h"
 #include "capture/strobe_proof.h"
 
@@ -18,12 +19,13 @@
 /// clock, no I/O, no randomness: time arrives in events, so a capture with any fault replays
 /// exactly.
 ///
-/// A frame is committed to a shot only when (1) the controller echoed the shot's tag after the
-/// latch, (2) the camera's stamp puts its exposure after t_stable, (3) the controller, asked
-/// again after the exposure's end, still shows that tag in the same boot, (4) it came in
-/// sequence, with no damage flag, in the exposure asked, and is not a picture seen before, and
-/// (5) the pixel checks pass. Where the camera's strobe steps a table, strobe_proof.h takes the
-/// place of (1) to (3). The diagram is in capture/README.md.
+/// A frame is committed to a shot only when (1) the controller showed the shot's tag after the
+/// latch, (2) the camera's stamp puts its exposure after t_stable, counted from that read-back,
+/// (3) the controller, asked again after the exposure's end, still shows that tag in the same
+/// boot, (4) it came in sequence, stamped before it came and on the camera's own period
+/// (frame_rhythm.h) or after its trigger, with no damage flag, in the exposure asked, and is
+/// not a picture seen before, and (5) the pixel checks pass. Where the camera's strobe steps a
+/// table, strobe_proof.h takes the place of (1) to (3). The diagram is in capture/README.md.
 
 namespace haarlight {
 
@@ -71,6 +73,9 @@ struct SequencerCounters {
   std::uint64_t frames_damaged = 0;  ///< flags, short
   std::uint64_t sequence_gaps = 0;
   std::uint64_t frames_out_of_order = 0;
+  std::uint64_t stamps_ahead = 0;    ///< stamped after they came
+  std::uint64_t off_rhythm = 0;      ///< stamped off their camera's period
+  std::uint64_t rhythm_unknown = 0;  ///< came before the camera's period was known
   std::uint64_t duplicates = 0;
   std::uint64_t wrong_exposure = 0;
   std::uint64_t checks_failed = 0;
@@ -110,8 +115,13 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   std::int64_t t_stable_ns = 0;
   std::int64_t shot_deadline_ns = kNever;
   int discarded = 0;
-  /// Frames that came before the latch's acknowledgement was told; judged when it is.
-  std::vector<event::FrameArrived> early;
+  /// A frame that may be used, and how close to its moment it was stamped.
+  struct Stamped {
+    event::FrameArrived frame;
+    std::int64_t guard_ns = 0;
+  };
+  /// Frames that came before the latch's read-back was told; judged when it is.
+  std::vector<Stamped> early;
   int failures = 0;                          ///< shots tried in a row without a commit
   std::optional<double> temperature_c;       ///< the controller's, newest
   std::optional<double> dark_temperature_c;  ///< at the newest dark frame
@@ -170,6 +180,8 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   bool is_exposure_open = false;       ///< SetExposure not answered yet
   bool is_exposure_seen = false;       ///< a frame came in the exposure asked
   std::int64_t trigger_ns = kNever;    ///< light leads: expose then
+  std::int64_t triggered_ns =
+      kNever;  ///< light leads: the present shot's exposure was asked for
   int n_buffers = 0;
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;
@@ -177,6 +189,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   bool is_stamp_refused = false;  ///< one from the future was told of in this stream
   std::uint64_t last_sequence = 0;
   std::int64_t last_timestamp_ns = 0;
+  FrameRhythm rhythm;                             ///< of a camera that runs freely
   std::array<std::uint64_t, 32> recent_hashes{};  ///< more than a camera has buffers
   std::size_t n_hashes = 0;
   int camera_faults = 0;  ///< in a row

@@ -387,6 +387,7 @@ void Stepper::take_by_strobe(const event::FrameArrived& e, const ExposureWindow&
   evidence.tag_echo = proof.tag;
   evidence.t_command_ns = b.armed.t_command_ns;
   evidence.t_ack_ns = b.armed.t_ack_ns;
+  evidence.t_shown_ns = proof.t_shown_ns;
   evidence.t_stable_ns = proof.t_stable_ns;
   evidence.t_next_change_ns = window.end_ns;  // the strobe itself
   evidence.temperature_c = b.temperature_c;

@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
-#include "capture/frame_order.h"
 #include "capture/stepper.h"
+#include "capture/timing.h"
 
 namespace haarlight {
 
@@ -22,6 +22,7 @@ void Stepper::on(const event::CameraStarted& e) {
   s_.is_exposure_open = false;
   s_.has_sequence = false;
   s_.is_stamp_refused = false;
+  s_.rhythm = FrameRhythm();
   s_.n_hashes = 0;
   s_.is_exposure_seen = false;
   s_.n_buffers = e.n_buffers;
@@ -64,9 +65,9 @@ void Stepper::on(const event::CameraFault& e) {
 void Stepper::on(const event::FrameArrived& e) {
   ++s_.counters.frames;
   const bool is_of_stream = s_.is_camera_started && e.stream == s_.stream;
-  const bool is_usable = is_of_stream && examine(e);
+  const std::optional<std::int64_t> guard_ns = is_of_stream ? examine(e) : std::nullopt;
   if (is_by_strobe()) {
-    if (is_usable) {
+    if (guard_ns) {
       take_block_frame(e);
     } else {
       ++s_.counters.frames_unused;
@@ -76,19 +77,19 @@ void Stepper::on(const event::FrameArrived& e) {
   }
   const bool has_shot = is_of_stream && s_.phase == Phase::running && s_.current >= 0 &&
                         s_.step != ShotStep::none;
-  if (!has_shot || !is_usable) {
+  if (!has_shot || !guard_ns) {
     s_.discarded += has_shot ? 1 : 0;
     ++s_.counters.frames_unused;
     drop(e.frame);
   } else if (s_.step == ShotStep::light) {
     if (s_.early.size() >= kMaxEarly) {
-      drop(s_.early.front().frame);
+      drop(s_.early.front().frame.frame);
       s_.early.erase(s_.early.begin());
       ++s_.counters.frames_unused;
     }
-    s_.early.push_back(e);
+    s_.early.push_back({e, *guard_ns});
   } else {
-    judge(e);
+    judge({e, *guard_ns});
   }
 }
 
@@ -124,7 +125,7 @@ bool Stepper::check_exposure() {
   return false;
 }
 
-bool Stepper::examine(const event::FrameArrived& e) {
+std::optional<std::int64_t> Stepper::examine(const event::FrameArrived& e) {
   const FrameInfo& info = e.info;
   const std::size_t n_known = std::min(s_.n_hashes, s_.recent_hashes.size());
   const auto* const begin = s_.recent_hashes.data();
@@ -134,13 +135,13 @@ bool Stepper::examine(const event::FrameArrived& e) {
   const bool is_first = !s_.has_sequence;
   const bool is_forward = is_first || (info.sequence > s_.last_sequence &&
                                        info.timestamp_ns > s_.last_timestamp_ns);
-  const std::int64_t ahead_ns = info.timestamp_ns - t_;
-  if (!is_forward || ahead_ns > kStampAheadNs) {
+  if (info.timestamp_ns > info.arrival_ns) {
+    refuse_stamp(info);
+    return std::nullopt;
+  }
+  if (!is_forward) {
     ++s_.counters.frames_out_of_order;
-    if (ahead_ns > kStampAheadNs) {
-      refuse_stamp(info, ahead_ns);
-    }
-    return false;
+    return std::nullopt;
   }
   const bool is_gap = !is_first && info.sequence != s_.last_sequence + 1;
   s_.has_sequence = true;
@@ -154,28 +155,60 @@ bool Stepper::examine(const event::FrameArrived& e) {
       (info.flags & (kFrameError | kFrameShort)) != 0 || (info.flags & kFrameMonotonic) == 0;
   if (is_damaged) {
     ++s_.counters.frames_damaged;
-    return false;
+    if ((info.flags & kFrameSequenceRestart) != 0) {
+      s_.rhythm.restart();
+    }
+    return std::nullopt;
   }
+  const std::optional<std::int64_t> guard_ns = examine_rhythm(info);
   if (is_known && e.must_differ) {
     ++s_.counters.duplicates;
-    return false;
+    return std::nullopt;
   }
   // Without the strobe's count the stamp alone decides: a lost neighbour takes nothing from it.
-  return !is_gap || !is_by_strobe();
+  return is_gap && is_by_strobe() ? std::nullopt : guard_ns;
+}
+
+bool Stepper::is_camera_free() const {
+  return s_.plan != nullptr && (s_.plan->sync == SyncMode::free_run || is_by_strobe());
+}
+
+std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
+  if (!is_camera_free()) {
+    return kGuardNs;  // a triggered frame: the trigger says what the period would
+  }
+  const FrameRhythm::Verdict verdict =
+      s_.rhythm.judge(info.sequence, info.timestamp_ns, info.exposure_us);
+  if (verdict.is_learnt_anew) {
+    log("camera", fmt::format("the frames up to {} come in another rhythm than those before, "
+                              "this one by {:.3f} ms: it is learnt anew",
+                              info.sequence, 1e-6 * static_cast<double>(verdict.off_ns)));
+  }
+  switch (verdict.place) {
+    case FrameRhythm::Place::on:
+      return verdict.guard_ns;
+    case FrameRhythm::Place::learning:
+      ++s_.counters.rhythm_unknown;
+      return std::nullopt;
+    case FrameRhythm::Place::off:
+      ++s_.counters.off_rhythm;
+      return std::nullopt;
+  }
+  return std::nullopt;
 }
 
 /// Said once a stream: nothing else would tell why no frame is clean.
-void Stepper::refuse_stamp(const FrameInfo& info, std::int64_t ahead_ns) {
+void Stepper::refuse_stamp(const FrameInfo& info) {
+  ++s_.counters.stamps_ahead;
   if (s_.is_stamp_refused) {
     return;
   }
   s_.is_stamp_refused = true;
   log("camera",
       fmt::format(
-          "frame {} is stamped {:.1f} ms after it came, {:.0f} ms are allowed: its clock "
-          "is not the host's, or the stamp means a later moment; it is not used",
-          info.sequence, 1e-6 * static_cast<double>(ahead_ns),
-          1e-6 * static_cast<double>(kStampAheadNs)));
+          "frame {} is stamped {:.3f} ms after it came: its clock is not the host's, or its "
+          "driver reckons the stamp; it is not used",
+          info.sequence, 1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
 }
 
 bool Stepper::is_exposed_as_asked(const FrameInfo& info) {

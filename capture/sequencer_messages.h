@@ -37,6 +37,8 @@ struct SequencerPlan {
   double frame_us = 0.0;       ///< frame period
   std::int64_t settle_ns = 0;  ///< guard included, see capture/timing.h
   int max_held = 8;            ///< frames being checked or committed, at most
+  /// Controller leads: from a latch to the pulse on the camera's trigger line; 0: not known.
+  std::int64_t trigger_delay_ns = 0;
   /// Camera leads: the table steps at every n-th strobe. E + skew + settle <= n frame periods.
   int strobe_every = 1;
   int table_depth = 1024;  ///< camera leads: patterns uploaded at once, at most

@@ -2,10 +2,12 @@
 /// The sequencer, one pattern at a time: free-run, light leads and controller leads.
 
 #include <algorithm>
+#include <limits>
 
 #include <fmt/format.h>
 
 #include "capture/stepper.h"
+#include "capture/timing.h"
 #include "session/clean_rule.h"
 
 namespace haarlight {
@@ -25,7 +27,7 @@ void Stepper::on(const event::LightShown& e) {
   }
   s_.light_faults = 0;
   s_.receipt = e.receipt;
-  s_.t_stable_ns = e.receipt.t_ack_ns + s_.plan->settle_ns;
+  s_.t_stable_ns = e.receipt.t_shown_ns + s_.plan->settle_ns;
   s_.step = t_ < s_.t_stable_ns ? ShotStep::settle : ShotStep::collect;
   s_.discarded = 0;
   if (s_.plan->is_preview) {
@@ -39,10 +41,11 @@ void Stepper::on(const event::LightShown& e) {
                         static_cast<std::int64_t>(kShotFrames * frame_us * 1e3);
   if (s_.plan->sync == SyncMode::light_leads) {
     s_.trigger_ns = std::max(t_, s_.t_stable_ns);
+    s_.triggered_ns = kNever;
   }
   // Their stamps decide, not the order in which two threads were heard.
-  for (const event::FrameArrived& frame : std::exchange(s_.early, {})) {
-    judge(frame);
+  for (const SequencerState::Stamped& stamped : std::exchange(s_.early, {})) {
+    judge(stamped);
   }
 }
 
@@ -161,7 +164,8 @@ void Stepper::on_shot_timeout() {
   advance(std::nullopt);
 }
 
-void Stepper::judge(const event::FrameArrived& e) {
+void Stepper::judge(const SequencerState::Stamped& stamped) {
+  const event::FrameArrived& e = stamped.frame;
   const bool is_collecting = s_.current >= 0 && !s_.awaiting &&
                              (s_.step == ShotStep::settle || s_.step == ShotStep::collect);
   if (is_collecting && t_ >= s_.t_stable_ns) {
@@ -171,7 +175,7 @@ void Stepper::judge(const event::FrameArrived& e) {
     drop(e.frame);
     return;
   }
-  if (!is_collecting || !is_exposed_as_asked(e.info) || !accept(e)) {
+  if (!is_collecting || !is_exposed_as_asked(e.info) || !accept(stamped)) {
     ++s_.discarded;
     ++s_.counters.frames_unused;
     drop(e.frame);
@@ -199,13 +203,28 @@ void Stepper::ask_again(const event::FrameArrived& e) {
 }
 
 void Stepper::drop_early() {
-  for (const event::FrameArrived& frame : std::exchange(s_.early, {})) {
-    drop(frame.frame);
+  for (const SequencerState::Stamped& stamped : std::exchange(s_.early, {})) {
+    drop(stamped.frame.frame);
     ++s_.counters.frames_unused;
   }
 }
 
-bool Stepper::accept(const event::FrameArrived& e) {
+std::int64_t Stepper::earliest_start_ns() const {
+  switch (s_.plan->sync) {
+    case SyncMode::light_leads:
+      return s_.triggered_ns - kGuardNs;
+    case SyncMode::controller_leads:
+      // The latch acts after its command and sends the pulse; its timer has a clock of its own.
+      return s_.receipt.t_command_ns + s_.plan->trigger_delay_ns - kGuardNs;
+    case SyncMode::free_run:
+    case SyncMode::camera_leads:
+      break;
+  }
+  return std::numeric_limits<std::int64_t>::min();
+}
+
+bool Stepper::accept(const SequencerState::Stamped& stamped) {
+  const event::FrameArrived& e = stamped.frame;
   const SequencerPlan& plan = *s_.plan;
   const SequencedShot& shot = shot_of(s_.current);
   const ExposureWindow window = exposure_window({.timestamp_ns = e.info.timestamp_ns,
@@ -213,7 +232,10 @@ bool Stepper::accept(const event::FrameArrived& e) {
                                                  .exposure_us = e.info.exposure_us,
                                                  .read_us = plan.read_us,
                                                  .skew_us = plan.skew_us});
-  if (!judge_clean(window, s_.t_stable_ns, t_).is_clean) {
+  // The settle time holds one guard; stamps that scatter more need more.
+  const std::int64_t t_stable_ns =
+      s_.t_stable_ns + std::max<std::int64_t>(stamped.guard_ns - kGuardNs, 0);
+  if (!judge_clean(window, t_stable_ns, t_).is_clean || window.start_ns < earliest_start_ns()) {
     return false;
   }
   FrameEvidence evidence = describe_frame(e, s_.current, window);
@@ -221,7 +243,8 @@ bool Stepper::accept(const event::FrameArrived& e) {
   evidence.is_read_back = s_.receipt.proof == LightProof::read_back;
   evidence.t_command_ns = s_.receipt.t_command_ns;
   evidence.t_ack_ns = s_.receipt.t_ack_ns;
-  evidence.t_stable_ns = s_.t_stable_ns;
+  evidence.t_shown_ns = s_.receipt.t_shown_ns;
+  evidence.t_stable_ns = t_stable_ns;
   const int i_shot = s_.current;
   const int attempt = s_.attempts[static_cast<std::size_t>(i_shot)]++;
   s_.current = -1;

@@ -127,12 +127,14 @@ class Stepper {
   void retry(int shot, const std::string& why);
   void on_shot_timeout();
   /// Takes the frame for the present shot, or gives it back.
-  void judge(const event::FrameArrived& e);
+  void judge(const SequencerState::Stamped& stamped);
   /// A frame of the present shot was refused: in the triggered modes no other comes by itself.
   void ask_again(const event::FrameArrived& e);
   void drop_early();
   /// Takes a frame whose stamp proves a clean exposure; the controller is asked next.
-  bool accept(const event::FrameArrived& e);
+  bool accept(const SequencerState::Stamped& stamped);
+  /// What the mode tells of an exposure's start without the stamp: not before its trigger.
+  [[nodiscard]] std::int64_t earliest_start_ns() const;
   /// What camera and plan say of a frame; the light's part is missing.
   [[nodiscard]] FrameEvidence describe_frame(const event::FrameArrived& e, int shot,
                                              const ExposureWindow& window) const;
@@ -150,9 +152,12 @@ class Stepper {
   void start_camera();
   void stop_camera();
   bool check_exposure();
-  /// Keeps track of sequence and stamps; true when the frame by itself may be used.
-  bool examine(const event::FrameArrived& e);
-  void refuse_stamp(const FrameInfo& info, std::int64_t ahead_ns);
+  /// Keeps track of sequence and stamps. How close to its moment the frame was stamped, when it
+  /// may be used by itself.
+  [[nodiscard]] std::optional<std::int64_t> examine(const event::FrameArrived& e);
+  /// The same for its stamp among the stamps of its stream.
+  [[nodiscard]] std::optional<std::int64_t> examine_rhythm(const FrameInfo& info);
+  void refuse_stamp(const FrameInfo& info);
   bool is_exposed_as_asked(const FrameInfo& info);
 
   // sequencer_block.cpp
@@ -178,6 +183,7 @@ class Stepper {
   void return_entries(bool is_first);
   void on_table_mismatch(std::uint32_t counter, std::uint32_t tag);
   [[nodiscard]] bool is_by_strobe() const;
+  [[nodiscard]] bool is_camera_free() const;
   [[nodiscard]] bool is_block_armed() const;
   [[nodiscard]] StrobeTiming strobe_timing() const;
   [[nodiscard]] std::int64_t block_patience_ns() const;

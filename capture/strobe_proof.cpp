@@ -16,6 +16,7 @@ struct Span {
   bool is_constant = true;
   std::uint32_t counter = 0;
   std::uint32_t tag = 0;
+  std::int64_t t_first_ack_ns = 0;
 };
 
 Span readings_in(const std::deque<StepReading>& readings, std::int64_t begin_ns,
@@ -26,6 +27,7 @@ Span readings_in(const std::deque<StepReading>& readings, std::int64_t begin_ns,
       [begin_ns](const StepReading& reading) { return reading.t_request_ns < begin_ns; });
   for (; it != readings.end() && it->t_ack_ns <= end_ns; ++it) {
     span.is_constant = span.is_constant && (!span.has_reading || span.counter == it->counter);
+    span.t_first_ack_ns = span.has_reading ? span.t_first_ack_ns : it->t_ack_ns;
     span.has_reading = true;
     span.counter = it->counter;
     span.tag = it->tag;
@@ -65,15 +67,13 @@ StrobeProof prove_by_strobe(const std::deque<StepReading>& readings,
       !is_at(last, during.counter + 1)) {
     return proof;
   }
-  bool is_lit_before = false;
-  if (timing.every == 1) {
-    is_lit_before =
-        readings_in(readings, before_ns + g, window.start_ns - timing.settle_ns).has_reading ||
-        is_at(in_frame(-1), during.counter - 1);
-  } else {
-    is_lit_before = is_at(in_frame(1 - timing.every), during.counter);
-  }
-  if (!is_lit_before) {
+  const std::int64_t settled_ns = window.start_ns - timing.settle_ns;
+  const Span lit = timing.every == 1 ? readings_in(readings, before_ns + g, settled_ns)
+                                     : in_frame(1 - timing.every);
+  const bool has_room = timing.every > 1 || settled_ns - before_ns - g >= period / 2;
+  if (is_at(lit, during.counter)) {
+    proof.t_shown_ns = lit.t_first_ack_ns;
+  } else if (lit.has_reading || has_room || !is_at(in_frame(-1), during.counter - 1)) {
     return proof;
   }
   const std::int64_t lit_ns = strobe_ns - timing.every * period;

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <optional>
 
 #include "session/clean_rule.h"
 
@@ -13,14 +14,17 @@
 /// Frame n saw the table's entry k - 1 and nothing else when
 ///
 ///   (a) the counter was k before its exposure began and the light had settled by then: a
-///       reading k between strobe n - 1 and (start - settle); or, where none fell there, k - 1
-///       in frame n - 1 and k in frame n;
+///       reading k between strobe n - 1 and (start - settle). Where that time is shorter than
+///       half a frame a reading cannot be expected in it: then k - 1 in frame n - 1 and k in
+///       frame n, which takes a controller at its word that it steps at the strobe's edge;
 ///   (b) it was k in frame n, and the tag read with it is that entry's;
 ///   (c) it was k + 1 in frame n + 1.
 ///
-/// One step lies between (a) and (c), and the strobe at the end of frame n is the one edge that
-/// was due there. What this cannot see: a strobe that is lost *and* a false edge instead of it
-/// within the same frame (d frames). A single lost or false edge anywhere voids its frame.
+/// So a controller that steps late, its counter with its light, is found out where there is
+/// room for a reading. One step lies between (a) and (c), and the strobe at the end of frame n
+/// is the one edge that was due there. What this cannot see: a strobe that is lost *and* a
+/// false edge instead of it within the same frame (d frames), and two late steps in a row,
+/// which come to the same. A single lost, false or late edge voids its frame.
 ///
 /// A table that steps at every d-th strobe (d >= 2) lights the last of d frames cleanly. There
 /// (a) is: k in frame n - d + 1 already; and (c) holds until frame n + d, as a false edge would
@@ -53,6 +57,8 @@ struct StrobeProof {
   std::uint32_t counter = 0;     ///< k
   std::uint32_t tag = 0;         ///< read during the frame
   std::int64_t t_stable_ns = 0;  ///< the strobe that lit it, plus settle
+  /// The answer of the first reading k; nothing where (a) rests on the controller's word.
+  std::optional<std::int64_t> t_shown_ns;
 };
 
 /// @param readings  in order of time

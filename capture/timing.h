@@ -18,8 +18,8 @@ inline constexpr std::int64_t kGuardNs = 100'000;
 /// Bytes a stored frame needs beside its words: TIFF tags, evidence, its share of the journal.
 inline constexpr double kFrameOverheadBytes = 4096.0;
 
-/// From the acknowledged latch until the light surely stands: latch delay, the slower of rise
-/// and fall, and the guard.
+/// From the read-back that shows the latch until the light surely stands: latch delay, the
+/// slower of rise and fall, and the guard.
 [[nodiscard]] std::int64_t settle_ns(const ControllerSpec& controller) noexcept;
 
 /// Camera leads: does every light fit the frames that its step lasts?

@@ -379,9 +379,10 @@ Result<std::optional<Frame>> V4l2Camera::house(const V4l2Filled& filled) {
 
 FrameInfo V4l2Camera::describe(const V4l2Filled& filled) {
   const FrameOrder::Verdict verdict =
-      stream_->order.judge(filled.sequence, filled.timestamp_ns, now_ns());
+      stream_->order.judge(filled.sequence, filled.timestamp_ns, filled.arrival_ns);
   FrameInfo info{.sequence = verdict.sequence,
                  .timestamp_ns = filled.timestamp_ns,
+                 .arrival_ns = filled.arrival_ns,
                  .flags = 0,
                  .exposure_us = stream_->controls.exposure_us(),
                  .gain_db = stream_->controls.gain_db()};

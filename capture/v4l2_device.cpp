@@ -673,6 +673,9 @@ Result<V4l2Filled> V4l2Device::dequeue() {
   if (auto asked = call(VIDIOC_DQBUF, &take.buffer, "VIDIOC_DQBUF"); !asked) {
     return tl::unexpected<Fault>(asked.error());
   }
+  const std::int64_t arrival_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
+                                      std::chrono::steady_clock::now().time_since_epoch())
+                                      .count();
   const v4l2_buffer& buffer = take.buffer;
   if (buffer.index >= mappings_.size()) {
     return fail(Errc::protocol, fmt::format("VIDIOC_DQBUF {}: buffer {} of {}", node_,
@@ -684,6 +687,7 @@ Result<V4l2Filled> V4l2Device::dequeue() {
   const std::size_t end = std::clamp<std::size_t>(
       is_multiplanar_ ? take.planes[0].bytesused : buffer.bytesused, begin, mapping.size);
   V4l2Filled filled;
+  filled.arrival_ns = arrival_ns;
   filled.index = static_cast<int>(buffer.index);
   filled.bytes = {static_cast<const std::byte*>(mapping.data) + begin, end - begin};
   filled.sequence = buffer.sequence;

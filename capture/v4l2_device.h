@@ -89,6 +89,7 @@ struct V4l2Filled {
   std::span<const std::byte> bytes;  ///< what the driver says it filled
   std::uint32_t sequence = 0;
   std::int64_t timestamp_ns = 0;
+  std::int64_t arrival_ns = 0;  ///< DQBUF gave it out, CLOCK_MONOTONIC
   bool is_error = false;
   bool is_monotonic = false;         ///< the stamp is CLOCK_MONOTONIC
   bool is_stamped_at_start = false;  ///< else at the end of the frame

@@ -66,10 +66,17 @@ enum class LightProof {
 struct LatchReceipt {
   std::int64_t t_command_ns = 0;  ///< CLOCK_MONOTONIC just before the latch was sent
   std::int64_t t_ack_ns = 0;      ///< just after its acknowledgement came
-  std::uint32_t tag_echo = 0;     ///< read back after the latch; for LightProof::read_back the
-                                  ///< host's own, given to what was read
+  /// Just after the answer came that shows the tag and the sum (or the channels' values). From
+  /// here the light counts: a gateway may acknowledge long before it acts. 0: not read back.
+  std::int64_t t_shown_ns = 0;
+  std::uint32_t tag_echo = 0;  ///< read back after the latch; for LightProof::read_back the
+                               ///< host's own, given to what was read
   LightProof proof = LightProof::tag;
 };
+
+/// A controller, or the gateway before it, may act this long after its acknowledgement: until
+/// then a read-back of what stood before is asked for again, later it is a fault.
+inline constexpr std::int64_t kShownWithinNs = 100'000'000;
 
 /// Faults: timeout, device_gone, protocol (state UNKNOWN: call all_off or show again),
 /// refused (power, duty or range limit: nothing was lit), device_busy. Any fault voids the last
@@ -83,8 +90,8 @@ class LightArray {
   [[nodiscard]] virtual Result<ControllerIdentity> connect() = 0;
   virtual void disconnect() noexcept = 0;
   /// Writes the shadow bank (only what differs from what it is known to hold), the tag, and
-  /// latches; reads tag and bank sum back. The pattern may be empty (a dark frame), its levels
-  /// may be 0, and names each element at most once.
+  /// latches; reads tag and bank sum back until they show, kShownWithinNs at most. The pattern
+  /// may be empty (a dark frame), its levels may be 0, and names each element at most once.
   /// @param tag  not 0, which stands for dark by all_off, lease, fault or restart
   [[nodiscard]] virtual Result<LatchReceipt> show(std::span<const ElementLevel> pattern,
                                                   std::uint32_t tag) = 0;
@@ -106,7 +113,7 @@ class LightArray {
     return fail(Errc::unsupported, "this light array has no pattern table");
   }
   /// Arms a part of the uploaded table for the camera's strobe, dark until the first edge. The
-  /// receipt's times stand for the arming, its tag for dark.
+  /// receipt's times stand for the arming, which nothing reads back; its tag for dark.
   [[nodiscard]] virtual Result<LatchReceipt> arm_strobe(const StrobeRun& run) {
     static_cast<void>(run);
     return fail(Errc::unsupported, "this light array has no pattern table");

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "core/random.h"
 #include "firmware_iface/register_codec.h"
 
 namespace haarlight {
@@ -126,7 +127,8 @@ LightController::LightController(ControllerConfig config, std::uint32_t boot_id,
 
 void LightController::reboot(std::uint32_t boot_id, std::int64_t now_ns) {
   advance(now_ns);
-  show(std::make_shared<const std::vector<ElementLevel>>(), 0, now_ns_);
+  step_counter_ = 0;
+  go_dark();
   boot_id_ = boot_id;
   boot_ns_ = now_ns_;
   std::fill(levels_.begin(), levels_.end(), std::uint16_t{0});
@@ -156,16 +158,25 @@ void LightController::reboot(std::uint32_t boot_id, std::int64_t now_ns) {
 // ---- time ----
 
 bool LightController::is_lit_or_armed() const {
-  return n_armed_ > 0 || (!log_.is_empty() && !log_.latest().pattern->empty());
+  return n_armed_ > 0 || !waiting_.empty() ||
+         (!log_.is_empty() && !log_.latest().pattern->empty());
 }
 
 std::int64_t LightController::next_deadline_ns() const {
   const std::int64_t lease = is_lit_or_armed() ? lease_deadline_ns_ : kNever;
-  return std::min(lease, heat_deadline_ns_);
+  const std::int64_t late = waiting_.empty() ? kNever : waiting_.front().t_ns;
+  return std::min({late, lease, heat_deadline_ns_});
 }
 
 void LightController::advance(std::int64_t now_ns) {
   while (next_deadline_ns() != kNever && next_deadline_ns() <= now_ns) {
+    if (!waiting_.empty() && waiting_.front().t_ns == next_deadline_ns()) {
+      const Act act = std::move(waiting_.front());
+      waiting_.pop_front();
+      now_ns_ = std::max(now_ns_, act.t_ns);
+      perform(act);
+      continue;
+    }
     const bool is_lease = is_lit_or_armed() && lease_deadline_ns_ <= heat_deadline_ns_;
     now_ns_ = std::max(now_ns_, next_deadline_ns());
     faults_ |= is_lease ? registers::kFaultLeaseExpired : registers::kFaultElementDuty;
@@ -203,7 +214,6 @@ void LightController::show(Pattern pattern, std::uint32_t tag, std::int64_t t_ns
       }
     }
   }
-  shown_sum_ = bank_sum(*pattern);
   ++latch_counter_;
   heat_deadline_ns_ = kNever;
   if (is_limited) {
@@ -224,16 +234,78 @@ void LightController::show(Pattern pattern, std::uint32_t tag, std::int64_t t_ns
 }
 
 void LightController::go_dark() {
-  show(std::make_shared<const std::vector<ElementLevel>>(), 0, now_ns_);
+  waiting_.clear();
+  const Act dark{now_ns_, std::make_shared<const std::vector<ElementLevel>>(), 0, step_counter_,
+                 false};
+  show(dark.pattern, dark.tag, dark.t_ns);
+  set_shown(dark);
 }
 
-void LightController::all_off() {
+void LightController::forget_bank() {
   n_armed_ = 0;
   std::fill(on_.begin(), on_.end(), std::uint8_t{0});
   shadow_sum_ = 0;
   tag_ = 0;
   has_expected_sum_ = false;
+}
+
+void LightController::all_off() {
+  forget_bank();
   go_dark();
+}
+
+// ---- acting, at once or late ----
+
+std::int64_t LightController::draw_delay_ns() {
+  const std::uint64_t number = ++n_commands_;
+  if (uniform_unit(hash_key(late_.seed, number, 1)) >= late_.share) {
+    return 0;
+  }
+  const auto least = static_cast<double>(late_.least.count());
+  const auto range = static_cast<double>(late_.most.count()) - least;
+  return static_cast<std::int64_t>(
+      1e3 * (least + std::max(range, 0.0) * uniform_unit(hash_key(late_.seed, number, 2))));
+}
+
+void LightController::command(Pattern pattern, std::uint32_t tag, bool has_trigger) {
+  Act act{now_ns_ + draw_delay_ns(), std::move(pattern), tag, step_counter_, has_trigger};
+  if (!waiting_.empty()) {
+    act.t_ns = std::max(act.t_ns, waiting_.back().t_ns);  // in order
+  }
+  const bool is_late = act.t_ns > now_ns_ || !waiting_.empty();
+  if (!is_late) {
+    perform(act);
+    return;
+  }
+  if (late_.shows == LateActing::Shows::at_once) {
+    set_shown(act);
+    if (act.has_trigger) {
+      send_trigger(now_ns_);
+      act.has_trigger = false;
+    }
+  }
+  waiting_.push_back(std::move(act));
+}
+
+void LightController::perform(const Act& act) {
+  show(act.pattern, act.tag, act.t_ns);
+  if (late_.shows != LateActing::Shows::at_once || waiting_.empty()) {
+    set_shown(act);
+  }
+  if (act.has_trigger) {
+    send_trigger(act.t_ns);
+  }
+}
+
+void LightController::send_trigger(std::int64_t t_ns) {
+  if (trigger_delay_us_ > 0) {
+    last_trigger_ns_ = t_ns + std::int64_t{trigger_delay_us_} * 1000;
+    ++n_triggers_;
+  }
+}
+
+void LightController::set_shown(const Act& act) {
+  shown_ = {{act.t_ns, act.tag, act.pattern}, bank_sum(*act.pattern), act.step_counter};
 }
 
 std::uint64_t LightController::milliwatts(const std::vector<ElementLevel>& pattern) const {
@@ -355,11 +427,7 @@ Exception LightController::latch() {
   refusal_ = Refusal::none;
   n_armed_ = 0;  // a latch by hand ends a table run
   renew_lease();
-  show(pattern, tag_, now_ns_);
-  if (trigger_delay_us_ > 0) {
-    last_trigger_ns_ = now_ns_ + std::int64_t{trigger_delay_us_} * 1000;
-    ++n_triggers_;
-  }
+  command(pattern, tag_, true);
   return Exception::none;
 }
 
@@ -407,12 +475,12 @@ Exception LightController::arm(std::uint16_t n_entries) {
     return refuse(Refusal::table_range);
   }
   refusal_ = Refusal::none;
+  step_counter_ = 0;
   go_dark();
   first_armed_ = first;
   strobe_divider_ = divider;
   n_strobes_ = 0;
   n_armed_ = n_entries;
-  step_counter_ = 0;
   renew_lease();
   return Exception::none;
 }
@@ -426,8 +494,10 @@ Exception LightController::step() {
     ++step_counter_;
   }
   if (index >= static_cast<std::uint32_t>(n_armed_)) {
-    if (!log_.latest().pattern->empty() || log_.latest().tag != 0) {
-      go_dark();
+    if (waiting_.empty() && log_.latest().pattern->empty() && log_.latest().tag == 0) {
+      shown_.step_counter = step_counter_;
+    } else {
+      command(std::make_shared<const std::vector<ElementLevel>>(), 0, false);
     }
     return Exception::none;
   }
@@ -436,7 +506,7 @@ Exception LightController::step() {
     return refuse(why);
   }
   refusal_ = Refusal::none;
-  show(entry.pattern, entry.tag, now_ns_);
+  command(entry.pattern, entry.tag, false);
   return Exception::none;
 }
 
@@ -500,7 +570,7 @@ Exception LightController::read_discrete(std::uint16_t first, std::span<bool> bi
     return Exception::illegal_address;
   }
   for (std::size_t i = 0; i < bits.size(); ++i) {
-    bits[i] = log_.latest().level(static_cast<int>(first + i)) > 0;
+    bits[i] = shown_.light.level(static_cast<int>(first + i)) > 0;
   }
   return Exception::none;
 }
@@ -552,15 +622,14 @@ void LightController::fill_status(std::span<std::uint16_t> block) const {
   const auto at = [](std::uint16_t address) {
     return static_cast<std::size_t>(address - in::kStatusFirst);
   };
-  const LightTransition& shown = log_.latest();
-  const std::uint64_t power_mw = milliwatts(*shown.pattern);
+  const std::uint64_t power_mw = milliwatts(*shown_.light.pattern);
   put_long(block, at(in::kBootId), boot_id_);
   put_long(block, at(in::kUptimeMs),
            static_cast<std::uint32_t>((now_ns_ - boot_ns_) / kNsPerMs));
-  unsigned bits = shown.pattern->empty() ? unsigned{registers::kStatusDark} : 0U;
+  unsigned bits = shown_.light.pattern->empty() ? unsigned{registers::kStatusDark} : 0U;
   if (n_armed_ > 0) {
     bits |= registers::kStatusArmed;
-    if (step_counter_ > static_cast<std::uint32_t>(n_armed_)) {
+    if (shown_.step_counter > static_cast<std::uint32_t>(n_armed_)) {
       bits |= registers::kStatusTableDone;
     }
   }
@@ -571,9 +640,9 @@ void LightController::fill_status(std::span<std::uint16_t> block) const {
   const double supply = static_cast<double>(power_mw) * 1e-3 / config_.supply_v;
   block[at(in::kSupplyCurrent)] =
       static_cast<std::uint16_t>(std::min(std::round(supply * 100.0), kFullDrive));
-  put_long(block, at(in::kTag), shown.tag);
-  put_long(block, at(in::kShownSum), shown_sum_);
-  put_long(block, at(in::kStepCounter), step_counter_);
+  put_long(block, at(in::kTag), shown_.light.tag);
+  put_long(block, at(in::kShownSum), shown_.sum);
+  put_long(block, at(in::kStepCounter), shown_.step_counter);
   put_long(block, at(in::kLatchCounter), latch_counter_);
   put_long(block, at(in::kPower), static_cast<std::uint32_t>((power_mw + 99) / 100));
   const std::int64_t left =
@@ -733,7 +802,8 @@ Exception LightController::write_control(std::uint16_t address, std::uint32_t va
       renew_lease();
       return Exception::none;
     case hold::kAllOff:
-      all_off();
+      forget_bank();
+      command(std::make_shared<const std::vector<ElementLevel>>(), 0, false);
       return Exception::none;
     case hold::kPowerLimit: {
       const std::uint64_t limit_mw = std::uint64_t{value} * 100;

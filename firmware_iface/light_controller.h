@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <limits>
 #include <memory>
 #include <span>
@@ -50,6 +51,25 @@ struct ControllerConfig {
   std::size_t history = 8192;  ///< transitions kept
 };
 
+/// How a controller, or the gateway before it, acts late: a share of the commands that change
+/// the light (latch, step, all off) is acknowledged at once and acts only after a delay, in the
+/// order of the commands. What the controller does by itself (lease, interlock, a refused
+/// command, a restart) is never late, and neither is the arming of a table; both end what
+/// waits.
+struct LateActing {
+  enum class Shows {
+    with_light,  ///< the status shows the new tag and sum when the light does: a gateway that
+                 ///< forwards late, a controller that scans its registers in a cycle
+    at_once,     ///< the status lies: it shows them with the acknowledgement
+    in_order,    ///< with_light, and what is asked next is answered only then: busy_until_ns
+  };
+  double share = 0.0;  ///< of the commands, drawn by (seed, number of the command)
+  std::chrono::microseconds least{5'000};
+  std::chrono::microseconds most{60'000};
+  Shows shows = Shows::with_light;
+  std::uint64_t seed = 1;
+};
+
 /// The controller of a rig: one group a face, or a string where the face has strings, the
 /// faces' limits and their sum; of several duty limits the lowest holds for all.
 [[nodiscard]] ControllerConfig controller_config(const Rig& rig);
@@ -86,7 +106,16 @@ class LightController {
   void reboot(std::uint32_t boot_id, std::int64_t now_ns);
   void set_temperature(double temperature_c, std::int64_t now_ns);
   void set_interlock_open(bool is_open, std::int64_t now_ns);
-  /// Lets time pass: lease and thermal cuts happen at their own moment, not at `now_ns`.
+  /// From the next command on.
+  void set_late_acting(const LateActing& late) { late_ = late; }
+  /// LateActing::Shows::in_order: no request may be carried out before. Else the last time.
+  [[nodiscard]] std::int64_t busy_until_ns() const {
+    return late_.shows == LateActing::Shows::in_order && !waiting_.empty()
+               ? waiting_.back().t_ns
+               : now_ns_;
+  }
+  /// Lets time pass: late acts, lease and thermal cuts happen at their own moment, not at
+  /// `now_ns`.
   void advance(std::int64_t now_ns);
   /// When `advance` has something to do next; INT64_MAX = never.
   [[nodiscard]] std::int64_t next_deadline_ns() const;
@@ -115,6 +144,20 @@ class LightController {
     Pattern pattern;
     std::uint32_t tag = 0;
   };
+  /// A change of light that a command asked for.
+  struct Act {
+    std::int64_t t_ns = 0;
+    Pattern pattern;
+    std::uint32_t tag = 0;
+    std::uint32_t step_counter = 0;
+    bool has_trigger = false;
+  };
+  /// What the status registers say of the light.
+  struct Shown {
+    LightTransition light;
+    std::uint32_t sum = 0;
+    std::uint32_t step_counter = 0;
+  };
 
   [[nodiscard]] registers::Exception write_control(std::uint16_t address, std::uint32_t value);
   [[nodiscard]] std::uint32_t read_control(std::uint16_t address) const;
@@ -130,8 +173,16 @@ class LightController {
                                          std::uint32_t tag) const;
   [[nodiscard]] registers::Exception refuse(registers::Refusal refusal);
   [[nodiscard]] Pattern shadow_pattern() const;
+  /// Dark at once; what waits to act is forgotten.
   void go_dark();
   void all_off();
+  void forget_bank();
+  /// Shows a pattern, now or late.
+  void command(Pattern pattern, std::uint32_t tag, bool has_trigger);
+  void perform(const Act& act);
+  void send_trigger(std::int64_t t_ns);
+  void set_shown(const Act& act);
+  [[nodiscard]] std::int64_t draw_delay_ns();
   void show(Pattern pattern, std::uint32_t tag, std::int64_t t_ns);
   void renew_lease();
   void set_shadow(int element, std::uint16_t level, bool is_on);
@@ -177,7 +228,10 @@ class LightController {
   bool is_interlock_open_ = false;
   std::uint32_t echo_ = 0;
   std::uint32_t latch_counter_ = 0;
-  std::uint32_t shown_sum_ = 0;
+  Shown shown_;
+  LateActing late_;
+  std::deque<Act> waiting_;  ///< acknowledged, to act later; in order
+  std::uint64_t n_commands_ = 0;
   // Per element: power, on-time, and heat at the moment of its last settling.
   std::vector<std::uint32_t> element_mw_;
   std::vector<int> group_of_;

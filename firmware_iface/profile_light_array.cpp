@@ -206,16 +206,44 @@ Result<void> ProfileLightArray::write_channels(const Values& wanted) {
   return {};
 }
 
-Result<void> ProfileLightArray::confirm(const Values& wanted) {
-  const auto got = read(profile_.channel.read, profile_.channel.first, wanted.size());
-  if (!got) {
-    return tl::unexpected<Fault>(got.error());
+Result<void> ProfileLightArray::confirm(const Values& wanted, std::int64_t deadline_ns) {
+  for (;;) {
+    const auto got = read(profile_.channel.read, profile_.channel.first, wanted.size());
+    if (!got) {
+      return tl::unexpected<Fault>(got.error());
+    }
+    if (*got == wanted) {
+      return {};
+    }
+    bool is_under_way = true;  // each channel as it was or as it shall be
+    for (std::size_t k = 0; k < wanted.size(); ++k) {
+      is_under_way =
+          is_under_way && (held_.empty() || (*got)[k] == wanted[k] || (*got)[k] == held_[k]);
+    }
+    if (is_under_way && link_.now_ns() < deadline_ns) {
+      continue;
+    }
+    const auto wrong = std::mismatch(wanted.begin(), wanted.end(), got->begin());
+    link_.on(LinkEvent::doubt);
+    return fail(Errc::protocol,
+                fmt::format("{}: channel {} reads {}, expected {}", name(),
+                            wrong.first - wanted.begin(), *wrong.second, *wrong.first));
   }
-  for (std::size_t k = 0; k < wanted.size(); ++k) {
-    if ((*got)[k] != wanted[k]) {
-      link_.on(LinkEvent::doubt);
-      return fail(Errc::protocol, fmt::format("{}: channel {} reads {}, expected {}", name(), k,
-                                              (*got)[k], wanted[k]));
+}
+
+Result<void> ProfileLightArray::confirm_latch(std::int64_t deadline_ns) {
+  for (const ProfileValue& value : profile_.latch) {
+    for (bool is_shown = !value.is_kept; !is_shown;) {
+      const auto got = read_back(value);
+      if (!got) {
+        return tl::unexpected<Fault>(got.error());
+      }
+      is_shown = *got == value.value;
+      if (!is_shown && link_.now_ns() >= deadline_ns) {
+        link_.on(LinkEvent::doubt);
+        return fail(Errc::protocol, fmt::format("{}: the latch reads {}, expected {}", name(),
+                                                *got, value.value));
+      }
     }
   }
   return {};
@@ -247,23 +275,16 @@ Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t 
     is_certain_ = false;
     return tl::unexpected<Fault>(written.error());
   }
-  is_certain_ = false;
-  if (auto same = confirm(wanted); !same) {
-    return tl::unexpected<Fault>(same.error());
+  if (!is_certain_) {
+    held_.clear();  // what stood before is not known: anything may be read for a while
   }
-  for (const ProfileValue& value : profile_.latch) {
-    if (!value.is_kept) {
-      continue;
-    }
-    const auto got = read_back(value);
-    if (!got) {
-      return tl::unexpected<Fault>(got.error());
-    }
-    if (*got != value.value) {
-      link_.on(LinkEvent::doubt);
-      return fail(Errc::protocol, fmt::format("{}: the latch reads {}, expected {}", name(),
-                                              *got, value.value));
-    }
+  is_certain_ = false;
+  const std::int64_t deadline_ns = receipt.t_ack_ns + kShownWithinNs;
+  auto shown = confirm(wanted, deadline_ns);
+  shown = shown ? confirm_latch(deadline_ns) : shown;
+  receipt.t_shown_ns = link_.now_ns();
+  if (!shown) {
+    return tl::unexpected<Fault>(shown.error());
   }
   held_ = wanted;
   is_certain_ = true;

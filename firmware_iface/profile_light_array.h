@@ -57,8 +57,11 @@ class ProfileLightArray final : public LightArray {
   /// What stands where `value` was written.
   [[nodiscard]] Result<std::uint16_t> read_back(const ProfileValue& value);
   [[nodiscard]] Result<void> write_channels(const Values& wanted);
-  /// Compares what the channels hold with `wanted`.
-  [[nodiscard]] Result<void> confirm(const Values& wanted);
+  /// Compares what the channels hold with `wanted`. Where they still hold what stood before
+  /// they are read again until `deadline_ns`.
+  [[nodiscard]] Result<void> confirm(const Values& wanted, std::int64_t deadline_ns = 0);
+  /// The same for what the latch keeps.
+  [[nodiscard]] Result<void> confirm_latch(std::int64_t deadline_ns);
   [[nodiscard]] Result<LatchReceipt> set(const Values& wanted, std::uint32_t tag);
   [[nodiscard]] std::string name() const;
 

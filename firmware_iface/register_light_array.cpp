@@ -126,7 +126,7 @@ Result<void> RegisterLightArray::resynchronise() {
     if (auto dark = all_off_unchecked(); !dark) {
       return dark;
     }
-    block = read_status();
+    block = await_shown(0, 0);
     if (!block) {
       return tl::unexpected<Fault>(block.error());
     }
@@ -209,6 +209,7 @@ Result<StatusBlock> RegisterLightArray::read_status() {
   if (!block) {
     return link_.lose(block.error());
   }
+  shown_ = {block->status.tag, block->shown_sum};
   return block;
 }
 
@@ -372,22 +373,41 @@ Result<void> RegisterLightArray::write_bank(std::span<const ElementLevel> patter
   return {};
 }
 
+Result<StatusBlock> RegisterLightArray::await_shown(std::uint32_t tag, std::uint32_t sum) {
+  const TableProof before = shown_;
+  const std::int64_t deadline_ns = link_.now_ns() + kShownWithinNs;
+  for (;;) {
+    auto block = read_status();
+    const bool is_as_before = block && shown_ == before && shown_ != TableProof{tag, sum} &&
+                              block->status.boot_id == identity_->boot_id;
+    if (!is_as_before || link_.now_ns() >= deadline_ns) {
+      return block;
+    }
+  }
+}
+
 Result<void> RegisterLightArray::confirm_shown(std::uint32_t tag, std::uint32_t sum,
                                                LatchReceipt& receipt) {
-  const auto block = read_status();
+  const TableProof before = shown_;
+  const auto block = await_shown(tag, sum);
   if (!block) {
     return tl::unexpected<Fault>(block.error());
   }
+  receipt.t_shown_ns = link_.now_ns();
   receipt.tag_echo = block->status.tag;
-  if (block->status.tag != tag || block->shown_sum != sum ||
-      block->status.boot_id != identity_->boot_id) {
+  if (shown_ != TableProof{tag, sum} || block->status.boot_id != identity_->boot_id) {
     is_bank_certain_ = false;
     link_.on(LinkEvent::doubt);
-    return fail(Errc::protocol,
-                fmt::format("{}: shows tag {} with sum {:#010x} (start {:#x}), expected tag {} "
-                            "with sum {:#010x} (start {:#x})",
-                            name(), block->status.tag, block->shown_sum, block->status.boot_id,
-                            tag, sum, identity_->boot_id));
+    const bool is_late = shown_ == before;
+    return fail(
+        Errc::protocol,
+        fmt::format("{}: shows tag {} with sum {:#010x} (start {:#x}), expected tag {} "
+                    "with sum {:#010x} (start {:#x}){}",
+                    name(), block->status.tag, block->shown_sum, block->status.boot_id, tag,
+                    sum, identity_->boot_id,
+                    is_late ? fmt::format(": as before, {} ms after it acknowledged the change",
+                                          (receipt.t_shown_ns - receipt.t_ack_ns) / 1'000'000)
+                            : ""));
   }
   return {};
 }
@@ -530,7 +550,9 @@ Result<void> RegisterLightArray::arm_table(registers::StepSource source) {
   const std::array<std::uint16_t, 2> words = {static_cast<std::uint16_t>(source),
                                               static_cast<std::uint16_t>(table_.size())};
   steps_taken_ = 0;
-  return demand(link_.bus().write_holding(hold::kStepSource, words), "arming the table");
+  auto ok = demand(link_.bus().write_holding(hold::kStepSource, words), "arming the table");
+  shown_ = ok ? TableProof{} : shown_;
+  return ok;
 }
 
 Result<LatchReceipt> RegisterLightArray::arm_strobe(const StrobeRun& run) {
@@ -558,6 +580,7 @@ Result<LatchReceipt> RegisterLightArray::arm_strobe(const StrobeRun& run) {
   if (!ok) {
     return tl::unexpected<Fault>(ok.error());
   }
+  shown_ = {};
   return receipt;
 }
 

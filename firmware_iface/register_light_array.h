@@ -31,7 +31,8 @@ struct RegisterLightArrayOptions {
 /// are not as last confirmed, ALL_OFF comes first. No write is ever sent twice.
 ///
 /// Cost: a one-light step after another one is 5 requests or fewer (off bit, on bit, level
-/// where it differs, tag + sum + latch in one, status).
+/// where it differs, tag + sum + latch in one, status); more statuses where the controller acts
+/// later than it acknowledges.
 class RegisterLightArray final : public LightArray {
  public:
   RegisterLightArray(std::unique_ptr<RegisterBus> bus, RegisterLightArrayOptions options,
@@ -61,6 +62,7 @@ class RegisterLightArray final : public LightArray {
   struct TableProof {
     std::uint32_t tag = 0;
     std::uint32_t sum = 0;
+    friend bool operator==(const TableProof&, const TableProof&) = default;
   };
 
   [[nodiscard]] Result<void> make_ready(Hurry hurry);
@@ -80,6 +82,9 @@ class RegisterLightArray final : public LightArray {
   [[nodiscard]] Result<void> write_bank(std::span<const ElementLevel> pattern);
   [[nodiscard]] Result<void> write_levels();
   [[nodiscard]] Result<void> write_on_bits();
+  /// The status that shows this tag and sum; where it still shows what stood before, it is read
+  /// again until kShownWithinNs are over. Else the first status that shows something different.
+  [[nodiscard]] Result<StatusBlock> await_shown(std::uint32_t tag, std::uint32_t sum);
   [[nodiscard]] Result<void> confirm_shown(std::uint32_t tag, std::uint32_t sum,
                                            LatchReceipt& receipt);
   [[nodiscard]] std::string name() const { return link_.name(); }
@@ -98,6 +103,7 @@ class RegisterLightArray final : public LightArray {
   std::vector<std::uint16_t> wanted_;  ///< scratch: level of each element, 0 = off
   std::vector<TableProof> table_;      ///< of the entries uploaded since the last start
   std::uint32_t steps_taken_ = 0;
+  TableProof shown_;  ///< by the newest status; dark after an arming
 };
 
 }  // namespace haarlight

@@ -99,13 +99,22 @@ std::string find_evidence_problem(const FrameEvidence& e) {
           "{} .. {} ns",
           e.t_exposure_start_ns, e.t_exposure_end_ns, e.t_stable_ns, e.t_next_change_ns);
     }
+    if (e.t_shown_ns && (*e.t_shown_ns < e.t_ack_ns || *e.t_shown_ns > e.t_exposure_start_ns)) {
+      return fmt::format(
+          "its step was read at {} ns, not between the arming's {} ns and the "
+          "exposure's start at {} ns",
+          *e.t_shown_ns, e.t_ack_ns, e.t_exposure_start_ns);
+    }
     return e.margin_us >= 0.0
                ? std::string()
                : fmt::format("the light did not fit the frame period by {} us", -e.margin_us);
   }
-  if (e.t_ack_ns < e.t_command_ns || e.t_stable_ns < e.t_ack_ns) {
-    return fmt::format("command {}, acknowledgement {}, stable {} ns are out of order",
-                       e.t_command_ns, e.t_ack_ns, e.t_stable_ns);
+  // Sessions of before the read-back's time was kept counted from the acknowledgement.
+  const std::int64_t t_shown_ns = e.t_shown_ns.value_or(e.t_ack_ns);
+  if (e.t_ack_ns < e.t_command_ns || t_shown_ns < e.t_ack_ns || e.t_stable_ns < t_shown_ns) {
+    return fmt::format(
+        "command {}, acknowledgement {}, read back {}, stable {} ns are out of order",
+        e.t_command_ns, e.t_ack_ns, t_shown_ns, e.t_stable_ns);
   }
   const CleanVerdict verdict = judge_clean(window, e.t_stable_ns, e.t_next_change_ns);
   if (!verdict.is_clean) {

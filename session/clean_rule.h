@@ -60,9 +60,10 @@ struct CleanVerdict {
                                             double settle_us, double guard_us,
                                             double period_us) noexcept;
 
-/// Judges stored evidence by itself: the tag was echoed, the stored window follows from the
-/// stamp, the window is clean (or, where the camera leads, the step counter went from k to k +
-/// 1), and the driver marked nothing. Asserted evidence (an import) only needs its pixel hash.
+/// Judges stored evidence by itself: the tag was echoed, command, acknowledgement, read-back
+/// and stable light follow each other, the stored window follows from the stamp, the window is
+/// clean (or, where the camera leads, the step counter went from k to k + 1), and the driver
+/// marked nothing. Asserted evidence (an import) only needs its pixel hash.
 /// @return  empty when it holds, else what does not, in words
 [[nodiscard]] std::string find_evidence_problem(const FrameEvidence& evidence);
 

@@ -14,13 +14,14 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::array<std::string_view, 33> kFields = {"kind",
+constexpr std::array<std::string_view, 34> kFields = {"kind",
                                                       "pattern_id",
                                                       "tag",
                                                       "tag_echo",
                                                       "light_proof",
                                                       "t_command_ns",
                                                       "t_ack_ns",
+                                                      "t_shown_ns",
                                                       "t_stable_ns",
                                                       "t_exposure_start_ns",
                                                       "t_exposure_end_ns",
@@ -94,6 +95,10 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["light_proof"] = kProofWords[e.is_read_back ? 1 : 0];
   json["t_command_ns"] = e.t_command_ns;
   json["t_ack_ns"] = e.t_ack_ns;
+  json["t_shown_ns"] = nullptr;
+  if (e.t_shown_ns) {
+    json["t_shown_ns"] = *e.t_shown_ns;
+  }
   json["t_stable_ns"] = e.t_stable_ns;
   json["t_exposure_start_ns"] = e.t_exposure_start_ns;
   json["t_exposure_end_ns"] = e.t_exposure_end_ns;
@@ -141,6 +146,9 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   }
   e.t_command_ns = value["t_command_ns"].integer(kMin64, kMax64);
   e.t_ack_ns = value["t_ack_ns"].integer(kMin64, kMax64);
+  if (value.has("t_shown_ns") && value["t_shown_ns"].dump() != "null") {
+    e.t_shown_ns = value["t_shown_ns"].integer(kMin64, kMax64);
+  }
   e.t_stable_ns = value["t_stable_ns"].integer(kMin64, kMax64);
   e.t_exposure_start_ns = value["t_exposure_start_ns"].integer(kMin64, kMax64);
   e.t_exposure_end_ns = value["t_exposure_end_ns"].integer(kMin64, kMax64);

@@ -26,9 +26,12 @@ struct FrameEvidence {
   /// The controller has no tags (a profile's): every channel was read back and held what was
   /// written, and tag_echo is the host's own.
   bool is_read_back = false;
-  std::int64_t t_command_ns = 0;         ///< the latch was sent
-  std::int64_t t_ack_ns = 0;             ///< its acknowledgement came
-  std::int64_t t_stable_ns = 0;          ///< t_ack + settle + guard
+  std::int64_t t_command_ns = 0;  ///< the latch was sent
+  std::int64_t t_ack_ns = 0;      ///< its acknowledgement came
+  /// The answer came that shows tag and sum (camera leads: the first reading of the step before
+  /// the exposure). Nothing: a session of before this was kept, or no reading fell there.
+  std::optional<std::int64_t> t_shown_ns;
+  std::int64_t t_stable_ns = 0;          ///< t_shown + settle + guard
   std::int64_t t_exposure_start_ns = 0;  ///< first row's exposure start, from the stamp's rule
   std::int64_t t_exposure_end_ns = 0;    ///< last row's exposure end
   std::int64_t t_next_change_ns = 0;     ///< the next command to the lights

@@ -279,6 +279,11 @@ class ControllerServer::Impl {
   };
 
   Reply answer(const ModbusRequest& request) {
+    const std::int64_t busy_ns =
+        with_controller([](LightController& c, std::int64_t) { return c.busy_until_ns(); });
+    if (!sleep_until(busy_ns)) {
+      return {.pdu = {}, .fault = {}, .is_slept = false};
+    }
     WireExchange exchanged = exchange(request.pdu);
     const bool is_slept =
         exchanged.delay.count() == 0 || sleep_until(now_ns() + exchanged.delay.count());
@@ -672,6 +677,12 @@ void ControllerServer::set_interlock_open(bool is_open) {
 void ControllerServer::set_temperature(double temperature_c) {
   impl_->with_controller([=](LightController& c, std::int64_t t) {
     c.set_temperature(temperature_c, t);
+    return 0;
+  });
+}
+void ControllerServer::set_late_acting(const LateActing& late) {
+  impl_->with_controller([&late](LightController& c, std::int64_t) {
+    c.set_late_acting(late);
     return 0;
   });
 }

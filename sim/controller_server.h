@@ -107,6 +107,8 @@ class ControllerServer {
   void unplug_rtu();
   /// And in again, as another device under the same link.
   void replug_rtu();
+  /// It acknowledges at once and acts late; share 0 ends it.
+  void set_late_acting(const LateActing& late);
   /// Every reply is held back this long (a slow bus).
   void set_reply_delay(std::chrono::microseconds delay);
   /// Rules are tried in the order given; the first one that hits a request decides.

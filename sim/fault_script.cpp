@@ -41,6 +41,24 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
     restart.off_ms = table.number_or("off_ms", restart.off_ms, kTime);
     script.restarts.push_back(restart);
   }
+  if (auto late = root.table("late_light")) {
+    LateActing& l = script.late_light;
+    const auto microseconds = [&late](const char* key, std::chrono::microseconds fallback) {
+      const double ms = late->number_or(key, 1e-3 * static_cast<double>(fallback.count()),
+                                        Range{.min = 0.0, .max = 1e4});
+      return std::chrono::microseconds(static_cast<std::int64_t>(ms * 1e3));
+    };
+    l.share = late->number("share", kShare);
+    l.least = microseconds("least_ms", l.least);
+    l.most = microseconds("most_ms", l.most);
+    if (l.most < l.least) {
+      late->problem("most_ms", "is shorter than least_ms", "give the range from short to long");
+    }
+    if (late->has("shows")) {
+      l.shows = static_cast<LateActing::Shows>(
+          late->choice("shows", {"with_light", "at_once", "in_order"}));
+    }
+  }
   root.finish();
   return script;
 }

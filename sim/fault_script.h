@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "firmware_iface/light_controller.h"
+
 /// @file
 /// What goes wrong in the virtual rig, and when. Written as TOML, see docs/simulator.md:
 ///
@@ -16,6 +18,9 @@
 ///     at_s = 2.0   for_s = 1.5   kind = "dead"        # or "slow" with delay_ms
 ///     [[restart]]
 ///     at_s = 5.0   off_ms = 300
+///     [late_light]
+///     share = 0.1   least_ms = 5.0   most_ms = 60.0   shows = "with_light"   # "at_once",
+///     "in_order"
 
 namespace haarlight {
 
@@ -48,6 +53,7 @@ struct FaultScript {
   FrameFaults frames;
   std::vector<BusFault> bus;
   std::vector<ControllerRestart> restarts;
+  LateActing late_light;  ///< from the start on; its seed is the rig's
 };
 
 /// @throws Error  every problem with file:line and its cure

@@ -191,6 +191,9 @@ struct VirtualRig::Impl {
       const std::lock_guard lock(line_mutex);
       line_camera = cameras.empty() ? nullptr : cameras.front().get();
     }
+    LateActing late = options.faults.late_light;
+    late.seed = options.seed + 2000;
+    controller.set_late_acting(late);
     events = timetable(options.faults);
     if (!events.empty()) {
       fault_thread = std::jthread([this](const std::stop_token& stop) { run_faults(stop); });

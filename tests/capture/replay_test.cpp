@@ -64,15 +64,26 @@ int replay(ReplayCamera& camera, const Rig& rig, const Plan& plan, std::int64_t 
                      std::vector<int>(plan.shots.size(), 0)});
   send(0, event::LightConnected{state.job, 1});
   send(0, event::CameraStarted{state.stream, plan.shots.front().exposure_us, 8});
+  // The session holds only the frames that were used: the camera's period from its rig file.
+  const FrameEvidence first = camera.upcoming()->evidence;
+  const auto period_ns = static_cast<std::int64_t>(1e9 / rig.cameras.front().fps);
+  for (std::int64_t k = FrameRhythm::kFirst; k > 0; --k) {
+    (void)state.rhythm.judge(first.sequence + 100 - static_cast<std::uint64_t>(k),
+                             first.timestamp_ns - delay_ns - k * period_ns,
+                             first.exposure_read_us);
+  }
   int n_good = 0;
   std::uint64_t id = 0;
   while (const FrameRecord* record = camera.upcoming()) {
     const FrameEvidence e = record->evidence;
     const auto frame = camera.next(std::chrono::steady_clock::now());
     EXPECT_TRUE(frame.has_value());
-    send(e.t_ack_ns, event::LightShown{state.job, {e.t_command_ns, e.t_ack_ns, e.tag_echo}});
+    send(e.t_ack_ns,
+         event::LightShown{state.job,
+                           {e.t_command_ns, e.t_ack_ns, e.t_shown_ns.value(), e.tag_echo}});
     FrameInfo info = frame->info();
     info.timestamp_ns -= delay_ns;
+    info.sequence += 100;
     ++id;
     send(e.t_next_change_ns, event::FrameArrived{id, state.stream, info, id, true});
     send(e.t_next_change_ns, event::LightConfirmed{id, e.t_next_change_ns, e.tag, 1});

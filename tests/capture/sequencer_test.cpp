@@ -8,7 +8,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/frame_order.h"
 #include "capture/model_rig.h"
 
 namespace haarlight {
@@ -154,6 +153,11 @@ std::shared_ptr<const SequencerPlan> two_shots() {
   return plan;
 }
 
+/// A camera with a period of 0.1 ms, so that every stamp of a single step lies on it.
+std::int64_t stamp_of(std::uint64_t sequence) {
+  return (static_cast<std::int64_t>(sequence) - 100) * 100'000;
+}
+
 /// Running, shot 0 latched at 1 ms, light stable from 1.2 ms.
 Driver collecting() {
   Driver d;
@@ -162,19 +166,23 @@ Driver collecting() {
   d.send(event::Run{two_shots(), {false, false}, {0, 0}});
   d.send(event::LightConnected{d.state.job, 77});
   d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+  for (std::uint64_t k = 0; k < FrameRhythm::kFirst; ++k) {
+    (void)d.state.rhythm.judge(k, stamp_of(k), 1000.0);
+  }
   d.t_ns = 1'200'000;
-  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'100'000, 1}});
+  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
   return d;
 }
 
-event::FrameArrived frame_at(std::uint64_t sequence, std::int64_t stamp_ns) {
-  return {.frame = sequence,
+event::FrameArrived frame_at(std::uint64_t frame, std::int64_t stamp_ns) {
+  return {.frame = frame,
           .stream = 1,
-          .info = {.sequence = sequence,
+          .info = {.sequence = 100 + static_cast<std::uint64_t>(stamp_ns / 100'000),
                    .timestamp_ns = stamp_ns,
+                   .arrival_ns = stamp_ns + 10'000,
                    .flags = kFrameMonotonic,
                    .exposure_us = 1000.0},
-          .pixel_hash = sequence * 1000 + 1};
+          .pixel_hash = frame * 1000 + 1};
 }
 
 TEST(Sequencer, BootLeadsToIdleAndARunToPreflight) {
@@ -229,7 +237,8 @@ TEST(Sequencer, TheEvidenceHoldsWhatTheRuleNeeds) {
   EXPECT_EQ(check->evidence.t_stable_ns, 1'200'000);
   EXPECT_EQ(check->evidence.t_next_change_ns, 4'050'000);
   EXPECT_DOUBLE_EQ(check->evidence.margin_us, 500.0);
-  EXPECT_EQ(check->evidence.sequence, 9U);
+  EXPECT_EQ(check->evidence.sequence, 137U);
+  EXPECT_EQ(check->evidence.t_shown_ns, 1'100'000);
 }
 
 TEST(Sequencer, AControllerThatShowsAnotherTagAfterwardsVoidsTheFrame) {
@@ -273,24 +282,55 @@ TEST(Sequencer, AFrameOutOfSequenceIsNotTaken) {
   Driver d = collecting();
   d.t_ns = 6'000'000;
   d.send(frame_at(5, 3'100'000));
-  d.send(frame_at(4, 3'700'000));
+  event::FrameArrived late = frame_at(4, 3'700'000);
+  late.info.sequence = frame_at(5, 3'100'000).info.sequence - 1;
+  d.send(late);
   EXPECT_EQ(d.state.counters.frames_out_of_order, 1U);
   EXPECT_EQ(d.state.current, 0);
 }
 
-TEST(Sequencer, AStampFromTheFutureIsNotTakenAndToldOfOnceAStream) {
+TEST(Sequencer, AStampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
   Driver d = collecting();
-  d.t_ns = 4'000'000;
-  d.send(frame_at(1, d.t_ns + kStampAheadNs + 1'000'000));
-  EXPECT_EQ(d.state.counters.frames_out_of_order, 1U);
+  d.t_ns = 9'000'000;  // that the sequencer came to it later does not make it true
+  event::FrameArrived early = frame_at(1, 3'700'000);
+  early.info.arrival_ns = early.info.timestamp_ns - 3'000'000;
+  d.send(early);
+  EXPECT_EQ(d.state.counters.stamps_ahead, 1U);
   EXPECT_EQ(d.state.current, 0);
   const auto* line = d.find<action::LogEvent>();
   ASSERT_NE(line, nullptr);
-  EXPECT_THAT(line->text, ::testing::HasSubstr("frame 1 is stamped 3.0 ms after it came"));
-  d.send(frame_at(2, d.t_ns + kStampAheadNs + 2'000'000));
+  EXPECT_THAT(line->text, ::testing::HasSubstr("frame 137 is stamped 3.000 ms after it came"));
+  early = frame_at(2, 3'800'000);
+  early.info.arrival_ns = early.info.timestamp_ns - 1;
+  d.send(early);
   EXPECT_EQ(d.find<action::LogEvent>(), nullptr);
-  d.send(frame_at(3, d.t_ns + kStampAheadNs - 100'000));
-  EXPECT_EQ(d.state.counters.frames_out_of_order, 2U);
+  EXPECT_EQ(d.state.counters.stamps_ahead, 2U);
+  d.send(frame_at(3, 3'900'000));
+  EXPECT_EQ(d.state.current, 1) << "taken";
+}
+
+TEST(Sequencer, TheLightCountsFromTheReadBackAndNotFromTheAcknowledgement) {
+  Driver d = collecting();
+  d.send(event::Pause{});
+  d.send(event::Resume{});
+  d.t_ns = 61'200'000;  // acknowledged at 2 ms, shown 60 ms later
+  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 2'000'000, 62'000'000, 1}});
+  d.t_ns = 70'000'000;
+  d.send(frame_at(1, 63'000'000));  // begun at 61 ms
+  EXPECT_EQ(d.state.current, 0);
+  d.send(frame_at(2, 64'100'000));
+  EXPECT_EQ(d.state.current, 1);
+}
+
+TEST(Sequencer, AStampOffTheCamerasPeriodIsNotTaken) {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  event::FrameArrived frame = frame_at(1, 3'700'000);
+  frame.info.timestamp_ns += 1'540'000;
+  frame.info.arrival_ns += 1'540'000;
+  d.send(frame);
+  EXPECT_EQ(d.state.counters.off_rhythm, 1U);
+  EXPECT_EQ(d.state.current, 0);
 }
 
 TEST(Sequencer, APictureSeenBeforeIsNotTakenUnderANewNumber) {
@@ -314,9 +354,12 @@ TEST(Sequencer, DamagedOrWrongClockOrWrongExposureIsNotTaken) {
   frame.info.flags = 0;
   d.send(frame);
   EXPECT_EQ(d.state.counters.frames_damaged, 2U);
-  frame = frame_at(3, 5'700'000);
-  frame.info.exposure_us = 2000.0;
-  d.send(frame);
+  for (std::uint64_t k = 0; k < 4; ++k) {
+    frame = frame_at(3 + k, 5'700'000 + static_cast<std::int64_t>(k) * 100'000);
+    frame.info.exposure_us = 2000.0;
+    d.send(frame);
+  }
+  EXPECT_EQ(d.state.counters.rhythm_unknown, 3U) << "another exposure may move the stamps";
   EXPECT_EQ(d.state.counters.wrong_exposure, 1U);
   EXPECT_EQ(d.state.current, 0);
 }
@@ -328,7 +371,7 @@ TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
   d.send(event::Run{two_shots(), {false, false}, {0, 0}});
   d.send(event::LightConnected{d.state.job, 77});
   d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
-  d.send(event::LightShown{d.state.job, LatchReceipt{0, 0, 2}});
+  d.send(event::LightShown{d.state.job, LatchReceipt{0, 0, 0, 2}});
   EXPECT_EQ(d.state.counters.light_faults, 1U);
   const auto* show = d.find<action::ShowShot>();
   ASSERT_NE(show, nullptr);
@@ -445,7 +488,7 @@ ModelOutcome warm_up(SyncMode sync, int n, int n_spare,
   ModelRigConfig config;
   config.sync = sync;
   config.warming_c_per_s = 1.0;
-  config.trigger_us = 850.0;  // controller leads: when the light is settled
+  config.trigger_us = 1200.0;  // controller leads: settled and read back
   auto plan = std::make_shared<SequencerPlan>();
   const int n_shots = n + 2 + n_spare;
   for (int k = 0; k < n_shots; ++k) {

@@ -102,6 +102,52 @@ TEST_F(WholeRig, EveryLightIsCommittedOverASerialLine) {
   capture({});
 }
 
+// ---- a controller that acts long after it acknowledges
+
+class LateRig : public WholeRig {
+ protected:
+  /// A fifth of the commands acts 5 to 60 ms late.
+  void capture_late(LateActing::Shows shows) {
+    FaultScript faults;
+    faults.late_light = {.share = 0.2, .shows = shows};
+    capture(faults);
+    EXPECT_EQ(counters_.light_faults, 0U) << "late is no fault";
+    for (const FrameRecord& frame : Session::open(session_).info().frames) {
+      EXPECT_TRUE(frame.evidence.t_shown_ns.has_value());
+      late_ms_ = std::max(late_ms_, 1e-6 * static_cast<double>(*frame.evidence.t_shown_ns -
+                                                               frame.evidence.t_ack_ns));
+    }
+    EXPECT_GE(late_ms_, 5.0) << "of 64 lights none was late?";
+    const VerifyReport report = verify_session(session_);
+    EXPECT_TRUE(report.is_good()) << report.problems.front();
+  }
+  double late_ms_ = 0.0;  ///< the longest from acknowledgement to read-back
+};
+
+TEST_F(LateRig, AGatewayThatForwardsLatePairsNoFrameWrongly) {
+  capture_late(LateActing::Shows::in_order);
+}
+
+TEST_F(LateRig, AControllerThatScansItsRegistersPairsNoFrameWrongly) {
+  capture_late(LateActing::Shows::with_light);
+}
+
+TEST_F(LateRig, TheSameOverASerialLine) {
+  wanted_.controller.kind = ControllerKind::modbus_rtu;
+  wanted_.controller.address = "/dev/none:115200";
+  capture_late(LateActing::Shows::in_order);
+}
+
+TEST_F(LateRig, TheSameWhereTheHostTriggers) {
+  wanted_.sync = SyncMode::light_leads;
+  capture_late(LateActing::Shows::in_order);
+}
+
+TEST_F(LateRig, TheSameWhereTheControllerTriggers) {
+  wanted_.sync = SyncMode::controller_leads;
+  capture_late(LateActing::Shows::in_order);
+}
+
 TEST_F(WholeRig, LateLostRepeatedStaleAndSwappedFramesChangeNothing) {
   FaultScript faults;
   faults.frames = {.late_share = 0.05,

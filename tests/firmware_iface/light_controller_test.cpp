@@ -1,5 +1,7 @@
 #include "firmware_iface/light_controller.h"
 
+#include <array>
+#include <chrono>
 #include <cmath>
 
 #include <gmock/gmock.h>
@@ -349,6 +351,88 @@ TEST(LightController, SaysWhenItsHistoryIsTooShort) {
   }
   EXPECT_FALSE(c.transitions(0, 10 * kMs).is_complete);
   EXPECT_TRUE(c.transitions(8 * kMs, 10 * kMs).is_complete);
+}
+
+// ---- acting late
+
+/// A controller whose every command acts 20 ms after its acknowledgement.
+LightController late_controller(LateActing::Shows shows) {
+  LightController c(small_config(), 1, 0);
+  c.set_late_acting({.share = 1.0,
+                     .least = std::chrono::milliseconds(20),
+                     .most = std::chrono::milliseconds(20),
+                     .shows = shows});
+  EXPECT_EQ(set_level(c, 0, 65535, 0), Exception::none);
+  EXPECT_EQ(set_on(c, 0, true, 0), Exception::none);
+  EXPECT_EQ(latch(c, 5, 10 * kMs), Exception::none);
+  return c;
+}
+
+TEST(LightController, ALateOneThatIsHonestShowsTagAndSumWithItsLight) {
+  LightController c = late_controller(LateActing::Shows::with_light);
+  const std::array<ElementLevel, 1> pattern = {ElementLevel{0, 65535}};
+  EXPECT_EQ(status_of(c, 29 * kMs).status.tag, 0U);
+  EXPECT_EQ(status_of(c, 29 * kMs).shown_sum, 0U);
+  EXPECT_TRUE(status_of(c, 29 * kMs).status.is_dark);
+  EXPECT_EQ(status_of(c, 31 * kMs).status.tag, 5U);
+  EXPECT_EQ(status_of(c, 31 * kMs).shown_sum, bank_sum(pattern));
+  EXPECT_EQ(c.lit().t_ns, 30 * kMs);
+}
+
+TEST(LightController, ALateOneInOrderIsBusyUntilItsLight) {
+  EXPECT_EQ(late_controller(LateActing::Shows::in_order).busy_until_ns(), 30 * kMs);
+  EXPECT_EQ(late_controller(LateActing::Shows::with_light).busy_until_ns(), 10 * kMs);
+}
+
+TEST(LightController, ALateOneThatLiesShowsThemBeforeItsLight) {
+  LightController c = late_controller(LateActing::Shows::at_once);
+  EXPECT_EQ(status_of(c, 11 * kMs).status.tag, 5U);
+  EXPECT_FALSE(status_of(c, 11 * kMs).status.is_dark);
+  EXPECT_TRUE(c.lit().pattern->empty());
+  c.advance(40 * kMs);
+  EXPECT_EQ(c.lit().tag, 5U);
+  EXPECT_EQ(c.lit().t_ns, 30 * kMs);
+}
+
+TEST(LightController, LateCommandsActInTheirOrderAndAPromptOneWaitsForThem) {
+  LightController c = late_controller(LateActing::Shows::with_light);
+  c.set_late_acting({});  // what comes now is prompt, but stands behind the latch
+  ASSERT_EQ(all_off(c, 15 * kMs), Exception::none);
+  c.advance(60 * kMs);
+  const LightHistory history = c.transitions(12 * kMs, 60 * kMs);
+  ASSERT_EQ(history.states.size(), 3U);
+  EXPECT_EQ(history.states[1].tag, 5U);
+  EXPECT_EQ(history.states[2].tag, 0U);
+  EXPECT_EQ(history.states[2].t_ns, 30 * kMs);
+}
+
+TEST(LightController, WhatItDoesByItselfIsNeverLateAndEndsWhatWaits) {
+  LightController c = late_controller(LateActing::Shows::with_light);
+  c.set_interlock_open(true, 15 * kMs);
+  c.advance(60 * kMs);
+  EXPECT_TRUE(c.lit().pattern->empty());
+  EXPECT_EQ(c.lit().t_ns, 15 * kMs);
+}
+
+TEST(LightController, ALateStepOfATableIsCountedWhenItShows) {
+  LightController c = late_controller(LateActing::Shows::with_light);
+  ASSERT_EQ(write_words(c, hold::kTableStore, {0}, 40 * kMs), Exception::none);
+  ASSERT_EQ(write_words(c, hold::kStepSource, {0, 1}, 40 * kMs), Exception::none);
+  ASSERT_EQ(write_words(c, hold::kStep, {registers::kAct}, 50 * kMs), Exception::none);
+  EXPECT_EQ(status_of(c, 69 * kMs).status.step_counter, 0U);
+  EXPECT_EQ(status_of(c, 71 * kMs).status.step_counter, 1U);
+  EXPECT_EQ(c.lit().t_ns, 70 * kMs);
+}
+
+TEST(LightController, TheTriggerOfALateLatchFollowsItsLightUnlessItLies) {
+  for (const auto shows : {LateActing::Shows::with_light, LateActing::Shows::at_once}) {
+    LightController c = late_controller(shows);
+    ASSERT_EQ(write_words(c, hold::kTriggerDelay, {0, 1000}, 40 * kMs), Exception::none);
+    ASSERT_EQ(latch(c, 6, 50 * kMs), Exception::none);
+    c.advance(80 * kMs);
+    EXPECT_EQ(c.n_triggers(), 1U);
+    EXPECT_EQ(c.last_trigger_ns(), shows == LateActing::Shows::at_once ? 51 * kMs : 71 * kMs);
+  }
 }
 
 TEST(LightController, ClockThatStepsBackCountsAsStandingStill) {

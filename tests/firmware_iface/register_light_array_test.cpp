@@ -243,6 +243,55 @@ TEST(RegisterLightArray, TableIsSteppedWithProof) {
   EXPECT_EQ(status->tag, 12U);
 }
 
+// ---- a controller that acts later than it acknowledges
+
+TEST(RegisterLightArray, ALateLightCountsFromTheStatusThatShowsIt) {
+  Bench b(wide_config(64));
+  ASSERT_TRUE(b.array->connect());
+  b.controller.set_late_acting({.share = 1.0});  // 5 to 60 ms
+  const std::vector<std::vector<ElementLevel>> patterns = {{{0, 65535}}, {{1, 65535}}};
+  for (std::uint32_t tag = 1; tag < 20; ++tag) {
+    const auto receipt = b.array->show(patterns[tag % 2], tag);
+    ASSERT_TRUE(receipt) << receipt.error().what;
+    EXPECT_EQ(receipt->tag_echo, tag);
+    EXPECT_LE(receipt->t_command_ns, receipt->t_ack_ns);
+    EXPECT_LT(receipt->t_ack_ns, b.controller.lit().t_ns) << "acknowledged before it acted";
+    EXPECT_LE(b.controller.lit().t_ns, receipt->t_shown_ns);
+    EXPECT_EQ(b.controller.lit().tag, tag);
+  }
+  const auto off = b.array->all_off();
+  ASSERT_TRUE(off) << off.error().what;
+  EXPECT_TRUE(lit_by(b.controller).empty());
+  EXPECT_LE(b.controller.lit().t_ns, off->t_shown_ns);
+  const std::vector<std::uint32_t> tags = {31, 32};
+  ASSERT_TRUE(b.array->upload_table(patterns, tags));
+  for (const std::uint32_t tag : tags) {
+    const auto step = b.array->step_table();
+    ASSERT_TRUE(step) << step.error().what;
+    EXPECT_EQ(b.controller.lit().tag, tag);
+    EXPECT_LE(b.controller.lit().t_ns, step->t_shown_ns);
+  }
+}
+
+TEST(RegisterLightArray, ALightThatDoesNotComeInTimeIsAFaultThatSaysSo) {
+  Bench b(wide_config(64));
+  ASSERT_TRUE(b.array->connect());
+  b.controller.set_late_acting({.share = 1.0,
+                                .least = std::chrono::milliseconds(300),
+                                .most = std::chrono::milliseconds(300)});
+  const std::vector<ElementLevel> pattern = {{7, 1234}};
+  const auto receipt = b.array->show(pattern, 5);
+  ASSERT_FALSE(receipt);
+  EXPECT_EQ(receipt.error().code, Errc::protocol);
+  EXPECT_THAT(receipt.error().what, testing::HasSubstr("as before, 10"));
+  EXPECT_THAT(receipt.error().what, testing::HasSubstr(" ms after it acknowledged"));
+  // Connecting to it goes dark first: what waits must not light up behind our back.
+  b.controller.set_late_acting({});
+  b.now += 400 * kMs;
+  ASSERT_TRUE(b.array->show(pattern, 6));
+  EXPECT_EQ(b.controller.lit().tag, 6U);
+}
+
 TEST(RegisterLightArray, APartOfTheTableRunsByTheStrobeAndIsExtended) {
   Bench b(wide_config(64));
   ASSERT_TRUE(b.array->connect());

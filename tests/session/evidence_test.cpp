@@ -64,6 +64,7 @@ FrameEvidence good_evidence() {
   e.tag = e.tag_echo = 8;
   e.t_command_ns = 1;
   e.t_ack_ns = 2;
+  e.t_shown_ns = 2;
   e.t_stable_ns = 3;
   e.timestamp_ns = 9'000'000'000'000'000'001;  // more digits than a double holds
   e.timestamp_meaning = TimestampMeaning::start_exposure;
@@ -88,6 +89,9 @@ TEST(Evidence, SaysInWordsWhatDoesNotHold) {
   EXPECT_NE(problem_of([](auto& e) { e.pixel_hash.clear(); }), "");
   EXPECT_NE(problem_of([](auto& e) { e.t_exposure_end_ns += 1; }), "");
   EXPECT_NE(problem_of([](auto& e) { e.t_ack_ns = 0; }), "");
+  EXPECT_NE(problem_of([](auto& e) { e.t_shown_ns = 1; }), "") << "read back before the answer";
+  EXPECT_NE(problem_of([](auto& e) { e.t_shown_ns = 4; }), "") << "stable before it was shown";
+  EXPECT_EQ(problem_of([](auto& e) { e.t_shown_ns = 3; }), "");
   EXPECT_NE(problem_of([](auto& e) { e.t_stable_ns = e.t_exposure_start_ns + 1; }), "");
   EXPECT_NE(problem_of([](auto& e) { e.t_next_change_ns = e.t_exposure_end_ns - 1; }), "");
   EXPECT_NE(problem_of([](auto& e) { e.sync = SyncMode::camera_leads; }), "");
@@ -97,6 +101,31 @@ TEST(Evidence, SaysInWordsWhatDoesNotHold) {
               e.step_after = 5;
             }),
             "");
+}
+
+TEST(Evidence, ASessionWithoutTheReadBacksTimeIsJudgedByItsAcknowledgement) {
+  std::string json = evidence_to_json(good_evidence());
+  const std::string field = "\"t_shown_ns\":2,";
+  ASSERT_NE(json.find(field), std::string::npos);
+  json.erase(json.find(field), field.size());
+  const FrameEvidence old = evidence_from_json(json, "x");
+  EXPECT_FALSE(old.t_shown_ns.has_value());
+  EXPECT_EQ(find_evidence_problem(old), "");
+  FrameEvidence wrong = old;
+  wrong.t_stable_ns = 1;
+  EXPECT_NE(find_evidence_problem(wrong), "");
+}
+
+TEST(Evidence, AStepReadOutsideItsTimeDoesNotHold) {
+  FrameEvidence e = good_evidence();
+  e.sync = SyncMode::camera_leads;
+  e.step_before = 4;
+  e.step_after = 5;
+  EXPECT_EQ(find_evidence_problem(e), "");
+  e.t_shown_ns = e.t_exposure_start_ns + 1;
+  EXPECT_NE(find_evidence_problem(e), "");
+  e.t_shown_ns = std::nullopt;  // no reading fell before the exposure
+  EXPECT_EQ(find_evidence_problem(e), "");
 }
 
 TEST(EvidenceJson, KeepsEveryBit) {

@@ -82,6 +82,7 @@ FrameEvidence small_evidence(const SessionInfo& info, int shot, int attempt,
   e.tag_echo = e.tag;
   e.t_command_ns = t0;
   e.t_ack_ns = t0 + kMillisecond;
+  e.t_shown_ns = e.t_ack_ns;
   e.t_stable_ns = t0 + 2 * kMillisecond;
   e.exposure_asked_us = 4000.0;
   e.exposure_read_us = 4000.0;

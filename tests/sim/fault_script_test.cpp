@@ -29,8 +29,17 @@ delay_ms = 80.0
 [[restart]]
 at_s = 9.0
 off_ms = 250.0
+[late_light]
+share = 0.2
+least_ms = 4.0
+most_ms = 50.0
+shows = "at_once"
 )",
                                                 "f.toml");
+  EXPECT_DOUBLE_EQ(script.late_light.share, 0.2);
+  EXPECT_EQ(script.late_light.least, std::chrono::milliseconds(4));
+  EXPECT_EQ(script.late_light.most, std::chrono::milliseconds(50));
+  EXPECT_EQ(script.late_light.shows, LateActing::Shows::at_once);
   EXPECT_DOUBLE_EQ(script.frames.late_share, 0.01);
   EXPECT_DOUBLE_EQ(script.frames.late_ms, 40.0);
   EXPECT_DOUBLE_EQ(script.frames.drop_share, 0.02);
@@ -53,6 +62,9 @@ TEST(FaultScript, NamesLineAndCureOfBrokenOnes) {
       "[[bus]]\nat_s = 1.0\nfor_s = 1.0\nkind = \"lazy\"\n",
       "[[bus]]\nat_s = 1.0\nfor_s = 1.0\nkind = \"slow\"\n",
       "[[restart]]\noff_ms = 3.0\n",
+      "[late_light]\nleast_ms = 3.0\n",
+      "[late_light]\nshare = 0.1\nleast_ms = 30.0\nmost_ms = 20.0\n",
+      "[late_light]\nshare = 0.1\nshows = \"never\"\n",
       "[frames\n",
   };
   for (const char* text : broken) {
