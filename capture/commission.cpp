@@ -23,6 +23,7 @@ MeasuredController controller_values(const Rig& rig, const ControllerIdentity& i
   m.identity = fmt::format("{}, serial {}", identity.model, identity.serial);
   m.latch_us = timing.verdict.latch_us;
   m.latch_us->n = steps_of(timing);
+  m.latch_most_us = timing.latch_most_us;
   m.rise_us = Measured{timing.fit.model.rise_us, timing.fit.rise_sigma_us, steps_of(timing)};
   m.fall_us = Measured{timing.fit.model.fall_us, timing.fit.fall_sigma_us, steps_of(timing)};
   m.ack_us = timing.ack_us;
@@ -127,9 +128,24 @@ CommissionResult commission(const Rig& rig, Camera& camera, LightArray& lights,
     const double gain =
         result.noise ? result.noise->sensor.gain_e_per_dn.value : spec.noise.gain_e_per_dn;
     result.survey = measure_lights(bench, result.timing, gain, options);
-    if (!result.survey->can_see_wiring) {
-      result.notes.emplace_back(
-          "the picture does not show where a light stands: swapped lights cannot be found");
+    const LightSurvey& survey = *result.survey;
+    if (!survey.can_see_wiring) {
+      result.notes.push_back(fmt::format(
+          "the pictures of {} of {} lights do not differ enough from their neighbours' to tell "
+          "two that are swapped",
+          survey.alike.size(), rig.n_lights()));
+    }
+    for (std::size_t i = 0; i < survey.miswired.size(); ++i) {
+      result.faults.push_back(
+          fmt::format("light {} shines from the place of light {}: two cables are swapped",
+                      survey.miswired[i], survey.miswired_to[i]));
+    }
+    for (const int k : survey.dead) {
+      result.faults.push_back(fmt::format("light {} is dead", k));
+    }
+    for (const int k : survey.dim) {
+      result.faults.push_back(fmt::format("light {} gives {:.0f} % of what it should", k,
+                                          100.0 * survey.power[static_cast<std::size_t>(k)]));
     }
   }
   MeasuredRig& m = result.measured;

@@ -46,7 +46,11 @@ struct TimingResult {
   Measured ack_us;
   double long_us = 0.0;  ///< the exposures used
   double short_us = 0.0;
-  int n_lights = 0;           ///< lit together at the longer exposure
+  int n_lights = 0;  ///< lit together at the longer exposure
+  /// The latest that the light began to change after the moment from which captures count its
+  /// settling, over all steps, plus 2.33 standard errors of the ramp's end.
+  Measured latch_most_us;
+  double linear_dn = 0.0;     ///< signal up to which the sensor was seen to follow the light
   double count_per_us = 0.0;  ///< bright pixels' signal a light and microsecond of exposure
 };
 
@@ -64,6 +68,8 @@ struct CommissionResult {
   /// The rig file says something that the measurement excludes; the measured file must not be
   /// used before it is corrected.
   std::vector<std::string> contradictions;
+  /// Lights that need hands: dead, dim or wired to another's place. What was measured holds.
+  std::vector<std::string> faults;
   std::vector<std::string> notes;
 };
 

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -12,6 +13,7 @@ namespace {
 
 constexpr double kLongest = 0.9;  // of the frame period
 constexpr double kTop = 0.5;      // of white: what the brightest light may reach
+constexpr double kLinear = 0.8;   // of the level up to which the sensor was seen to be linear
 constexpr double kGuardUs = 200.0;
 constexpr int kDarkFrames = 6;
 
@@ -37,31 +39,34 @@ LightResponse respond(ImageView<const std::uint16_t> picture, ImageView<const fl
                       double gain_e_per_dn, double dark_variance) {
   double sum = 0.0;
   double variance = 0.0;
-  double x_sum = 0.0;
-  double y_sum = 0.0;
+  std::array<double, kSurveyBlocks> blocks{};
+  std::array<double, kSurveyBlocks> pixels{};
   for (int y = 0; y < dark.height(); ++y) {
     const auto words = picture.row(y);
     const auto base = dark.row(y);
-    double row_sum = 0.0;
+    const int down = y * kSurveyAcross / dark.height() * kSurveyAcross;
     for (std::size_t x = 0; x < words.size(); ++x) {
       const double signal = static_cast<double>(words[x]) - static_cast<double>(base[x]);
-      row_sum += signal;
-      x_sum += signal * (static_cast<double>(x) + 0.5);
+      const std::size_t block = static_cast<std::size_t>(down) +
+                                x * static_cast<std::size_t>(kSurveyAcross) / words.size();
+      blocks[block] += signal;
+      pixels[block] += 1.0;
     }
-    sum += row_sum;
-    y_sum += row_sum * (y + 0.5);
+  }
+  for (const double block : blocks) {
+    sum += block;
   }
   const double n = static_cast<double>(dark.height()) * dark.width();
   variance = std::max(0.0, sum) / gain_e_per_dn + n * dark_variance * (1.0 + 1.0 / kDarkFrames);
   LightResponse r;
   r.signal = sum / n;
   r.sigma = std::sqrt(variance) / n;
-  if (sum > 0.0) {
-    r.x = x_sum / sum;
-    r.y = y_sum / sum;
-    // Light and noise spread over a picture of this size.
-    const double spread = std::hypot(dark.width(), dark.height()) / std::sqrt(24.0);
-    r.centroid_sigma = spread * std::sqrt(variance) / sum;
+  const double floor = dark_variance * (1.0 + 1.0 / kDarkFrames);
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    const double count = std::max(pixels[b], 1.0);
+    r.blocks[b] = blocks[b] / count;
+    r.block_sigma[b] =
+        std::sqrt(std::max(0.0, blocks[b]) / gain_e_per_dn + count * floor) / count;
   }
   return r;
 }
@@ -70,7 +75,9 @@ LightResponse respond(ImageView<const std::uint16_t> picture, ImageView<const fl
 
 LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
                            double gain_e_per_dn, const CommissionOptions& options) {
-  const double wanted = kTop * bench.white() / std::max(timing.count_per_us, 1e-12);
+  // The sensor may be full below white.
+  const double top = std::min(kTop * bench.white(), kLinear * timing.linear_dn);
+  const double wanted = top / std::max(timing.count_per_us, 1e-12);
   const double exposure =
       bench.set_exposure(std::clamp(wanted, 20.0, kLongest * bench.period_us()));
   bench.settle();
@@ -93,16 +100,19 @@ LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
   const double slope = std::round(timing.line.slope);
   const double offset = m.offset_us.front() + slope * (exposure - m.exposures_us.front());
   // First row's exposure begins when the light of this step, and the last one's end, is done.
-  const double wait_us =
-      offset + std::max(m.rise_us, m.fall_us) + kGuardUs + std::max(0.0, -m.skew_us);
+  const double spread_us =
+      std::max(0.0, timing.latch_most_us.value - timing.verdict.latch_us.value);
+  const double wait_us = offset + spread_us + std::max(m.rise_us, m.fall_us) + kGuardUs +
+                         std::max(0.0, -m.skew_us);
   const int n = bench.rig().n_lights();
   std::vector<LightResponse> responses;
   for (int k = 0; k < n; ++k) {
     const LatchReceipt receipt = bench.show({{k, registers::kMaxLevel}});
     for (;;) {
       const ArrivedFrame arrived = bench.next_frame();
-      const double after =
-          static_cast<double>(arrived.frame.info().timestamp_ns - receipt.t_ack_ns) / 1e3;
+      const double after = static_cast<double>(arrived.frame.info().timestamp_ns -
+                                               settle_reference_ns(receipt)) /
+                           1e3;
       if (after >= wait_us) {
         responses.push_back(
             respond(arrived.frame.pixels(), dark.view(), gain_e_per_dn, dark_variance));

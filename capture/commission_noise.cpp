@@ -14,8 +14,9 @@ namespace {
 constexpr double kLongest = 0.9;         // of the frame period: the rate stays what it is
 constexpr double kPixelPairs = 60000.0;  // a level: 0.6 % of its variance
 constexpr std::size_t kMaxLinearityPixels = 65536;
-/// Of the exposure that brings the median pixel to white.
+/// Of the exposure that brings the median pixel to saturation.
 constexpr std::array kLevels{0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9};
+constexpr double kSafe = 0.6;  // of the level up to which the sensor was seen to be linear
 constexpr double kOver = 1.6;
 constexpr double kFarOver = 2.4;
 
@@ -75,7 +76,8 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
   const int n = static_cast<int>(
       std::clamp(std::ceil(needed), 1.0, static_cast<double>(bench.n_allowed())));
   const LightPattern pattern = bench.brightest(n);
-  (void)bench.set_exposure(std::min(timing.long_us, 0.3 * bench.white() / (per_light * n)));
+  const double safe_dn = std::min(0.3 * bench.white(), kSafe * timing.linear_dn);
+  (void)bench.set_exposure(std::min(timing.long_us, safe_dn / (per_light * n)));
   const SteadyLevel lit = bench.look_steady(pattern, 4);
   const double rate =
       (lit.median - dark.mean_dn) / bench.exposure_us();  // of the median pixel, counts a us
@@ -83,10 +85,24 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
     throw Error("the picture's median pixel sees no light", bench.rig().file.string(),
                 "let the camera look at a white card or the empty plane");
   }
-  const double to_white = std::min((bench.white() - dark.mean_dn) / rate, longest);
+  // Beyond saturation, where that can be reached; the levels then end below it: a sensor may be
+  // full far below white.
+  std::optional<double> saturation;
+  const double far = std::min(kFarOver * (bench.white() - dark.mean_dn) / rate, longest);
+  (void)bench.set_exposure(far * kOver / kFarOver);
+  bench.settle();
+  const ArrivedFrame shorter = bench.next_frame();
+  const double shorter_us = bench.exposure_us();
+  (void)bench.set_exposure(far);
+  bench.settle();
+  const ArrivedFrame longer = bench.next_frame();
+  saturation = find_saturation(shorter.frame.pixels(), longer.frame.pixels(), rows,
+                               bench.exposure_us() / shorter_us, dark.mean_dn);
+  const double to_full =
+      std::min((saturation.value_or(bench.white()) - dark.mean_dn) / rate, longest);
   std::vector<std::vector<double>> sampled;
   for (std::size_t i = 0; i < kLevels.size(); ++i) {
-    const double set = bench.set_exposure(std::max(1.0, kLevels[i] * to_white));
+    const double set = bench.set_exposure(std::max(1.0, kLevels[i] * to_full));
     bench.settle();
     std::vector<double> mean;
     for (int pair = 0; pair < n_pairs; ++pair) {
@@ -106,19 +122,6 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
     result.levels.push_back({set, 0.0});
     sampled.push_back(std::move(mean));
     progress(0.1 + 0.75 * (static_cast<double>(i) + 1.0) / static_cast<double>(kLevels.size()));
-  }
-
-  // Beyond saturation, where that can be reached.
-  std::optional<double> saturation;
-  if (kFarOver * to_white <= longest) {
-    (void)bench.set_exposure(kOver * to_white);
-    bench.settle();
-    const ArrivedFrame shorter = bench.next_frame();
-    (void)bench.set_exposure(kFarOver * to_white);
-    bench.settle();
-    const ArrivedFrame longer = bench.next_frame();
-    saturation = find_saturation(shorter.frame.pixels(), longer.frame.pixels(), rows,
-                                 kFarOver / kOver, dark.mean_dn);
   }
 
   // Linearity by the pixels that no level of the series brings near saturation.

@@ -229,6 +229,8 @@ std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
   const MeasuredCamera& c = result.measured.cameras.front();
   add("latch", light.latch_us, " us", us(rig.controller.latch_us),
       "from the controller's latch to the light's first change");
+  add("latch, latest", light.latch_most_us, " us", "",
+      "what captures wait for: the latest of all steps, from the acknowledgement");
   add("rise", light.rise_us, " us", us(rig.controller.rise_us), "an LED's way up");
   add("fall", light.fall_us, " us", us(rig.controller.fall_us), "and down");
   rows.push_back({"timestamp", c.timestamp ? std::string(to_string(*c.timestamp)) : "", "",
@@ -265,7 +267,7 @@ std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
       swapped.push_back(fmt::format("{} at {}", s.miswired[i], s.miswired_to[i]));
     }
     rows.push_back({"miswired lights",
-                    swapped.empty() ? (s.can_see_wiring ? "none" : "cannot be seen")
+                    swapped.empty() ? (s.can_see_wiring ? "none" : "not all can be seen")
                                     : fmt::format("{}", fmt::join(swapped, ", ")),
                     "", "", "lights that shine from another one's place"});
   }
@@ -287,6 +289,9 @@ std::string commission_page(const Rig& rig, int camera, const CommissionResult& 
       escaped(result.measured.cameras.front().identity),
       escaped(result.measured.controller->identity));
   for (const std::string& text : result.contradictions) {
+    out += "<p class='wrong'>" + escaped(text) + "</p>";
+  }
+  for (const std::string& text : result.faults) {
     out += "<p class='wrong'>" + escaped(text) + "</p>";
   }
   for (const std::string& text : result.notes) {

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -20,8 +21,12 @@ constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
 constexpr double kExposureTol = 0.04;    // of an exposure: a wrong unit is further off
 constexpr double kSureSigmas = 4.0;
-constexpr double kGoodPhaseUs = 80.0;  // 23 us of uncertainty
-constexpr double kSlowAck = 4.0;       // times the median round trip: such a step is left out
+constexpr double kLinearTol = 0.01;  // of the signal: less than twice at twice the exposure
+constexpr double kBackOff = 0.6;     // of a level that was not linear: try this one
+constexpr int kLinearAttempts = 8;
+constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
+constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
+constexpr double kSlowAck = 4.0;        // times the median round trip: such a step is left out
 
 double us_between(std::int64_t later, std::int64_t earlier) {
   return static_cast<double>(later - earlier) / 1e3;
@@ -74,12 +79,12 @@ void take_references(CommissionBench& bench, Lamp& lamp) {
   lamp.sigma = std::max(kMinLevelSigma, noise / (signal / n));
 }
 
-/// As many lights as light the picture well at the bench's exposure, begun with `n`.
-Lamp find_lamp(CommissionBench& bench, int n) {
+/// As many lights as light the picture well at the bench's exposure, begun with `n`; 1 % of the
+/// pixels may be brighter than `high` counts.
+Lamp find_lamp(CommissionBench& bench, int n, double high) {
   Lamp lamp;
   lamp.n = std::clamp(n, 1, bench.n_allowed());
   const SteadyLevel dark = bench.look_steady({}, 2);
-  const double high = kHigh * bench.white();
   std::uint16_t level = registers::kMaxLevel;
   bool went_down = false;
   for (;;) {
@@ -102,6 +107,66 @@ Lamp find_lamp(CommissionBench& bench, int n) {
       return lamp;
     }
   }
+}
+
+/// How much the brightest of the bands with signal falls short of twice its level at half the
+/// exposure, in excess of noise: a sensor that is full gives less.
+double shortfall(CommissionBench& bench, const Lamp& lamp) {
+  const auto signals = [&](double* exposure_us, double* scatter) {
+    const SteadyLevel dark = bench.look_steady({}, kReferenceFrames);
+    const SteadyLevel lit = bench.look_steady(lamp.pattern, kReferenceFrames);
+    *exposure_us = bench.exposure_us();
+    *scatter = std::hypot(dark.frame_scatter, lit.frame_scatter);
+    std::vector<double> signal;
+    for (std::size_t b = 0; b < lit.bands.size(); ++b) {
+      signal.push_back(lit.bands[b] - dark.bands[b]);
+    }
+    return signal;
+  };
+  double whole_us = 0.0;
+  double half_us = 0.0;
+  double whole_scatter = 0.0;
+  double half_scatter = 0.0;
+  const std::vector<double> whole = signals(&whole_us, &whole_scatter);
+  (void)bench.set_exposure(0.5 * whole_us);
+  const std::vector<double> half = signals(&half_us, &half_scatter);
+  (void)bench.set_exposure(whole_us);
+  const double top = *std::max_element(half.begin(), half.end());
+  if (top < 3.0 || top < kSureSigmas * half_scatter) {
+    return 0.0;  // no light at all: take_references() says so
+  }
+  // The mean over bands decides too: its noise is far smaller than one band's.
+  double worst = 0.0;
+  double sum_whole = 0.0;
+  double sum_half = 0.0;
+  for (std::size_t b = 0; b < whole.size(); ++b) {
+    if (half[b] >= kUsable * top && half[b] > 0.0) {
+      const double expected = half[b] * whole_us / half_us;
+      const double noise = std::hypot(whole_scatter, half_scatter * whole_us / half_us) /
+                           std::sqrt(static_cast<double>(kReferenceFrames));
+      worst = std::max(worst, (expected - whole[b] - kSureSigmas * noise) / expected);
+      sum_whole += whole[b];
+      sum_half += expected;
+    }
+  }
+  return std::max(worst, sum_half > 0.0 ? 1.0 - sum_whole / sum_half : 0.0);
+}
+
+/// A lamp whose light the sensor follows in proportion: it may be full far below white.
+Lamp find_linear_lamp(CommissionBench& bench) {
+  double high = kHigh * bench.white();
+  for (int attempt = 0; attempt < kLinearAttempts; ++attempt) {
+    Lamp lamp = find_lamp(bench, 1, high);
+    if (shortfall(bench, lamp) < kLinearTol) {
+      return lamp;
+    }
+    const SteadyLevel lit = bench.look_steady(lamp.pattern, 2);
+    high = kBackOff * std::min(high, lit.high_share);
+  }
+  throw Error("twice the exposure does not give twice the light, however weak the light is",
+              bench.rig().file.string(),
+              "is automatic exposure or gain on, or a gamma? is the exposure so long that one "
+              "light fills the sensor?");
 }
 
 /// Switches the lamp at asked moments and keeps what the frames show.
@@ -127,6 +192,7 @@ class StepRun {
     const std::int64_t t_light = (receipt.t_command_ns + receipt.t_ack_ns) / 2;
     const double round_trip = us_between(receipt.t_ack_ns, receipt.t_command_ns);
     round_trips_.push_back(round_trip);
+    references_.push_back(us_between(settle_reference_ns(receipt), t_light));
     for (;;) {
       const ArrivedFrame arrived = bench_.next_frame();
       const std::int64_t stamp = arrived.frame.info().timestamp_ns;
@@ -167,6 +233,8 @@ class StepRun {
   }
 
   [[nodiscard]] const std::vector<double>& round_trips() const { return round_trips_; }
+  /// Of each step: the moment that captures count from, after t_l.
+  [[nodiscard]] const std::vector<double>& references() const { return references_; }
   /// Times from a stamp to the host at the exposure of the lamp in use.
   [[nodiscard]] const std::vector<double>& arrivals() const { return arrivals_; }
   void forget_arrivals() { arrivals_.clear(); }
@@ -179,6 +247,7 @@ class StepRun {
   int n_steps_ = 0;
   std::vector<double> arrivals_;
   std::vector<double> round_trips_;
+  std::vector<double> references_;
 };
 
 double median(std::vector<double> values) {
@@ -336,10 +405,11 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   if (wanted != bench.exposure_us()) {
     (void)bench.set_exposure(wanted);
   }
-  Lamp full = find_lamp(bench, 1);
+  Lamp full = find_linear_lamp(bench);
   take_references(bench, full);
   result.long_us = full.exposure_us;
   result.n_lights = full.n;
+  result.linear_dn = full.lit.high_share - full.dark.high_share;
   result.count_per_us = (full.lit.high_share - full.dark.high_share) /
                         (full.exposure_us * static_cast<double>(full.n)) *
                         (static_cast<double>(registers::kMaxLevel) /
@@ -383,7 +453,9 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   // Fine: steps at chosen places of a short and of the long exposure.
   (void)bench.set_exposure(std::max(20.0, kShortShare * full.exposure_us));
   bench.settle();
-  Lamp brief = find_lamp(bench, static_cast<int>(std::ceil(full.n / kShortShare)));
+  // Not brighter than what was seen to be linear.
+  Lamp brief = find_lamp(bench, static_cast<int>(std::ceil(full.n / kShortShare)),
+                         std::max(full.lit.high_share, full.dark.high_share + 3.0));
   take_references(bench, brief);
   StepModel model = coarse->model;
   for (const Lamp* lamp : {&brief, &full}) {
@@ -415,7 +487,15 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   result.samples = prompt_steps(samples, run.round_trips());
   result.short_us = brief.exposure_us;
   require_true_exposure(bench, result.samples, full.exposure_us, brief.exposure_us);
-  const std::optional<StepFit> free = fit_steps(result.samples);
+  std::optional<StepFit> free = fit_steps(result.samples);
+  if (free) {
+    // The light's own jitter rounds the steps beside that of t_l: it belongs to their sigma.
+    const double scatter = delay_scatter(step_delays(result.samples, free->model));
+    for (StepSample& s : result.samples) {
+      s.jitter_us = std::max(s.jitter_us, scatter);
+    }
+    free = fit_steps(result.samples, {std::nullopt, free->model});
+  }
   if (!free) {
     throw_no_steps(bench);
   }
@@ -454,6 +534,18 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
                 "readout or end of frame");
   }
   result.verdict = *verdict;
+  // The latest change of light, counted from where captures count; with the latch of this
+  // verdict, so that it goes with the read_us of the same file.
+  double latest = -std::numeric_limits<double>::infinity();
+  const std::vector<StepDelay> delays = step_delays(result.samples, tied->model);
+  for (const StepDelay& delay : delays) {
+    latest = std::max(latest,
+                      delay.late_us - run.references()[static_cast<std::size_t>(delay.step)]);
+  }
+  const double latch_mean = result.verdict.latch_us.value;
+  result.latch_most_us = {std::max(0.0, latch_mean + (delays.empty() ? 0.0 : latest) +
+                                            kSureOfSettle * tied->settle_sigma_us),
+                          tied->settle_sigma_us, static_cast<std::int64_t>(delays.size())};
   progress(1.0);
   return result;
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include <Eigen/Dense>
 
@@ -13,12 +14,17 @@ namespace haarlight {
 
 namespace {
 
-constexpr int kGrid = 24;              // picture points across and down for the expectation
-constexpr double kTukey = 4.685;       // 95 % efficiency for normal errors
-constexpr double kMinLogSigma = 1e-3;  // no LED's neighbour is known better
-constexpr double kFar = 0.6;           // of the distance to a neighbour: not in its place
-constexpr double kNear = 0.45;         // ... and this near to another's: there it is
-constexpr int kMinForSurface = 12;     // lights of a face to fit a quadratic surface
+constexpr int kGrid = 3 * kSurveyAcross;  // picture points across and down
+constexpr double kTukey = 4.685;          // 95 % efficiency for normal errors
+constexpr double kMinLogSigma = 1e-3;     // no LED's neighbour is known better
+constexpr double kSeen = 10.0;            // sigmas of a block's signal: it counts
+// Sums of squared normalised residuals of a light's blocks: some 64 in its own place.
+constexpr double kMisfit = 100.0;   // above the lights' median: not in its place
+constexpr double kBetter = 60.0;    // another place fits better by so much
+constexpr double kFits = 3.0;       // of the median: that place fits
+constexpr double kAlike = 200.0;    // two places that differ less look alike
+constexpr double kNotThere = 25.0;  // for a block that another place does not light
+constexpr int kMinForSurface = 12;  // lights of a face to fit a quadratic surface
 
 double median(std::vector<double> values) {
   if (values.empty()) {
@@ -82,13 +88,178 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
   return surface;
 }
 
+/// The logarithms of what a light at each place gives in each block of the picture.
+class Places {
+ public:
+  Places(const std::vector<std::array<double, kSurveyBlocks>>& geometry, std::size_t n)
+      : geometry_(geometry), logs_(n), spread_(n) {}
+
+  /// From those lights of one face that shine: by geometry or without it, as fits better (a
+  /// diffuser, or a rig file whose camera stands elsewhere).
+  void fit(const Face& face, std::size_t offset, const std::vector<LightElement>& lights,
+           const std::vector<std::size_t>& shining, std::span<const LightResponse> responses) {
+    Logs best;
+    double least = std::numeric_limits<double>::infinity();
+    for (const bool by_geometry : {true, false}) {
+      Logs logs = fit_blocks(face, offset, lights, shining, responses, by_geometry);
+      if (logs.roughness < least) {
+        least = logs.roughness;
+        best = std::move(logs);
+      }
+    }
+    std::move(best.logs.begin(), best.logs.end(),
+              logs_.begin() + static_cast<std::ptrdiff_t>(offset));
+    std::fill_n(spread_.begin() + static_cast<std::ptrdiff_t>(offset), best.logs.size(),
+                best.spread);
+  }
+
+  /// Sum of squared normalised residuals of a light's blocks at a place, its power free.
+  [[nodiscard]] double misfit(const LightResponse& r, std::size_t place) const {
+    return distance(place, [&](std::size_t b) {
+      return r.blocks[b] > kSeen * r.block_sigma[b]
+                 ? Block{std::log(r.blocks[b]),
+                         std::hypot(r.block_sigma[b] / r.blocks[b], spread_[place][b])}
+                 : Block{};
+    });
+  }
+  /// How far two places lie apart, in the same measure, to a light seen so well.
+  [[nodiscard]] double apart(const LightResponse& r, std::size_t a, std::size_t b) const {
+    return distance(b, [&](std::size_t i) {
+      return r.blocks[i] > kSeen * r.block_sigma[i]
+                 ? Block{logs_[a][i], std::hypot(r.block_sigma[i] / r.blocks[i], spread_[a][i])}
+                 : Block{};
+    });
+  }
+
+ private:
+  struct Block {
+    double log = 0.0;
+    double sigma = 0.0;  // 0: does not count
+  };
+
+  struct Logs {
+    std::vector<std::array<double, kSurveyBlocks>> logs;  // of the face's places
+    std::array<double, kSurveyBlocks> spread{};
+    double roughness = 0.0;  // sum of the spreads' logarithms
+  };
+
+  [[nodiscard]] Logs fit_blocks(const Face& face, std::size_t offset,
+                                const std::vector<LightElement>& lights,
+                                const std::vector<std::size_t>& shining,
+                                std::span<const LightResponse> responses,
+                                bool by_geometry) const {
+    const auto of_face = static_cast<std::size_t>(face.n_lights());
+    const auto log_factor = [&](std::size_t k, std::size_t b) {
+      return by_geometry && geometry_[k][b] > 0.0 ? std::log(geometry_[k][b]) : 0.0;
+    };
+    Logs fitted;
+    fitted.logs.resize(of_face);
+    for (std::size_t b = 0; b < kSurveyBlocks; ++b) {
+      std::vector<Eigen::Matrix<double, 6, 1>> terms;
+      std::vector<double> logs;
+      for (const std::size_t k : shining) {
+        const LightResponse& r = responses[k];
+        if (r.blocks[b] > kSeen * r.block_sigma[b]) {
+          terms.push_back(place_terms(face, lights[k]));
+          logs.push_back(std::log(r.blocks[b]) - log_factor(k, b));
+        }
+      }
+      const Surface surface = fit_surface(terms, logs, kMinLogSigma);
+      for (std::size_t i = 0; i < of_face; ++i) {
+        const std::size_t k = offset + i;
+        fitted.logs[i][b] = terms.empty()
+                                ? std::numeric_limits<double>::quiet_NaN()
+                                : surface.at(place_terms(face, lights[k])) + log_factor(k, b);
+      }
+      fitted.spread[b] = surface.spread;
+      fitted.roughness += std::log(std::max(surface.spread, kMinLogSigma));
+    }
+    return fitted;
+  }
+
+  template <class Of>
+  [[nodiscard]] double distance(std::size_t place, Of of) const {
+    double sw = 0.0;
+    double sx = 0.0;
+    double sxx = 0.0;
+    double cost = 0.0;
+    for (std::size_t b = 0; b < kSurveyBlocks; ++b) {
+      const Block block = of(b);
+      if (block.sigma <= 0.0) {
+        continue;
+      }
+      const double d = block.log - logs_[place][b];
+      if (!std::isfinite(d)) {
+        cost += kNotThere;
+        continue;
+      }
+      const double w = 1.0 / (block.sigma * block.sigma);
+      sw += w;
+      sx += w * d;
+      sxx += w * d * d;
+    }
+    return cost + (sw > 0.0 ? std::max(0.0, sxx - sx * sx / sw) : 0.0);
+  }
+
+  const std::vector<std::array<double, kSurveyBlocks>>& geometry_;
+  std::vector<std::array<double, kSurveyBlocks>> logs_;
+  std::vector<std::array<double, kSurveyBlocks>> spread_;  // of one light about its face's
+};
+
+void find_miswired(const Places& places, std::span<const LightResponse> responses,
+                   const std::vector<double>& expected, LightSurvey& survey) {
+  const std::size_t n = responses.size();
+  std::vector<std::size_t> seen;
+  std::vector<double> own(n, 0.0);
+  std::vector<double> misfits;
+  for (std::size_t k = 0; k < n; ++k) {
+    if (survey.power[k] > 0.0) {
+      seen.push_back(k);
+      own[k] = places.misfit(responses[k], k);
+      misfits.push_back(own[k]);
+    }
+  }
+  const double typical = std::max(median(misfits), 1.0);
+  for (const std::size_t k : seen) {
+    // The place that fits best; and how alike the nearest other place is.
+    std::size_t best = k;
+    double least = own[k];
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t j = 0; j < n; ++j) {
+      if (j == k) {
+        continue;
+      }
+      nearest = std::min(nearest, places.apart(responses[k], k, j));
+      if (own[k] > typical + kMisfit) {
+        const double there = places.misfit(responses[k], j);
+        if (there < least) {
+          least = there;
+          best = j;
+        }
+      }
+    }
+    if (nearest < kAlike) {
+      survey.alike.push_back(static_cast<int>(k));
+    }
+    if (best != k && own[k] - least > kBetter && least < kFits * typical) {
+      survey.miswired.push_back(static_cast<int>(k));
+      survey.miswired_to.push_back(static_cast<int>(best));
+      if (expected[best] > 0.0) {
+        survey.power[k] = responses[k].signal / expected[best];
+      }
+    }
+  }
+  survey.can_see_wiring = survey.alike.empty() && !seen.empty();
+}
+
 }  // namespace
 
-std::vector<double> expected_signals(const Rig& rig, int camera) {
+std::vector<std::array<double, kSurveyBlocks>> expected_blocks(const Rig& rig, int camera) {
   const CameraSpec& spec = rig.cameras.at(static_cast<std::size_t>(camera));
   struct PlanePoint {
     Eigen::Vector3d at;
     Eigen::Vector3d n;
+    std::size_t block;
   };
   std::vector<PlanePoint> points;
   for (int j = 0; j < kGrid; ++j) {
@@ -106,22 +277,32 @@ std::vector<double> expected_signals(const Rig& rig, int camera) {
         }
       }
       if (seen != nullptr) {
-        points.push_back({ray.origin_world + nearest * ray.direction_world, seen->n});
+        const int block = j * kSurveyAcross / kGrid * kSurveyAcross + i * kSurveyAcross / kGrid;
+        points.push_back({ray.origin_world + nearest * ray.direction_world, seen->n,
+                          static_cast<std::size_t>(block)});
       }
     }
   }
-  std::vector<double> expected;
+  std::vector<std::array<double, kSurveyBlocks>> expected;
   for (const LightElement& light : light_elements(rig)) {
-    double sum = 0.0;
+    std::array<double, kSurveyBlocks> blocks{};
     for (const PlanePoint& point : points) {
       const Eigen::Vector3d way = light.centre - point.at;
       const double r2 = way.squaredNorm();
       const double r = std::sqrt(r2);
       const double cos_plane = std::abs(point.n.dot(way)) / r;
       const double cos_light = std::max(0.0, -light.emits.dot(way) / r);
-      sum += cos_plane * std::pow(cos_light, light.lobe_mu) / r2;
+      blocks[point.block] += cos_plane * std::pow(cos_light, light.lobe_mu) / r2;
     }
-    expected.push_back(sum);
+    expected.push_back(blocks);
+  }
+  return expected;
+}
+
+std::vector<double> expected_signals(const Rig& rig, int camera) {
+  std::vector<double> expected;
+  for (const auto& blocks : expected_blocks(rig, camera)) {
+    expected.push_back(std::accumulate(blocks.begin(), blocks.end(), 0.0));
   }
   if (*std::max_element(expected.begin(), expected.end()) <= 0.0) {
     std::fill(expected.begin(), expected.end(), 1.0);  // no plane in view: neighbours only
@@ -133,6 +314,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
                           const SurveyOptions& options) {
   HAARLIGHT_EXPECTS(static_cast<int>(responses.size()) == rig.n_lights(),
                     "a response of each light");
+  const auto geometry_blocks = expected_blocks(rig, camera);
   const std::vector<double> geometry = expected_signals(rig, camera);
   const std::vector<LightElement> lights = light_elements(rig);
   const std::size_t n = responses.size();
@@ -140,16 +322,13 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
   survey.power.assign(n, 0.0);
   std::vector<double> expected(n, 0.0);
   std::vector<double> sigmas;
-  std::vector<std::array<double, 2>> place(n, {0.0, 0.0});  // expected centroid
-  std::vector<double> pitch(n, 0.0);  // distance to a neighbour's centroid, pixels
-  bool can_see_wiring = true;
+  Places places(geometry_blocks, n);
   std::size_t offset = 0;
   for (const Face& face : rig.faces) {
     const auto of_face = static_cast<std::size_t>(face.n_lights());
     std::vector<Eigen::Matrix<double, 6, 1>> terms;
     std::vector<double> logs;
-    std::vector<double> xs;
-    std::vector<double> ys;
+    std::vector<std::size_t> shining;
     std::vector<double> ratios;
     for (std::size_t k = offset; k < offset + of_face; ++k) {
       if (geometry[k] > 0.0) {
@@ -164,31 +343,13 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
       if (shines) {
         terms.push_back(place_terms(face, lights[k]));
         logs.push_back(std::log(r.signal / geometry[k]));
-        xs.push_back(r.x);
-        ys.push_back(r.y);
+        shining.push_back(k);
       }
     }
     const Surface level = fit_surface(terms, logs, kMinLogSigma);
-    const Surface x = fit_surface(terms, xs, 1e-6);
-    const Surface y = fit_surface(terms, ys, 1e-6);
-    std::vector<double> shifts;
+    places.fit(face, offset, lights, shining, responses);
     for (std::size_t k = offset; k < offset + of_face; ++k) {
       const Eigen::Matrix<double, 6, 1> here = place_terms(face, lights[k]);
-      place[k] = {x.at(here), y.at(here)};
-      LightElement next = lights[k];
-      next.col += next.col + 1 < face.cols ? 1 : -1;
-      LightElement below = lights[k];
-      below.row += below.row + 1 < face.rows ? 1 : -1;
-      double shift = std::numeric_limits<double>::infinity();
-      for (const LightElement& other : {next, below}) {
-        if (other.col >= 0 && other.row >= 0) {
-          const Eigen::Matrix<double, 6, 1> there = place_terms(face, other);
-          shift =
-              std::min(shift, std::hypot(x.at(there) - place[k][0], y.at(there) - place[k][1]));
-        }
-      }
-      pitch[k] = std::isfinite(shift) ? shift : 0.0;
-      shifts.push_back(pitch[k]);
       expected[k] = terms.empty() ? 0.0 : geometry[k] * std::exp(level.at(here));
       const LightResponse& r = responses[k];
       const auto number = static_cast<int>(k);
@@ -207,38 +368,10 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
           std::hypot(r.sigma / expected[k],
                      level.spread * std::sqrt(6.0 / static_cast<double>(terms.size()))));
     }
-    const double typical_shift = median(shifts);
-    can_see_wiring = can_see_wiring && terms.size() >= kMinForSurface &&
-                     typical_shift > 5.0 * std::max(x.spread, y.spread);
     offset += of_face;
   }
   survey.power_sigma = median(sigmas);
-  survey.can_see_wiring = can_see_wiring;
-  for (std::size_t k = 0; can_see_wiring && k < n; ++k) {
-    const LightResponse& r = responses[k];
-    if (survey.power[k] <= 0.0 || pitch[k] <= 0.0 || r.centroid_sigma > 0.15 * pitch[k]) {
-      continue;
-    }
-    const auto distance = [&](std::size_t j) {
-      return std::hypot(r.x - place[j][0], r.y - place[j][1]);
-    };
-    if (distance(k) < kFar * pitch[k]) {
-      continue;
-    }
-    std::size_t nearest = k;
-    for (std::size_t j = 0; j < n; ++j) {
-      if (distance(j) < distance(nearest)) {
-        nearest = j;
-      }
-    }
-    if (nearest != k && distance(nearest) < kNear * pitch[nearest]) {
-      survey.miswired.push_back(static_cast<int>(k));
-      survey.miswired_to.push_back(static_cast<int>(nearest));
-      if (expected[nearest] > 0.0) {
-        survey.power[k] = r.signal / expected[nearest];
-      }
-    }
-  }
+  find_miswired(places, responses, expected, survey);
   for (std::size_t k = 0; k < n; ++k) {
     if (survey.power[k] > 0.0 && survey.power[k] < options.dim_below) {
       survey.dim.push_back(static_cast<int>(k));

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <span>
 #include <vector>
 
@@ -14,16 +15,24 @@
 /// the camera sees it, times a quadratic surface over (row, column) of its face fitted to the
 /// good lights: so a floor that is not matt, or a light box near one wall, is not mistaken for
 /// dim LEDs. A power that varies smoothly over the face is therefore taken for optics.
+///
+/// Where a light stands is told by how its light spreads over the picture: 8 x 8 blocks, each
+/// against what geometry and the face's other lights let expect of it (a quadratic surface a
+/// block over the logarithms: what lies in view cancels), up to the light's power. A light
+/// whose blocks fit another place clearly better than its own is miswired. Lights whose places
+/// look alike, as under a diffuser, are named instead of guessed.
 
 namespace haarlight {
 
+inline constexpr int kSurveyAcross = 8;  ///< blocks across the picture, and down
+inline constexpr int kSurveyBlocks = kSurveyAcross * kSurveyAcross;
+
 /// One light's picture less the dark one.
 struct LightResponse {
-  double signal = 0.0;  ///< mean of all pixels, counts
-  double sigma = 0.0;   ///< of it
-  double x = 0.0;       ///< centroid of the light in the picture, pixels
-  double y = 0.0;
-  double centroid_sigma = 0.0;  ///< pixels, each way
+  double signal = 0.0;                              ///< mean of all pixels, counts
+  double sigma = 0.0;                               ///< of it
+  std::array<double, kSurveyBlocks> blocks{};       ///< means of the blocks, row by row
+  std::array<double, kSurveyBlocks> block_sigma{};  ///< of them
 };
 
 struct SurveyOptions {
@@ -39,7 +48,9 @@ struct LightSurvey {
   std::vector<int> miswired_to;  ///< ... this light
   std::vector<double> power;     ///< relative; 0 = dead or unseen
   double power_sigma = 0.0;      ///< median over the good lights: counting noise and fit
-  bool can_see_wiring = false;   ///< a light's place shows in the picture
+  /// Lights whose place looks like a neighbour's: swapped with it they would not be found.
+  std::vector<int> alike;
+  bool can_see_wiring = false;  ///< none of the lights seen is alike another
 };
 
 /// @param responses  one a light of the rig
@@ -48,6 +59,9 @@ struct LightSurvey {
                                         std::span<const LightResponse> responses,
                                         const SurveyOptions& options = {});
 
+/// Expected signal of each light in each block of the picture, up to a factor; 0: no plane.
+[[nodiscard]] std::vector<std::array<double, kSurveyBlocks>> expected_blocks(const Rig& rig,
+                                                                             int camera);
 /// Expected mean signal of each light over the picture, up to a factor.
 [[nodiscard]] std::vector<double> expected_signals(const Rig& rig, int camera);
 

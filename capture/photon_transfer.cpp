@@ -14,7 +14,10 @@ constexpr double kMinPairs = 30.0;        // in one picture pair, below it a bin
 constexpr double kMinDegrees = 100.0;     // of a bin to enter the fit: 14 % of its variance
 constexpr double kFitTop = 0.7;           // of saturation [Emva21]
 constexpr double kRounding = 1.0 / 12.0;  // variance of rounding to whole counts
-constexpr double kStill = 0.1;            // of the growth expected: this pixel is full
+constexpr double kLeastFull = 8.0;        // counts: below them nothing can be told
+constexpr double kBeyond = 0.05;       // of the saturation level: a pixel is brighter than it
+constexpr double kBeyondShare = 0.01;  // of the pixels: more of them, and it is no saturation
+constexpr double kStill = 0.1;         // of the growth expected: this pixel is full
 
 /// How far the points depart from the straight line through the middle 90 % of the range, in
 /// percent of the signal [Emva21].
@@ -143,15 +146,23 @@ std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
                                       double ratio, double black_dn) {
   HAARLIGHT_EXPECTS(ratio > 1.2, "exposures that differ clearly");
   std::vector<std::uint16_t> full;
+  std::vector<std::uint16_t> all;
+  std::uint16_t top = 0;
+  for (int y = 0; y < rows; ++y) {
+    for (const std::uint16_t word : longer.row(y)) {
+      top = std::max(top, word);
+    }
+  }
+  // Below half of the brightest signal nothing is full, and noise alone may keep a pixel still.
+  const double least = 0.5 * (static_cast<double>(top) - black_dn);
   for (int y = 0; y < rows; ++y) {
     const auto a = shorter.row(y);
     const auto b = longer.row(y);
     for (std::size_t x = 0; x < a.size(); ++x) {
       const double signal = static_cast<double>(a[x]) - black_dn;
       const double growth = static_cast<double>(b[x]) - static_cast<double>(a[x]);
-      // Noise of a signal in counts stays far below its square root times 3 for any gain near
-      // 1; 200 counts keep dark pixels out.
-      if (signal > 200.0 && growth < kStill * (ratio - 1.0) * signal) {
+      all.push_back(b[x]);
+      if (signal > least && signal > kLeastFull && growth < kStill * (ratio - 1.0) * signal) {
         full.push_back(b[x]);
       }
     }
@@ -161,6 +172,13 @@ std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
   }
   const auto middle = full.begin() + static_cast<std::ptrdiff_t>(full.size() / 2);
   std::nth_element(full.begin(), middle, full.end());
+  // Where the signal ends no pixel goes beyond: else these were still by their noise.
+  const double limit = *middle + kBeyond * (static_cast<double>(*middle) - black_dn);
+  const auto beyond = std::count_if(all.begin(), all.end(),
+                                    [limit](std::uint16_t word) { return word > limit; });
+  if (static_cast<double>(beyond) > kBeyondShare * static_cast<double>(all.size())) {
+    return std::nullopt;
+  }
   return static_cast<double>(*middle);
 }
 

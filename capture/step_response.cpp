@@ -350,6 +350,8 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   fit.skew_sigma_us = spread([](const StepModel& m) { return m.skew_us; });
   fit.rise_sigma_us = spread([](const StepModel& m) { return m.rise_us; });
   fit.fall_sigma_us = spread([](const StepModel& m) { return m.fall_us; });
+  fit.settle_sigma_us = spread(
+      [](const StepModel& m) { return m.offset_us[0] + std::max(m.rise_us, m.fall_us); });
   // Jitter of the steps rounds the corners as a longer ramp would, and shifts their middle.
   std::vector<double> jitters;
   jitters.reserve(points.size());
@@ -368,6 +370,53 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
     sigma = std::hypot(sigma, 0.25 * (rise_blur + fall_blur));
   }
   return fit;
+}
+
+std::vector<StepDelay> step_delays(std::span<const StepSample> samples,
+                                   const StepModel& model) {
+  constexpr double kKnown = 50.0;  // us
+  Layout layout;
+  layout.exposures = model.exposures_us;
+  const Eigen::VectorXd p = vector_of(layout, model);
+  struct Sums {
+    double weight = 0.0;
+    double weighted = 0.0;
+  };
+  std::map<int, Sums> of_step;
+  for (const StepSample& s : samples) {
+    const std::size_t exposure = layout.exposure_index(s.exposure_us);
+    if (exposure >= layout.exposures.size()) {
+      continue;
+    }
+    // A change that comes late by t shows as the model at x - t.
+    const Linear l = linearise(layout, p, {s, exposure});
+    const double w = l.slope_x / (s.sigma * s.sigma);
+    of_step[s.step].weight += w * l.slope_x;
+    of_step[s.step].weighted -= w * l.residual;
+  }
+  std::vector<StepDelay> delays;
+  for (const auto& [step, sums] : of_step) {
+    if (sums.weight > 1.0 / (kKnown * kKnown)) {
+      delays.push_back({step, sums.weighted / sums.weight, 1.0 / std::sqrt(sums.weight)});
+    }
+  }
+  return delays;
+}
+
+double delay_scatter(std::span<const StepDelay> delays) {
+  if (delays.size() < 4) {
+    return 0.0;
+  }
+  const auto n = static_cast<double>(delays.size());
+  double mean = 0.0;
+  for (const StepDelay& d : delays) {
+    mean += d.late_us / n;
+  }
+  double variance = 0.0;
+  for (const StepDelay& d : delays) {
+    variance += ((d.late_us - mean) * (d.late_us - mean) - d.sigma_us * d.sigma_us) / (n - 1.0);
+  }
+  return std::sqrt(std::max(0.0, variance));
 }
 
 namespace {

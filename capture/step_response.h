@@ -56,6 +56,7 @@ struct StepFit {
   double skew_sigma_us = 0.0;
   double rise_sigma_us = 0.0;
   double fall_sigma_us = 0.0;
+  double settle_sigma_us = 0.0;  ///< of the first offset + the slower ramp; jackknife alone
   int n_steps = 0;
   int n_partial = 0;     ///< samples that saw part of a step: those that say something
   double scatter = 0.0;  ///< robust rms of (level - model) / sigma; 1 = as expected
@@ -72,6 +73,19 @@ struct StepFitOptions {
 ///          exposure without any
 [[nodiscard]] std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
                                                const StepFitOptions& options = {});
+
+/// One step's own delay against the model's.
+struct StepDelay {
+  int step = 0;
+  double late_us = 0.0;
+  double sigma_us = 0.0;  ///< by the samples' noise
+};
+/// Of every step that was seen in part, by least squares over its rows and frames, each sample
+/// linearised at the model; those known to 50 us. A longer ramp looks like half a delay.
+[[nodiscard]] std::vector<StepDelay> step_delays(std::span<const StepSample> samples,
+                                                 const StepModel& model);
+/// Standard deviation of the delays themselves, without their noise; 0 below four.
+[[nodiscard]] double delay_scatter(std::span<const StepDelay> delays);
 
 /// How long an exposure truly lasts, in units of what the camera says.
 struct ExposureScale {

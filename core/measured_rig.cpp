@@ -103,6 +103,7 @@ MeasuredController read_controller(ConfigTable& t) {
   c.with = t.text("with");
   c.identity = t.text_or("identity", "");
   c.latch_us = read_measured(t, "latch_us", kTime);
+  c.latch_most_us = read_measured(t, "latch_most_us", kTime);
   c.rise_us = read_measured(t, "rise_us", kTime);
   c.fall_us = read_measured(t, "fall_us", kTime);
   c.ack_us = read_measured(t, "ack_us", kTime);
@@ -287,6 +288,7 @@ std::string to_toml(const MeasuredRig& m) {
     put(out, "with", m.controller->with);
     put(out, "identity", m.controller->identity);
     put(out, "latch_us", m.controller->latch_us);
+    put(out, "latch_most_us", m.controller->latch_most_us);
     put(out, "rise_us", m.controller->rise_us);
     put(out, "fall_us", m.controller->fall_us);
     put(out, "ack_us", m.controller->ack_us);
@@ -511,7 +513,7 @@ void apply_measured(MeasuredRig measured, const std::string& name, Rig& rig) {
     if (const std::string now = describe_controller(rig.controller); now != m.with) {
       throw_stale("the controller", m.with, now, name);
     }
-    take(m.latch_us, rig.controller.latch_us);
+    take(m.latch_most_us ? m.latch_most_us : m.latch_us, rig.controller.latch_us);
     take(m.rise_us, rig.controller.rise_us);
     take(m.fall_us, rig.controller.fall_us);
   }

@@ -68,6 +68,9 @@ struct MeasuredController {
   std::string with;      ///< describe_controller() of that time
   std::string identity;  ///< "haarlight-sim, serial 1"
   std::optional<Measured> latch_us;
+  /// The latest change of light, with 99 % confidence and this file's read_us: what captures
+  /// wait for. Nothing in files of versions that measured only the mean.
+  std::optional<Measured> latch_most_us;
   std::optional<Measured> rise_us;
   std::optional<Measured> fall_us;
   std::optional<Measured> ack_us;  ///< round trip of the latch request

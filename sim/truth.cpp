@@ -82,6 +82,8 @@ SimTruth parse_truth(const std::string& text, const std::string& name, const Rig
     truth.latch_us = time_or_none(*controller, "latch_us");
     truth.rise_us = time_or_none(*controller, "rise_us");
     truth.fall_us = time_or_none(*controller, "fall_us");
+    truth.latch_spread_us = controller->number_or("latch_spread_us", 0.0, kTime);
+    truth.ramp_spread_us = controller->number_or("ramp_spread_us", 0.0, kTime);
   }
   for (ConfigTable& table : root.tables("camera")) {
     truth.cameras.push_back(read_camera(table, rig));
@@ -141,6 +143,8 @@ RigFlaws true_flaws(const SimTruth& truth, const std::string& camera_id) {
       flaws = camera.flaws;
     }
   }
+  flaws.latch_spread_us = truth.latch_spread_us;
+  flaws.ramp_spread_us = truth.ramp_spread_us;
   flaws.warm_up = truth.warm_up;
   flaws.warm_up_s = truth.warm_up_s;
   return flaws;

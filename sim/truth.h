@@ -32,6 +32,8 @@ struct SimTruth {
   std::optional<double> latch_us;
   std::optional<double> rise_us;
   std::optional<double> fall_us;
+  double latch_spread_us = 0.0;  ///< see RigFlaws
+  double ramp_spread_us = 0.0;
   std::vector<CameraTruth> cameras;
   double warm_up = 0.0;  ///< see RigFlaws
   double warm_up_s = 60.0;

@@ -47,13 +47,14 @@ std::vector<float> normal_quantiles(std::size_t n) {
 struct Step {
   double t_ns = 0.0;
   double level = 0.0;
+  double rise_ns = 0.0;
+  double fall_ns = 0.0;
 };
 
 /// Mean over [begin, end] of a level that starts at `initial` and follows the steps linearly,
-/// rising in `rise_ns` and falling in `fall_ns`; a step in the middle of a ramp starts where it
-/// is.
-double mean_level(double initial, const std::vector<Step>& steps, double rise_ns,
-                  double fall_ns, double begin_ns, double end_ns) {
+/// each over its own ramp; a step in the middle of a ramp starts where it is.
+double mean_level(double initial, const std::vector<Step>& steps, double begin_ns,
+                  double end_ns) {
   double integral = 0.0;
   double level = initial;
   double at = -1e300;
@@ -72,7 +73,9 @@ double mean_level(double initial, const std::vector<Step>& steps, double rise_ns
     const Step& step = steps[i];
     add(at, step.t_ns, level, level);
     const double next = i + 1 < steps.size() ? steps[i + 1].t_ns : 1e300;
-    const double ramp = step.level > level ? rise_ns : step.level < level ? fall_ns : 0.0;
+    const double ramp = step.level > level   ? step.rise_ns
+                        : step.level < level ? step.fall_ns
+                                             : 0.0;
     const double ramp_end = std::min(step.t_ns + ramp, next);
     if (ramp > 0.0) {
       const double reached = level + (step.level - level) * (ramp_end - step.t_ns) / ramp;
@@ -130,8 +133,22 @@ double VirtualCamera::electrons_per_unit(double exposure_us) const {
 }
 
 std::int64_t VirtualCamera::history_begin_ns(const Exposure& exposure) const {
-  const double ramp = std::max(controller_.rise_us, controller_.fall_us);
-  return exposure.start_ns - ns_from_us(controller_.latch_us + ramp) - 1;
+  const RigFlaws& flaws = options_.flaws;
+  const double ramp = std::max(controller_.rise_us, controller_.fall_us) + flaws.ramp_spread_us;
+  const double latch = controller_.latch_us + flaws.latch_spread_us;
+  return exposure.start_ns - ns_from_us(latch + ramp) - 1;
+}
+
+VirtualCamera::Delay VirtualCamera::delay_of(const LightTransition& state) const {
+  const RigFlaws& flaws = options_.flaws;
+  const auto key = static_cast<std::uint64_t>(state.t_ns);
+  const auto drawn = [&](double spread_us, std::uint64_t stream) {
+    return spread_us > 0.0 ? spread_us * uniform_unit(hash_key(options_.seed, stream, key))
+                           : 0.0;
+  };
+  const double ramp = drawn(flaws.ramp_spread_us, 24);
+  return {1e3 * (controller_.latch_us + drawn(flaws.latch_spread_us, 23)),
+          1e3 * (controller_.rise_us + ramp), 1e3 * (controller_.fall_us + ramp)};
 }
 
 std::int64_t VirtualCamera::end_ns(const Exposure& exposure) const {
@@ -159,11 +176,11 @@ std::int64_t VirtualCamera::stamp_ns(const Exposure& exposure) const {
 LightSeen VirtualCamera::look(const LightHistory& history, const Exposure& exposure) const {
   LightSeen seen;
   HAARLIGHT_EXPECTS(!history.states.empty(), "a history with the state at its start");
-  const std::int64_t latch = ns_from_us(controller_.latch_us);
-  const std::int64_t ramp = ns_from_us(std::max(controller_.rise_us, controller_.fall_us));
   const std::int64_t end = end_ns(exposure);
   for (const LightTransition& state : history.states) {
-    const std::int64_t changes = state.t_ns + latch;
+    const Delay delay = delay_of(state);
+    const std::int64_t changes = state.t_ns + std::llround(delay.latch);
+    const std::int64_t ramp = std::llround(std::max(delay.rise, delay.fall));
     if (changes >= end) {
       break;
     }
@@ -198,7 +215,6 @@ std::vector<VirtualCamera::Element> VirtualCamera::mean_drives(const LightHistor
   const auto offset = [&](std::int64_t t_ns) {
     return static_cast<double>(t_ns - exposure.start_ns);
   };
-  const double latch_ns = controller_.latch_us * 1e3;
   const bool is_rolling = spec_.shutter == Shutter::rolling && spec_.skew_us > 0.0;
   const int n_rows = is_rolling && n_states > 1 ? spec_.active_rows : 1;
   const double row_step_ns =
@@ -207,7 +223,9 @@ std::vector<VirtualCamera::Element> VirtualCamera::mean_drives(const LightHistor
   for (const auto& [index, of_element] : levels) {
     std::vector<Step> steps;
     for (std::size_t i = 1; i < n_states; ++i) {
-      steps.push_back({offset(history.states[i].t_ns) + latch_ns, of_element[i]});
+      const Delay delay = delay_of(history.states[i]);
+      steps.push_back({offset(history.states[i].t_ns) + delay.latch, of_element[i], delay.rise,
+                       delay.fall});
     }
     Element element;
     element.index = index;
@@ -215,8 +233,7 @@ std::vector<VirtualCamera::Element> VirtualCamera::mean_drives(const LightHistor
     for (int row = 0; row < n_rows; ++row) {
       const double begin = row * row_step_ns;
       const double mean =
-          mean_level(of_element[0], steps, controller_.rise_us * 1e3, controller_.fall_us * 1e3,
-                     begin, begin + exposure.exposure_us * 1e3);
+          mean_level(of_element[0], steps, begin, begin + exposure.exposure_us * 1e3);
       element.drive.push_back(static_cast<float>(mean));
       is_lit = is_lit || mean > 0.0;
     }

@@ -31,6 +31,10 @@ struct RigFlaws {
   /// 1 + warm_up exp(-t / warm_up_s).
   double warm_up = 0.0;
   double warm_up_s = 60.0;
+  /// Each change of light comes later by 0 to so much, evenly drawn by the moment of its latch;
+  /// and each of its ramps is longer by 0 to ramp_spread_us.
+  double latch_spread_us = 0.0;
+  double ramp_spread_us = 0.0;
   double dark_e_per_s = 0.0;  ///< dark current of a normal pixel
   double hot_share = 0.0;     ///< of the pixels have hot_e_per_s
   double hot_e_per_s = 0.0;
@@ -103,6 +107,13 @@ class VirtualCamera {
     int index = 0;
     std::vector<float> drive;  ///< mean over each row's exposure; one value when all are equal
   };
+  /// What one change of light does: when it begins after its latch, and its ramps. All ns.
+  struct Delay {
+    double latch = 0.0;
+    double rise = 0.0;
+    double fall = 0.0;
+  };
+  [[nodiscard]] Delay delay_of(const LightTransition& state) const;
   [[nodiscard]] std::vector<Element> mean_drives(const LightHistory& history,
                                                  const Exposure& exposure) const;
   void sum_light(const std::vector<Element>& elements, double electrons);

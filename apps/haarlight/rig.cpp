@@ -275,6 +275,7 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
     }
   };
   add("latch_us", result.measured.controller->latch_us);
+  add("latch_most_us", result.measured.controller->latch_most_us);
   add("rise_us", result.measured.controller->rise_us);
   add("fall_us", result.measured.controller->fall_us);
   add("read_us", c.read_us);
@@ -311,6 +312,15 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
   write_file_atomically(file, text);
   report.set_bytes(text.size());
   fmt::print("measured values: {}\n", file.string());
+  for (const std::string& text : result.faults) {
+    fmt::print(stderr, "haarlight rig: {}\n", text);
+  }
+  if (!result.faults.empty()) {
+    fmt::print(stderr,
+               "  cure: mend the cables and LEDs, then commission again (--force). What was "
+               "measured is stored and holds for the rig as it is\n");
+    return ExitCode::target_missed;
+  }
   return ExitCode::done;
 }
 
@@ -385,8 +395,11 @@ void add_rig(Command root, Invocation& invocation) {
   verb.footer(
       "commission writes NAME.measured.toml beside the rig file; every program then puts these "
       "values\nover the written ones. The daemon must not be running. docs/commissioning.md "
-      "tells how to set up.\nExit codes: 1 when the doctor finds something wrong, or the rig "
-      "file contradicts what was measured.\n"
+      "tells how to set up.\nExit codes: 1 when the doctor finds something wrong, or the "
+      "rig " or
+      the rig
+      "
+      "file contradicts what was measured, or lights are dead, dim or swapped.\n"
       "Examples:\n"
       "  haarlight rig doctor configs/rigs/small8.toml\n"
       "  haarlight rig commission configs/rigs/small8.toml --flash-ok\n"

@@ -394,6 +394,7 @@ Rig small_rig() { return read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.tom
 /// What an even floor gives, with the lights' own scatter of 2 % and a floor that is not matt.
 std::vector<LightResponse> made_responses(const Rig& rig) {
   const std::vector<double> expected = expected_signals(rig, 0);
+  const auto blocks = expected_blocks(rig, 0);
   const double top = *std::max_element(expected.begin(), expected.end());
   std::vector<LightResponse> responses;
   for (int k = 0; k < rig.n_lights(); ++k) {
@@ -403,9 +404,14 @@ std::vector<LightResponse> made_responses(const Rig& rig) {
     r.signal = 4000.0 * expected[static_cast<std::size_t>(k)] / top * gloss *
                (1.0 + 0.02 * standard_normal(hash_key(5, static_cast<std::uint64_t>(k))));
     r.sigma = 1.0;
-    r.x = 32.0 + 0.8 * (light.col - 3.5) + 0.01 * light.row * light.row;
-    r.y = 24.0 + 0.7 * (light.row - 3.5);
-    r.centroid_sigma = 0.01;
+    // A picture with things in it, each block with noise of 0.3 %.
+    for (std::size_t b = 0; b < kSurveyBlocks; ++b) {
+      const double albedo = 0.2 + 0.8 * uniform_unit(hash_key(8, b));
+      r.blocks[b] = r.signal * kSurveyBlocks * albedo * blocks[static_cast<std::size_t>(k)][b] /
+                    expected[static_cast<std::size_t>(k)] *
+                    (1.0 + 0.003 * standard_normal(hash_key(9, b, static_cast<unsigned>(k))));
+      r.block_sigma[b] = 0.003 * r.blocks[b];
+    }
     responses.push_back(r);
   }
   return responses;
@@ -458,8 +464,12 @@ TEST(SurveyLights, DoesNotGuessWiringFromABlurredPicture) {
   const Rig rig = small_rig();
   auto responses = made_responses(rig);
   for (std::size_t k = 0; k < responses.size(); ++k) {
-    responses[k].x = 32.0 + 0.5 * standard_normal(hash_key(6, k));
-    responses[k].y = 24.0 + 0.5 * standard_normal(hash_key(7, k));
+    // A diffuser: every light fills the picture alike.
+    for (std::size_t b = 0; b < kSurveyBlocks; ++b) {
+      responses[k].blocks[b] =
+          responses[k].signal * (1.0 + 0.02 * standard_normal(hash_key(6, k, b)));
+      responses[k].block_sigma[b] = 0.02 * responses[k].signal;
+    }
   }
   const LightSurvey survey = survey_lights(rig, 0, responses);
   EXPECT_FALSE(survey.can_see_wiring);

@@ -52,15 +52,18 @@ inline Transport plane_transport(const TemporaryFolder& folder, const Rig& rig) 
 
 class TwinBench {
  public:
-  TwinBench(const Rig& written, const SimTruth& truth, std::uint64_t seed = 1)
+  /// @param lit_electrons  of a pixel under one light at the rig's exposure; 0: half the well
+  TwinBench(const Rig& written, const SimTruth& truth, std::uint64_t seed = 1,
+            double lit_electrons = 0.0)
       : truth_rig_(apply_truth(truth, written)),
         transport_(plane_transport(folder_, written)),
         controller_(controller_config(written), 1, now_),
         seed_(seed),
-        sensor_(
-            truth_rig_.cameras[0], truth_rig_.controller, transport_,
-            VirtualCameraOptions{seed, 0.0, true, true_light_power(truth, written.n_lights()),
-                                 true_wiring(truth, written.n_lights())}),
+        sensor_(truth_rig_.cameras[0], truth_rig_.controller, transport_,
+                VirtualCameraOptions{seed, lit_electrons, true,
+                                     true_light_power(truth, written.n_lights()),
+                                     true_wiring(truth, written.n_lights()),
+                                     true_flaws(truth, written.cameras[0].id)}),
         camera_(*this),
         lights_(make_fake_light_array(
             controller_, [this] { return tick(); }, [this] { return bus_fault(); })) {}
