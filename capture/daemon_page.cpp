@@ -20,6 +20,7 @@
 #include "core/files.h"
 #include "core/report.h"
 #include "session/frame_tiff.h"
+#include "session/rig_session.h"
 
 namespace haarlight {
 

@@ -134,8 +134,6 @@ class WriterThread {
 /// In a session's folder: it was given up by a person, or for a reason that does not pass.
 inline constexpr const char* kAbortMark = "aborted.txt";
 
-/// Of the frames that a rig's camera delivers.
-[[nodiscard]] FrameForm frame_form_of(const Rig& rig);
 /// The session's lights, grid and form as a rig gives them.
 [[nodiscard]] SessionInfo session_info_of(const Rig& rig, const Plan& plan,
                                           const std::string& id);

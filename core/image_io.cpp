@@ -191,7 +191,7 @@ void require_picture_name(const std::filesystem::path& path) {
 }
 
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure) {
+                 double exposure, std::span<const PictureNote> notes) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
   require_picture_name(path);
@@ -200,6 +200,11 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
   const auto type = is_png ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::FLOAT;
   OIIO::ImageSpec spec(image.width(), image.height(), image.channels(), type);
   spec.attribute("oiio:ColorSpace", is_png ? "sRGB" : "Linear");
+  for (const PictureNote& note : notes) {
+    spec.attribute(note.name, note.text);
+  }
+  spec.attribute("haarlightProgram", "haarlight " HAARLIGHT_VERSION);
+  spec.attribute("haarlightExposure", fmt::format("{:.9g}", is_png ? exposure : 1.0));
   std::vector<float> packed;
   packed.reserve(static_cast<std::size_t>(image.width()) *
                  static_cast<std::size_t>(image.height() * image.channels()));

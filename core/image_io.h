@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 
 #include "core/image.h"
@@ -38,13 +39,23 @@ struct PictureFile {
 /// @throws Error(usage)  naming the endings
 void require_picture_name(const std::filesystem::path& path);
 
+/// A text by which a picture says what it is.
+struct PictureNote {
+  std::string name;  ///< letters only: PNG's keyword, OpenEXR's attribute
+  std::string text;  ///< Latin-1 where PNG is to show it
+};
+
 /// Writes by the name's ending: `.exr` linear 32-bit float; `.png` sRGB 8 bit, values times
 /// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears whole or not at
 /// all.
 /// @param image  1 or 3 channels
+/// @param notes  PNG: tEXt chunks; OpenEXR: string attributes; TIFF has no place for them.
+/// After
+///               them come haarlightProgram and haarlightExposure (1 but for PNG). No dates:
+///               the same picture gives the same bytes.
 /// @throws Error  unknown ending, unwritable folder, full disk
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure = 1.0);
+                 double exposure = 1.0, std::span<const PictureNote> notes = {});
 
 /// sRGB transfer (IEC 61966-2-1), both ways; exact inverses to 1e-7. Negative values are
 /// mirrored.

@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/sha256.h"
 #include "session/clean_rule.h"
 
 namespace haarlight {
@@ -149,6 +150,14 @@ std::string find_form_problem(const FrameTiffHeader& header, const FrameForm& fo
       form.stored_height, form.channels, bytes_per_sample(form.sample));
 }
 
+std::string describe_lit(const std::vector<LightLevel>& lit, double exposure_us) {
+  std::string text = fmt::format("{} lights", lit.size());
+  if (lit.size() == 1) {
+    text = fmt::format("light {} at level {}", lit.front().light, lit.front().level);
+  }
+  return fmt::format("{}, {} us", text, exposure_us);
+}
+
 std::string find_identity_problem(const FrameDescription& description,
                                   const SessionInfo& info) {
   if (description.session != info.id) {
@@ -159,6 +168,21 @@ std::string find_identity_problem(const FrameDescription& description,
   }
   if (static_cast<std::size_t>(description.shot) >= info.shots.size()) {
     return fmt::format("shot {} of a plan of {}", description.shot, info.shots.size());
+  }
+  if (!description.light) {  // as in sessions of older programs
+    return info.program.empty() ? std::string() : "it does not say what was lit";
+  }
+  const LitStatement& said = *description.light;
+  const Shot& shot = info.shots[static_cast<std::size_t>(description.shot)];
+  if (said.kind != shot.kind || said.lit != shot.lit || said.exposure_us != shot.exposure_us) {
+    return fmt::format("it says {} shot, {}; the session's shot {} is {}, {}",
+                       to_string(said.kind), describe_lit(said.lit, said.exposure_us),
+                       description.shot, to_string(shot.kind),
+                       describe_lit(shot.lit, shot.exposure_us));
+  }
+  if (said.setup != setup_hash(info)) {
+    return "taken with other lights (names, places or powers) or another form of frames than "
+           "the session lists";
   }
   return {};
 }
@@ -196,9 +220,15 @@ template void describe_pixels(ImageView<const float>, const FrameForm&, FrameEvi
 
 FrameInspection inspect_frame(const std::filesystem::path& file, const SessionInfo& info) {
   FrameInspection inspection;
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(file, ignored))) {
+    inspection.problem = "a link or no plain file: its bytes are not in the session";
+    return inspection;
+  }
   try {
     const MappedFile mapped(file);
     inspection.file_hash = content_hash(mapped.bytes());
+    inspection.sha256 = to_hex(leaf_hash("frames/" + file.filename().string(), mapped.bytes()));
     const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file.string());
     inspection.description = frame_description_from_json(header.description, file.string());
     inspection.problem = find_form_problem(header, info.form);

@@ -15,12 +15,14 @@ namespace haarlight {
 struct FrameInspection {
   FrameDescription description;
   std::string file_hash;  ///< content_hash of the file's bytes
+  std::string sha256;     ///< leaf_hash of the file, named frames/NAME
   std::string problem;    ///< empty: the frame holds; else what does not, in words
   [[nodiscard]] bool is_good() const { return problem.empty(); }
 };
 
-/// Reads the file once: form, session and plan, hash of the active pixels, range and mean of
-/// the pixels against the evidence, and the clean rule. Never throws for what the file
+/// Reads the file once: a plain file and no link; form, session and plan; what it says was lit
+/// against the plan; hash of the active pixels, range and mean of the pixels against the
+/// evidence, and the clean rule. Never throws for what the file
 /// contains.
 [[nodiscard]] FrameInspection inspect_frame(const std::filesystem::path& file,
                                             const SessionInfo& info);

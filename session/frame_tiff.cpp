@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <limits>
@@ -13,6 +14,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/sha256.h"
 #include "session/json_value.h"
 
 namespace haarlight {
@@ -199,6 +201,42 @@ std::string hash_rows(ImageView<const T> pixels) {
 
 }  // namespace
 
+std::string setup_hash(const SessionInfo& info) {
+  Sha256 hash;
+  const auto add_number = [&hash](double value) {
+    hash.add(std::as_bytes(std::span(&value, 1)));
+  };
+  const auto add_text = [&hash](std::string_view text) {
+    hash.add(fmt::format("{}:", text.size())).add(text);
+  };
+  for (const SessionLight& light : info.lights) {
+    add_text(light.name);
+    add_text(light.is_position ? "position_mm" : "direction");
+    for (int i = 0; i < 3; ++i) {
+      add_number(light.place[i]);
+    }
+    add_number(light.relative_power);
+  }
+  const FrameForm& form = info.form;
+  for (const double value :
+       {double(form.width), double(form.height), double(form.stored_height),
+        double(form.channels), 8.0 * static_cast<double>(bytes_per_sample(form.sample)),
+        static_cast<double>(form.transfer), static_cast<double>(form.bayer), form.black_level,
+        form.white_level, form.saturation_dn(), double(info.grid_rows),
+        double(info.grid_cols)}) {
+    add_number(value);
+  }
+  return to_hex(hash.digest());
+}
+
+FrameDescription describe_frame(const SessionInfo& info, const std::string& setup, int shot,
+                                int attempt, const FrameEvidence& evidence) {
+  const Shot& planned = info.shots.at(static_cast<std::size_t>(shot));
+  return {info.id,  info.plan_hash,
+          shot,     attempt,
+          evidence, LitStatement{planned.kind, planned.lit, planned.exposure_us, setup}};
+}
+
 std::string frame_description_to_json(const FrameDescription& description) {
   nlohmann::ordered_json json;
   json["haarlight_frame"] = 1;
@@ -206,6 +244,17 @@ std::string frame_description_to_json(const FrameDescription& description) {
   json["plan_hash"] = description.plan_hash;
   json["shot"] = description.shot;
   json["attempt"] = description.attempt;
+  if (description.light) {
+    const LitStatement& light = *description.light;
+    HAARLIGHT_EXPECTS(std::isfinite(light.exposure_us), "an exposure in finite numbers");
+    json["kind"] = to_string(light.kind);
+    json["lit"] = nlohmann::ordered_json::array();
+    for (const LightLevel& level : light.lit) {
+      json["lit"].push_back({level.light, level.level});
+    }
+    json["exposure_us"] = light.exposure_us;
+    json["setup"] = light.setup;
+  }
   json["evidence"] = nlohmann::ordered_json::parse(evidence_to_json(description.evidence));
   return json.dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace);
 }
@@ -220,6 +269,21 @@ FrameDescription frame_description_from_json(const std::string& json,
   description.plan_hash = value["plan_hash"].text();
   description.shot = static_cast<int>(value["shot"].integer(0, kMaxInt));
   description.attempt = static_cast<int>(value["attempt"].integer(0, kMaxInt));
+  if (value.has("lit")) {
+    LitStatement& light = description.light.emplace();
+    light.kind =
+        static_cast<ShotKind>(value["kind"].choice({"light", "dark", "flat", "sentinel"}));
+    for (const JsonValue& pair : value["lit"].elements()) {
+      const std::vector<JsonValue> numbers = pair.elements();
+      if (numbers.size() != 2) {
+        pair.refuse(fmt::format("{} numbers", numbers.size()), "a light and its level");
+      }
+      light.lit.push_back({static_cast<int>(numbers[0].integer(0, kMaxInt)),
+                           static_cast<std::uint16_t>(numbers[1].integer(0, 65535))});
+    }
+    light.exposure_us = value["exposure_us"].number(0.0);
+    light.setup = value["setup"].text();
+  }
   description.evidence = evidence_from_json(value["evidence"].dump(), where);
   return description;
 }

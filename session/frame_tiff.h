@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -20,6 +21,16 @@ namespace haarlight {
 
 inline constexpr int kStripRows = 64;
 
+/// What was lit while a frame was exposed, stored with its pixels: no other file is needed to
+/// tell, and no other can tell otherwise unnoticed.
+struct LitStatement {
+  ShotKind kind = ShotKind::light;
+  std::vector<LightLevel> lit;
+  double exposure_us = 0.0;  ///< as planned
+  std::string setup;         ///< setup_hash(): which lights those are, and which samples
+  friend bool operator==(const LitStatement&, const LitStatement&) = default;
+};
+
 /// Who a frame is, so that the journal can be rebuilt from the frames alone.
 struct FrameDescription {
   std::string session;    ///< SessionInfo::id
@@ -27,8 +38,17 @@ struct FrameDescription {
   int shot = 0;
   int attempt = 0;
   FrameEvidence evidence;
+  std::optional<LitStatement> light = {};  ///< nothing in frames of older programs
   friend bool operator==(const FrameDescription&, const FrameDescription&) = default;
 };
+
+/// SHA-256, 64 digits, over the lights' names, places and powers and the frames' form (layout:
+/// docs/session-format.md).
+[[nodiscard]] std::string setup_hash(const SessionInfo& info);
+/// What a frame of this shot says of itself. @param setup  setup_hash(info)
+[[nodiscard]] FrameDescription describe_frame(const SessionInfo& info, const std::string& setup,
+                                              int shot, int attempt,
+                                              const FrameEvidence& evidence);
 
 [[nodiscard]] std::string frame_description_to_json(const FrameDescription& description);
 /// @throws Error  naming the field

@@ -21,8 +21,10 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
+#include "core/sha256.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"
+#include "session/seal.h"
 
 namespace haarlight {
 
@@ -415,6 +417,8 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   constexpr std::size_t kIdLength = 16;
   info.id = content_hash(plan + session_info_to_json(info)).substr(0, kIdLength);
   info.created = now_for_people();
+  info.program = program_name();
+  const std::string setup = setup_hash(info);
 
   PendingFolder pending(target);
   info.frames.resize(pictures.size());
@@ -426,17 +430,21 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
       check_same_form(form_of(picture, options), info.form, pictures[i].path, pictures[0].path);
       check_finite(picture.pixels, pictures[i].path);
       n_turned += picture.is_turned ? 1 : 0;
-      FrameDescription description;
-      description.session = info.id;
-      description.plan_hash = info.plan_hash;
-      description.shot = static_cast<int>(i);
-      description.evidence.kind = EvidenceKind::asserted;
-      description.evidence.pattern_id = description.shot;
-      description.evidence.sequence = i;
+      FrameEvidence evidence;
+      evidence.kind = EvidenceKind::asserted;
+      evidence.pattern_id = static_cast<int>(i);
+      evidence.sequence = i;
+      FrameDescription description =
+          describe_frame(info, setup, static_cast<int>(i), 0, evidence);
       const std::vector<std::byte> bytes = encode_picture(picture, info.form, description);
       const std::string name = frame_file_name(description.shot, 0);
       write_plain(pending.path() / name, bytes);
-      info.frames[i] = {description.shot, 0, name, content_hash(bytes), description.evidence};
+      info.frames[i] = {description.shot,
+                        0,
+                        name,
+                        content_hash(bytes),
+                        description.evidence,
+                        to_hex(leaf_hash(name, bytes))};
       progress.advance();
     }
   });
@@ -444,6 +452,8 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   start.frames.clear();
   write_plain(pending.path() / "plan.json", plan);
   write_plain(pending.path() / "start.json", session_info_to_json(start));
+  info.made_by = MadeBy::import;
+  seal_session(pending.path(), "", info);
   write_plain(pending.path() / "session.json", session_info_to_json(info));
   pending.commit(is_replacing);
 

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <initializer_list>
+#include <limits>
 #include <utility>
 
 #include <fmt/format.h>
@@ -127,6 +128,48 @@ Result<std::vector<JournalRow>> select_rows(sqlite3* database,
   return rows;
 }
 
+/// Every value as its length in bytes, ":" and its bytes; a line a row, a blank line a table.
+Result<std::string> select_text(sqlite3* database, const std::filesystem::path& file) {
+  constexpr std::array<std::pair<const char*, int>, 4> kTables = {
+      std::pair{"SELECT type, name, ifnull(sql, '') FROM sqlite_master ORDER BY type, name", 3},
+      std::pair{"SELECT format, session FROM meta ORDER BY rowid", 2},
+      std::pair{"SELECT id, shot, attempt, file, file_hash, evidence, state FROM frames "
+                "ORDER BY id",
+                7},
+      std::pair{"SELECT id, kind, json FROM events ORDER BY id", 3}};
+  std::string text;
+  for (const auto& [sql, n_columns] : kTables) {
+    Query query(database, sql);
+    while (query.step()) {
+      for (int column = 0; column < n_columns; ++column) {
+        const std::string value = query.text(column);
+        text += fmt::format("{}:", value.size()) + value;
+      }
+      text += '\n';
+    }
+    if (!query.is_done()) {
+      return journal_fault(database, "read", file);
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+Result<std::vector<JournalEvent>> select_events(sqlite3* database,
+                                                const std::filesystem::path& file,
+                                                std::int64_t id, int limit) {
+  std::vector<JournalEvent> events;
+  Query query(database, "SELECT id, kind, json FROM events WHERE id > ?1 ORDER BY id LIMIT ?2");
+  query.bind(1, id).bind(2, std::int64_t{limit});
+  while (query.step()) {
+    events.push_back({query.integer(0), query.text(1), query.text(2)});
+  }
+  if (!query.is_done()) {
+    return journal_fault(database, "read", file);
+  }
+  return events;
+}
+
 Result<void> check_meta(sqlite3* database, const std::filesystem::path& file,
                         const std::string& session_id) {
   Query query(database, "SELECT format, session FROM meta");
@@ -160,6 +203,7 @@ struct Journal::Impl {
   std::filesystem::path file;
   Storage* storage = nullptr;
   Database database;
+  bool is_new = false;
 
   [[nodiscard]] sqlite3* db() const { return database.get(); }
 
@@ -233,7 +277,6 @@ Result<void> Journal::Impl::set_up(const std::string& session_id) {
   if (auto sound = check_integrity(db(), file); !sound) {
     return sound;
   }
-  bool is_new = false;
   {
     Query query(db(), "SELECT count(*) FROM sqlite_master");
     if (!query.step()) {
@@ -311,6 +354,10 @@ Result<Journal> Journal::open(const std::filesystem::path& file, const std::stri
   return Journal(std::move(impl));
 }
 
+bool Journal::is_new() const { return impl_->is_new; }
+
+Result<std::string> Journal::text() { return select_text(impl_->db(), impl_->file); }
+
 Result<std::vector<JournalRow>> Journal::rows() {
   return select_rows(impl_->db(), impl_->file);
 }
@@ -365,17 +412,7 @@ Result<std::int64_t> Journal::log(const std::string& kind, const std::string& js
 }
 
 Result<std::vector<JournalEvent>> Journal::events_after(std::int64_t id, int limit) {
-  std::vector<JournalEvent> events;
-  Query query(impl_->db(),
-              "SELECT id, kind, json FROM events WHERE id > ?1 ORDER BY id LIMIT ?2");
-  query.bind(1, id).bind(2, std::int64_t{limit});
-  while (query.step()) {
-    events.push_back({query.integer(0), query.text(1), query.text(2)});
-  }
-  if (!query.is_done()) {
-    return journal_fault(impl_->db(), "read", impl_->file);
-  }
-  return events;
+  return select_events(impl_->db(), impl_->file, id, limit);
 }
 
 Result<void> Journal::close_for_archive() {
@@ -393,8 +430,8 @@ Result<void> Journal::close_for_archive() {
   return {};
 }
 
-Result<std::vector<JournalRow>> read_journal(const std::filesystem::path& file,
-                                             const std::string& session_id) {
+Result<JournalContents> read_journal(const std::filesystem::path& file,
+                                     const std::string& session_id) {
   std::error_code ignored;
   if (!std::filesystem::exists(file, ignored)) {
     return fail(Errc::io, file.string() + ": not there");
@@ -412,7 +449,27 @@ Result<std::vector<JournalRow>> read_journal(const std::filesystem::path& file,
   if (auto own = check_meta(raw, file, session_id); !own) {
     return tl::unexpected<Fault>(own.error());
   }
-  return select_rows(raw, file);
+  JournalContents contents;
+  auto rows = select_rows(raw, file);
+  if (!rows) {
+    return tl::unexpected<Fault>(rows.error());
+  }
+  contents.rows = std::move(*rows);
+  Query ids(raw, "SELECT id FROM frames ORDER BY id");
+  while (ids.step()) {
+    contents.row_ids.push_back(ids.integer(0));
+  }
+  auto events = select_events(raw, file, 0, std::numeric_limits<int>::max());
+  if (!events) {
+    return tl::unexpected<Fault>(events.error());
+  }
+  contents.events = std::move(*events);
+  auto text = select_text(raw, file);
+  if (!text) {
+    return tl::unexpected<Fault>(text.error());
+  }
+  contents.text = std::move(*text);
+  return contents;
 }
 
 }  // namespace haarlight

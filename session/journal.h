@@ -51,8 +51,13 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
+  /// The file was missing or empty: no frame that is there can have a row.
+  [[nodiscard]] bool is_new() const;
   /// Every row, by shot and attempt.
   [[nodiscard]] Result<std::vector<JournalRow>> rows();
+  /// All that the tables say, as text: what the session's root covers of a journal (layout:
+  /// docs/session-format.md). SQLite's own bookkeeping in the file is not in it.
+  [[nodiscard]] Result<std::string> text();
   /// All rows in one transaction, durable when this returns; on a Fault none is there.
   [[nodiscard]] Result<void> insert(std::span<const JournalRow> rows);
   /// Durable. Rows of the shot and attempt get the state.
@@ -72,9 +77,16 @@ class Journal {
   std::unique_ptr<Impl> impl_;
 };
 
-/// The rows of a finished session's journal, opened read-only.
-/// Fault protocol: damaged; io: not there.
-[[nodiscard]] Result<std::vector<JournalRow>> read_journal(const std::filesystem::path& file,
-                                                           const std::string& session_id);
+/// A finished session's journal.
+struct JournalContents {
+  std::vector<JournalRow> rows;       ///< by shot and attempt
+  std::vector<std::int64_t> row_ids;  ///< of all rows, ascending
+  std::vector<JournalEvent> events;   ///< by id
+  std::string text;                   ///< as Journal::text()
+};
+
+/// Opened read-only. Fault protocol: damaged; io: not there.
+[[nodiscard]] Result<JournalContents> read_journal(const std::filesystem::path& file,
+                                                   const std::string& session_id);
 
 }  // namespace haarlight

@@ -73,13 +73,28 @@ struct FrameRecord {
   std::string file;       ///< relative to the session folder: frames/SHOT_aATTEMPT.tif
   std::string file_hash;  ///< content_hash of the file's bytes
   FrameEvidence evidence;
+  std::string sha256 = {};  ///< leaf_hash of the file; empty in sessions without a root
 };
+
+/// Another file that must not change: the plan, the rig, what stands in aside/ ...
+struct SealedFile {
+  std::string name;    ///< relative to the session folder
+  std::string sha256;  ///< leaf_hash of its bytes, of journal.sqlite of its content
+  friend bool operator==(const SealedFile&, const SealedFile&) = default;
+};
+
+/// Who wrote session.json.
+enum class MadeBy { capture, import, rebuild };
+[[nodiscard]] std::string_view to_string(MadeBy made_by) noexcept;
 
 /// All of session.json.
 struct SessionInfo {
   int schema = 1;
   std::string id;
-  std::string created;         ///< ISO 8601, for people only
+  std::string created;  ///< ISO 8601, for people only
+  /// Who began it, "haarlight 0.9.0". Since there is one, every frame says what was lit; empty
+  /// in older sessions.
+  std::string program = {};
   std::string plan_hash;       ///< of the shot list, as the plan computes it
   std::string plan_file_hash;  ///< content_hash of plan.json's bytes; filled when written
   std::string rig_hash;        ///< empty for an import without a rig
@@ -90,7 +105,10 @@ struct SessionInfo {
   int grid_cols = 0;
   PatternRecipe patterns;  ///< how the shots become single lights; list: by least squares
   std::vector<Shot> shots;
-  std::vector<FrameRecord> frames;  ///< the newest committed attempt of each shot, by shot
+  std::vector<FrameRecord> frames;     ///< the newest committed attempt of each shot, by shot
+  MadeBy made_by = MadeBy::capture;    ///< means something only where there is a root
+  std::vector<SealedFile> files = {};  ///< under the root beside the frames, by name
+  std::string root = {};  ///< session/seal.h; empty: start.json, and sessions of older programs
 };
 
 /// A finished session opened for reading. Safe to share between threads (const calls).

@@ -25,6 +25,7 @@ constexpr std::size_t kMaxCount = std::size_t{1} << 24U;
 
 const std::vector<std::string_view> kKinds = {"measured", "asserted", "replayed"};
 const std::vector<std::string_view> kShotKinds = {"light", "dark", "flat", "sentinel"};
+const std::vector<std::string_view> kMakers = {"capture", "import", "rebuild"};
 const std::vector<std::string_view> kSamples = {"u8", "u16", "f32"};
 const std::vector<std::string_view> kTransfers = {"linear", "srgb", "unknown"};
 const std::vector<std::string_view> kBayers = {"none", "rggb", "bggr", "grbg", "gbrg"};
@@ -186,6 +187,9 @@ Json frame_to_json(const FrameRecord& frame) {
   json["attempt"] = frame.attempt;
   json["file"] = frame.file;
   json["file_hash"] = frame.file_hash;
+  if (!frame.sha256.empty()) {
+    json["sha256"] = frame.sha256;
+  }
   json["evidence"] = Json::parse(evidence_to_json(frame.evidence));
   return json;
 }
@@ -206,6 +210,9 @@ FrameRecord frame_from_json(const JsonValue& value, std::size_t n_shots) {
     value["file"].refuse("a frame outside of the session's folder", "name a file inside of it");
   }
   frame.file_hash = value["file_hash"].text();
+  if (value.has("sha256")) {
+    frame.sha256 = value["sha256"].text();
+  }
   frame.evidence = evidence_from_json(value["evidence"].dump(), value["evidence"].place());
   return frame;
 }
@@ -237,12 +244,19 @@ std::string_view to_string(ShotKind kind) noexcept {
   return "unknown";
 }
 
+std::string_view to_string(MadeBy made_by) noexcept {
+  return kMakers[static_cast<std::size_t>(made_by)];
+}
+
 std::string session_info_to_json(const SessionInfo& info) {
   check_finite(info);
   Json json;
   json["schema"] = info.schema;
   json["id"] = info.id;
   json["created"] = info.created;
+  if (!info.program.empty()) {
+    json["program"] = info.program;
+  }
   json["plan_hash"] = info.plan_hash;
   json["plan_file_hash"] = info.plan_file_hash;
   json["rig_hash"] = info.rig_hash;
@@ -263,6 +277,15 @@ std::string session_info_to_json(const SessionInfo& info) {
   }
   json["shots"] = list(info.shots, shot_to_json);
   json["frames"] = list(info.frames, frame_to_json);
+  if (!info.files.empty()) {
+    json["made_by"] = to_string(info.made_by);
+    json["files"] = list(info.files, [](const SealedFile& file) {
+      return Json{{"name", file.name}, {"sha256", file.sha256}};
+    });
+  }
+  if (!info.root.empty()) {
+    json["root"] = info.root;  // the last: it covers every byte before its line
+  }
   // One line an entry: a person can read it, diff works, and 1024 frames stay under a megabyte.
   std::string text = "{\n";
   bool is_first = true;
@@ -295,6 +318,9 @@ SessionInfo session_info_from_json(const std::string& json, const std::string& w
   }
   info.id = value["id"].text();
   info.created = value["created"].text();
+  if (value.has("program")) {
+    info.program = value["program"].text();
+  }
   info.plan_hash = value["plan_hash"].text();
   info.plan_file_hash = value["plan_file_hash"].text();
   info.rig_hash = value["rig_hash"].text();
@@ -336,6 +362,15 @@ SessionInfo session_info_from_json(const std::string& json, const std::string& w
                            "frames are listed by shot, one each");
     }
     last_shot = info.frames.back().shot;
+  }
+  if (value.has("files")) {
+    info.made_by = static_cast<MadeBy>(value["made_by"].choice(kMakers));
+    for (const JsonValue& file : list("files")) {
+      info.files.push_back({file["name"].text(), file["sha256"].text()});
+    }
+  }
+  if (value.has("root")) {
+    info.root = value["root"].text();
   }
   return info;
 }

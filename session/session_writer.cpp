@@ -9,10 +9,13 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/sha256.h"
 #include "session/clean_rule.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"
 #include "session/journal.h"
+#include "session/seal.h"
+#include "session/signature.h"
 
 namespace haarlight {
 
@@ -56,7 +59,11 @@ struct SessionWriter::Impl {
   RecoveryReport recovery;
   std::vector<bool> committed;
   std::vector<int> next_attempt;
-  std::map<std::pair<int, int>, JournalRow> rows;  ///< by shot and attempt
+  std::map<std::pair<int, int>, JournalRow> rows;     ///< by shot and attempt
+  std::map<std::pair<int, int>, std::string> leaves;  ///< leaf_hash of their files
+  std::string setup;                                  ///< setup_hash(info)
+  bool is_rebuilt = false;   ///< the rows are not those that were written during the capture
+  std::string journal_text;  ///< once the journal is closed
   std::uint64_t reserved = 0;
   int n_temporaries = 0;
 
@@ -70,7 +77,8 @@ struct SessionWriter::Impl {
 
   /// Moves a file to aside/ with a note of the reason beside it; nothing is overwritten there.
   [[nodiscard]] Result<void> set_aside(const fs::path& file, const std::string& reason);
-  [[nodiscard]] Result<void> set_session_json_aside();
+  [[nodiscard]] Result<void> set_session_json_aside(const std::string& reason);
+  [[nodiscard]] Result<void> note_rebuilding();
   [[nodiscard]] Result<void> note_events_of_aside();
 
   [[nodiscard]] Result<void> open_journal();
@@ -136,15 +144,21 @@ Result<void> SessionWriter::Impl::set_aside(const fs::path& file, const std::str
 }
 
 /// Before a shot of a finished session is withdrawn: a daemon that dies before the new frame is
-/// there finds an unfinished session and goes on with it.
-Result<void> SessionWriter::Impl::set_session_json_aside() {
-  const fs::path file = folder / "session.json";
+/// there finds an unfinished session and goes on with it. Its signature goes with it.
+Result<void> SessionWriter::Impl::set_session_json_aside(const std::string& reason) {
   std::error_code ignored;
-  if (!fs::exists(file, ignored)) {
-    return {};
+  bool is_any = false;
+  for (const char* name : {"session.json", kSignatureFile}) {
+    if (!fs::exists(folder / name, ignored)) {
+      continue;
+    }
+    is_any = true;
+    if (auto done = set_aside(folder / name, reason); !done) {
+      return done;
+    }
   }
-  if (auto done = set_aside(file, "a shot is taken again"); !done) {
-    return done;
+  if (!is_any) {
+    return {};
   }
   if (auto done = storage->sync_folder(aside()); !done) {
     return done;
@@ -192,6 +206,31 @@ Result<void> SessionWriter::Impl::open_journal() {
   return storage->sync_folder(folder);
 }
 
+/// A journal that is lost, set aside or empty was there before start.json: its rows now come
+/// from the frames alone, and the session says so for ever.
+Result<void> SessionWriter::Impl::note_rebuilding() {
+  if (journal->is_new()) {
+    const auto id = journal->log(
+        "rebuilt", reason_json(kJournal, "made again: the rows come from the frames"));
+    is_rebuilt = id.has_value();
+    return id ? Result<void>() : pass_on(id);
+  }
+  constexpr int kAtOnce = 10000;
+  for (std::int64_t last = 0; !is_rebuilt;) {
+    const auto events = journal->events_after(last, kAtOnce);
+    if (!events) {
+      return pass_on(events);
+    }
+    if (events->empty()) {
+      break;
+    }
+    is_rebuilt = std::any_of(events->begin(), events->end(),
+                             [](const JournalEvent& e) { return e.kind == "rebuilt"; });
+    last = events->back().id;
+  }
+  return {};
+}
+
 void SessionWriter::Impl::note_attempt(int shot, int attempt) {
   if (shot >= 0 && static_cast<std::size_t>(shot) < next_attempt.size()) {
     int& next = next_attempt[static_cast<std::size_t>(shot)];
@@ -234,10 +273,11 @@ Result<void> SessionWriter::Impl::check_rows() {
     const fs::path file = folder / row.file;
     std::error_code ignored;
     std::string problem;
-    if (!fs::exists(file, ignored)) {
+    if (!fs::exists(fs::symlink_status(file, ignored))) {
       problem = "the frame is missing";
     } else {
       const FrameInspection inspection = inspect_frame(file, info);
+      leaves[{row.shot, row.attempt}] = inspection.sha256;
       if (inspection.file_hash != row.file_hash) {
         problem = "the file was altered after it was committed: its hash differs";
       } else if (!inspection.is_good()) {
@@ -310,6 +350,7 @@ Result<void> SessionWriter::Impl::adopt_frames() {
       }
       continue;
     }
+    leaves[{shot, attempt}] = inspection.sha256;
     // It may have been renamed without its name being durable.
     if (auto done = storage->sync_file(file); !done) {
       return done;
@@ -424,8 +465,12 @@ std::vector<FrameRecord> SessionWriter::Impl::frame_records() const {
   std::map<int, FrameRecord> newest;
   for (const auto& [key, row] : rows) {
     if (row.state == RowState::committed) {
-      newest[row.shot] = {row.shot, row.attempt, row.file, row.file_hash,
-                          evidence_from_json(row.evidence, row.file)};
+      newest[row.shot] = {row.shot,
+                          row.attempt,
+                          row.file,
+                          row.file_hash,
+                          evidence_from_json(row.evidence, row.file),
+                          leaves.at(key)};
     }
   }
   std::vector<FrameRecord> records;
@@ -528,6 +573,8 @@ Result<SessionWriter> SessionWriter::make(const fs::path& folder, const SessionI
   impl->storage = &storage;
   impl->info = info;
   impl->info.plan_file_hash = content_hash(plan_json);
+  impl->info.program = program_name();
+  impl->setup = setup_hash(impl->info);
   impl->plan = plan_json;
   impl->committed.assign(info.shots.size(), false);
   impl->next_attempt.assign(info.shots.size(), 0);
@@ -599,6 +646,7 @@ Result<SessionWriter> SessionWriter::reopen(const fs::path& folder, Storage& sto
   } catch (const Error& error) {
     return fail(error.code() == ExitCode::io ? Errc::io : Errc::protocol, error.what());
   }
+  impl->setup = setup_hash(impl->info);
   impl->committed.assign(impl->info.shots.size(), false);
   impl->next_attempt.assign(impl->info.shots.size(), 0);
   for (const fs::path& made : {impl->frames(), impl->aside()}) {
@@ -620,6 +668,9 @@ Result<SessionWriter> SessionWriter::reopen(const fs::path& folder, Storage& sto
   auto done = impl->sweep_temporaries();
   if (done) {
     done = impl->open_journal();
+  }
+  if (done) {
+    done = impl->note_rebuilding();
   }
   if (done) {
     done = impl->check_rows();
@@ -659,7 +710,7 @@ Result<void> SessionWriter::commit(std::span<const PendingFrame> frames) {
   rows.reserve(frames.size());
   for (const PendingFrame& frame : frames) {
     const std::string description = frame_description_to_json(
-        {impl.info.id, impl.info.plan_hash, frame.shot, frame.attempt, frame.evidence});
+        describe_frame(impl.info, impl.setup, frame.shot, frame.attempt, frame.evidence));
     const std::vector<std::byte> bytes = encode_frame_tiff(frame.pixels, description);
     const std::string name = frame_file_name(frame.shot, frame.attempt);
     impl.shrink_reserve(bytes.size());
@@ -668,6 +719,7 @@ Result<void> SessionWriter::commit(std::span<const PendingFrame> frames) {
     }
     rows.push_back({frame.shot, frame.attempt, name, content_hash(bytes),
                     evidence_to_json(frame.evidence), RowState::committed});
+    impl.leaves[{frame.shot, frame.attempt}] = to_hex(leaf_hash(name, bytes));
   }
   if (auto done = impl.storage->sync_folder(impl.frames()); !done) {
     return done;
@@ -690,7 +742,7 @@ Result<void> SessionWriter::keep_refused(const PendingFrame& frame, const std::s
     return good;
   }
   const std::string description = frame_description_to_json(
-      {impl.info.id, impl.info.plan_hash, frame.shot, frame.attempt, frame.evidence});
+      describe_frame(impl.info, impl.setup, frame.shot, frame.attempt, frame.evidence));
   const std::string name =
       fs::path(frame_file_name(frame.shot, frame.attempt)).filename().string();
   const fs::path note = impl.aside() / (name + ".why.txt");
@@ -726,7 +778,7 @@ Result<void> SessionWriter::withdraw(int shot, const std::string& reason) {
     if (row.state != RowState::committed) {
       continue;
     }
-    if (auto done = impl.set_session_json_aside(); !done) {
+    if (auto done = impl.set_session_json_aside("a shot is taken again"); !done) {
       return done;
     }
     // The note outlives the journal: a rebuild must not bring the frame back.
@@ -782,6 +834,11 @@ Result<void> SessionWriter::finish() {
     if (auto id = impl.journal->log("finished", "{}"); !id) {
       return pass_on(id);
     }
+    auto text = impl.journal->text();
+    if (!text) {
+      return pass_on(text);
+    }
+    impl.journal_text = std::move(*text);
     if (auto done = impl.journal->close_for_archive(); !done) {
       return done;
     }
@@ -793,6 +850,12 @@ Result<void> SessionWriter::finish() {
   }
   SessionInfo info = impl.info;
   info.frames = impl.frame_records();
+  info.made_by = impl.is_rebuilt ? MadeBy::rebuild : MadeBy::capture;
+  try {
+    seal_session(impl.folder, impl.journal_text, info);
+  } catch (const Error& error) {
+    return fail(Errc::io, error.what());
+  }
   return impl.write_durably(impl.folder / "session.json", session_info_to_json(info));
 }
 

@@ -93,7 +93,8 @@ class SessionWriter {
   /// finish() has closed the journal; only reopen() leads on.
   [[nodiscard]] bool is_finished() const;
 
-  /// Writes session.json, checkpoints the journal and takes it out of WAL mode. Every shot must
+  /// Writes session.json with its root (session/seal.h; the files in aside/ are read once
+  /// more), checkpoints the journal and takes it out of WAL mode. Every shot must
   /// be committed.
   [[nodiscard]] Result<void> finish();
 

@@ -12,7 +12,8 @@
 #include "core/files.h"
 #include "session/clean_rule.h"
 #include "session/frame_check.h"
-#include "session/journal.h"
+#include "session/signature.h"
+#include "session/verify_checks.h"
 
 namespace haarlight {
 
@@ -22,56 +23,25 @@ namespace fs = std::filesystem;
 
 constexpr std::uintmax_t kMaxText = std::uintmax_t{1} << 30U;
 
-/// Reads a text, or notes a problem.
-std::string read_or_note(const fs::path& file, VerifyReport& report) {
-  try {
-    return read_file(file, kMaxText);
-  } catch (const Error& error) {
-    report.problems.push_back(fmt::format("{}: {}", file.filename().string(), error.problem()));
-    return {};
-  }
-}
-
-void check_texts(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
-  const std::string plan = read_or_note(folder / "plan.json", report);
-  if (!plan.empty() && content_hash(plan) != info.plan_file_hash) {
-    report.problems.emplace_back("plan.json: not the plan that was shot: its hash differs");
-  }
-  if (!info.rig_hash.empty()) {
-    const std::string rig = read_or_note(folder / "rig.toml", report);
-    if (!rig.empty() && content_hash(rig) != info.rig_hash) {
-      report.problems.emplace_back("rig.toml: not the rig that was used: its hash differs");
-    }
-  }
-  const std::string start = read_or_note(folder / "start.json", report);
-  if (start.empty()) {
-    return;
-  }
-  try {
-    SessionInfo expected = info;
-    expected.frames.clear();
-    if (session_info_to_json(session_info_from_json(start, "start.json")) !=
-        session_info_to_json(expected)) {
-      report.problems.emplace_back("session.json: differs from start.json beyond its frames");
-    }
-  } catch (const Error& error) {
-    report.problems.push_back(fmt::format("{}: {}", error.where(), error.problem()));
-  }
-}
-
 std::string find_frame_problem(const fs::path& folder, const SessionInfo& info,
                                const FrameRecord& frame) {
   const fs::path file = folder / frame.file;
   std::error_code ignored;
-  if (!fs::is_regular_file(file, ignored)) {
+  if (!fs::exists(fs::symlink_status(file, ignored))) {
     return "missing";
   }
   if (frame.file != frame_file_name(frame.shot, frame.attempt)) {
     return fmt::format("is not named after shot {} attempt {}", frame.shot, frame.attempt);
   }
   const FrameInspection inspection = inspect_frame(file, info);
+  if (inspection.file_hash.empty()) {
+    return inspection.problem;
+  }
   if (inspection.file_hash != frame.file_hash) {
     return "altered: the file's hash differs from session.json";
+  }
+  if (!info.root.empty() && inspection.sha256 != frame.sha256) {
+    return "altered: the file's SHA-256 differs from session.json";
   }
   if (!inspection.is_good()) {
     return inspection.problem;
@@ -83,6 +53,16 @@ std::string find_frame_problem(const fs::path& folder, const SessionInfo& info,
   }
   if (!(inspection.description.evidence == frame.evidence)) {
     return "its evidence differs from session.json";
+  }
+  const FrameEvidence& e = frame.evidence;
+  const Shot& shot = info.shots[static_cast<std::size_t>(frame.shot)];
+  if (e.kind == EvidenceKind::measured && e.pattern_id != frame.shot) {
+    return fmt::format("its evidence is of pattern {}, not {}", e.pattern_id, frame.shot);
+  }
+  if (e.kind == EvidenceKind::measured && shot.exposure_us > 0.0 &&
+      e.exposure_asked_us != shot.exposure_us) {
+    return fmt::format("{} us were asked of the camera, the shot has {}", e.exposure_asked_us,
+                       shot.exposure_us);
   }
   return {};
 }
@@ -140,48 +120,6 @@ void check_sequence(const SessionInfo& info, VerifyReport& report) {
       report.problems.push_back(
           fmt::format("{}: exposed while {} still was", frames[i]->file, frames[i - 1]->file));
     }
-  }
-}
-
-void check_journal(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
-  const fs::path file = folder / "journal.sqlite";
-  std::error_code ignored;
-  if (!fs::exists(file, ignored)) {
-    if (info.evidence != EvidenceKind::asserted) {
-      report.problems.emplace_back(
-          "journal.sqlite: missing (haarlight rebuild makes it again)");
-    }
-    return;
-  }
-  if (fs::exists(folder / "journal.sqlite-wal", ignored)) {
-    report.problems.emplace_back(
-        "journal.sqlite-wal: the journal was not closed for the archive");
-    return;
-  }
-  const auto rows = read_journal(file, info.id);
-  if (!rows) {
-    report.problems.push_back("journal.sqlite: " + rows.error().what);
-    return;
-  }
-  std::map<int, const JournalRow*> newest;
-  for (const JournalRow& row : *rows) {
-    if (row.state == RowState::committed) {
-      newest[row.shot] = &row;  // rows come by shot and attempt
-    }
-  }
-  for (const FrameRecord& frame : info.frames) {
-    const auto found = newest.find(frame.shot);
-    if (found == newest.end() || found->second->attempt != frame.attempt ||
-        found->second->file_hash != frame.file_hash ||
-        found->second->evidence != evidence_to_json(frame.evidence)) {
-      report.problems.push_back(
-          fmt::format("{}: the journal's row differs from session.json", frame.file));
-    }
-  }
-  if (newest.size() != info.frames.size()) {
-    report.problems.push_back(
-        fmt::format("journal.sqlite: {} committed shots, session.json has {}", newest.size(),
-                    info.frames.size()));
   }
 }
 
@@ -259,16 +197,18 @@ T require(Result<T> result) {
 
 }  // namespace
 
-VerifyReport verify_session(const fs::path& folder, ProgressStyle style) {
+VerifyReport verify_session(const fs::path& folder, ProgressStyle style,
+                            const fs::path& signers) {
   const fs::path file = folder / "session.json";
   std::error_code ignored;
   if (!fs::exists(file, ignored)) {
     (void)Session::open(folder);  // throws with the fitting cure
   }
-  const SessionInfo info = session_info_from_json(read_file(file, kMaxText), file.string());
+  const std::string json = read_file(file, kMaxText);
+  const SessionInfo info = session_info_from_json(json, file.string());
   VerifyReport report;
   report.n_shots = static_cast<int>(info.shots.size());
-  check_texts(folder, info, report);
+  check_texts(folder, json, info, report);
   std::vector<bool> has_frame(info.shots.size(), false);
   Progress progress("verify", info.frames.size(), style);
   for (const FrameRecord& frame : info.frames) {
@@ -291,6 +231,7 @@ VerifyReport verify_session(const fs::path& folder, ProgressStyle style) {
   check_journal(folder, info, report);
   check_strays(folder, info, report);
   note_verdicts(folder, info, report);
+  check_seal(folder, json, info, signers, report);
   return report;
 }
 
@@ -308,11 +249,14 @@ RebuildReport rebuild_session(const fs::path& folder, Storage& storage) {
     }
     SessionInfo info = session_info_from_json(read_file(file, kMaxText), file.string());
     info.frames.clear();
+    info.files.clear();
+    info.root.clear();
     write_file_atomically(folder / "start.json", session_info_to_json(info));
   }
   fs::create_directories(folder / "aside", ignored);
-  for (const char* ending : {"", "-wal", "-shm", "-journal"}) {
-    const std::string name = std::string("journal.sqlite") + ending;
+  for (const std::string name :
+       {"session.json", kSignatureFile, "journal.sqlite", "journal.sqlite-wal",
+        "journal.sqlite-shm", "journal.sqlite-journal"}) {
     if (!fs::exists(folder / name, ignored)) {
       continue;
     }

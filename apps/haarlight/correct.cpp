@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/develop_options.h"
+#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -57,8 +58,10 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
     for (const float value : map.pixels()) {
       least = std::min(least, double{value});
     }
-    write_image(folder / "fall-off" / name, map.view());
-    write_image(folder / name, correction.corrected(picture.view(), k).view());
+    PictureNotes notes = notes_of(session.info());
+    add_light(session.info(), k, notes);
+    write_image(folder / "fall-off" / name, map.view(), 1.0, notes);
+    write_image(folder / name, correction.corrected(picture.view(), k).view(), 1.0, notes);
     bytes += fs::file_size(folder / name) + fs::file_size(folder / "fall-off" / name);
     names.push_back(name);
     progress.advance();

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/develop_options.h"
+#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -40,15 +41,18 @@ struct DevelopArguments {
 };
 
 /// One EXR a light; with standard errors light_0000.error.exr beside it.
-std::uint64_t write_pictures(const LightStack& stack, const std::string& ending,
-                             const fs::path& folder, const CommonOptions& common) {
+std::uint64_t write_pictures(const Session& session, const LightStack& stack,
+                             const std::string& ending, const fs::path& folder,
+                             const CommonOptions& common) {
   fs::create_directories(folder);
   Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights),
                     common.progress());
   std::uint64_t bytes = 0;
   for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const fs::path file = folder / fmt::format("light_{:04}{}.exr", k, ending);
-    write_image(file, picture.view());
+    PictureNotes notes = notes_of(session.info());
+    add_light(session.info(), k, notes);
+    write_image(file, picture.view(), 1.0, notes);
     bytes += fs::file_size(file);
     progress.advance();
   });
@@ -99,9 +103,10 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   report.add_reached("bands", std::int64_t{shape.n_bands()});
   if (!arguments.exr.empty()) {
     require_absent(arguments.exr, common.force);
-    bytes += write_pictures(stack, "", arguments.exr, common);
+    bytes += write_pictures(session, stack, "", arguments.exr, common);
     if (developed.standard_error) {
-      bytes += write_pictures(*developed.standard_error, ".error", arguments.exr, common);
+      bytes +=
+          write_pictures(session, *developed.standard_error, ".error", arguments.exr, common);
     }
   }
   report.add_reached("saturated_in_all", static_cast<std::int64_t>(developed.n_saturated));

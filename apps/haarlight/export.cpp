@@ -9,6 +9,7 @@
 
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/display_exposure.h"
+#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -59,7 +60,9 @@ std::vector<std::string> write_pictures(const Session& session,
   std::vector<std::string> names;
   for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const fs::path file = folder / fmt::format("light_{:04}.{}", k, is_exr ? "exr" : "png");
-    write_image(file, picture.view(), exposure);
+    PictureNotes notes = notes_of(session.info());
+    add_light(session.info(), k, notes);
+    write_image(file, picture.view(), exposure, notes);
     names.push_back(fs::absolute(file)
                         .lexically_normal()
                         .lexically_relative(fs::absolute(arguments.out).parent_path())

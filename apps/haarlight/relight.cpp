@@ -13,6 +13,7 @@
 
 #include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/light_options.h"
+#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -240,7 +241,10 @@ ExitCode run_frames(const RelightArguments& arguments, const CommonOptions& comm
       }
       const std::filesystem::path name =
           frame_name(arguments.output, static_cast<int>(first + i));
-      write_image(name, relit.picture.view(), *exposure);
+      PictureNotes notes = notes_of(basis.header());
+      add_weights(weights[first + i], notes);
+      add_error(options.max_error, relit.bound.relative_l2, notes);
+      write_image(name, relit.picture.view(), *exposure, notes);
       bytes += std::filesystem::file_size(name);
       worst = std::max(worst, relit.bound.relative_l2);
       terms = std::max(terms, relit.terms);
@@ -286,7 +290,10 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
   if (!arguments.against.empty()) {
     compare_with_session(arguments, weights, common, relit.picture, report);
   }
-  write_image(arguments.output, relit.picture.view(), exposure);
+  PictureNotes notes = notes_of(basis.header());
+  add_weights(weights, notes);
+  add_error(options.max_error, relit.bound.relative_l2, notes);
+  write_image(arguments.output, relit.picture.view(), exposure, notes);
   report.set_bytes(std::filesystem::file_size(arguments.output));
   return judge(options, relit.bound.relative_l2);
 }

@@ -11,6 +11,7 @@
 
 #include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/light_options.h"
+#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -354,8 +355,8 @@ Image<float> judge_composite(const Truth& scene, const Image<float>& picture,
 }
 
 std::uint64_t write_truth(const ShadowArguments& arguments, const Image<float>& picture,
-                          Image<float> truth, double exposure) {
-  write_image(arguments.truth, truth.view(), exposure);
+                          Image<float> truth, double exposure, const PictureNotes& notes) {
+  write_image(arguments.truth, truth.view(), exposure, notes);
   std::uint64_t bytes = fs::file_size(arguments.truth);
   if (!arguments.difference.empty()) {
     constexpr float kBrighter = 4.0F;
@@ -363,7 +364,7 @@ std::uint64_t write_truth(const ShadowArguments& arguments, const Image<float>& 
       float& d = truth.pixels()[i];
       d = kBrighter * std::abs(picture.pixels()[i] - d);
     }
-    write_image(arguments.difference, truth.view(), exposure);
+    write_image(arguments.difference, truth.view(), exposure, notes);
     bytes += fs::file_size(arguments.difference);
   }
   return bytes;
@@ -536,9 +537,18 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
           ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayShare)
           : 1.0);
   report.add_detail("exposure", exposure);
+  PictureNotes notes = notes_of(captures[0]->basis.header());
+  LightWeights drives(static_cast<Eigen::Index>(weights.size()), 3);
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    drives.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
+  }
+  add_weights(drives, notes);
+  if (options.tolerance.relative_l2 > 0.0) {
+    add_error(options.tolerance.relative_l2, result.report.points.reached.relative_l2, notes);
+  }
   std::uint64_t bytes = 0;
   if (!arguments.spread.empty()) {
-    write_image(arguments.spread, result.spread.view(), exposure);
+    write_image(arguments.spread, result.spread.view(), exposure, notes);
     bytes += fs::file_size(arguments.spread);
   }
   const Truth truth{scene.scene, object, view, lights, weights};
@@ -555,9 +565,9 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
     judge = judge_shadow(truth, result, arguments.subpixels, common, report);
   }
   if (is_judged) {
-    bytes += write_truth(arguments, result.picture, std::move(judge), exposure);
+    bytes += write_truth(arguments, result.picture, std::move(judge), exposure, notes);
   }
-  write_image(arguments.output, result.picture.view(), exposure);
+  write_image(arguments.output, result.picture.view(), exposure, notes);
   report.set_bytes(bytes + fs::file_size(arguments.output));
   return ExitCode::done;
 }

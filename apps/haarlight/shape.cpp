@@ -9,6 +9,7 @@
 
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/display_exposure.h"
+#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -155,31 +156,34 @@ struct Found {
   std::string by;  ///< what the normals come from, for people
   bool has_scale = false;
   bool is_measured = true;  ///< albedo and errors are there
+  PictureNotes notes = {};  ///< the session, where it is one
 };
 
 void write_shape(const ShapeArguments& arguments, const Found& found, const fs::path& folder) {
+  const PictureNotes& notes = found.notes;
   const Shape& shape = found.shape;
   const PixelPoints& pixels = found.pixels;
   const std::string picture = found.is_measured ? "albedo.png" : "front.png";
   const Image<float> normals =
       turned_normals(shape.surface.normal.view(), pixels.picture_from_world());
-  write_image(folder / "normals.png", normal_map(normals.view()).view());
-  write_image(folder / "normals.exr", normals.view());
+  write_image(folder / "normals.png", normal_map(normals.view()).view(), 1.0, notes);
+  write_image(folder / "normals.exr", normals.view(), 1.0, notes);
   const Image<std::uint8_t> good = shape.surface.is_good();
   const double exposure = display_exposure(known_values(shape.surface.albedo, good), 0.99);
-  write_image(folder / picture, shape.surface.albedo.view(), exposure);
+  write_image(folder / picture, shape.surface.albedo.view(), exposure, notes);
   if (found.is_measured) {
-    write_image(folder / "albedo.exr", shape.surface.albedo.view());
-    write_image(folder / "error.exr", shape.surface.error.view());
+    write_image(folder / "albedo.exr", shape.surface.albedo.view(), 1.0, notes);
+    write_image(folder / "error.exr", shape.surface.error.view(), 1.0, notes);
     write_image(folder / "error.png", shape.surface.error.view(),
-                display_exposure(known_values(shape.surface.error, good), 0.99));
+                display_exposure(known_values(shape.surface.error, good), 0.99), notes);
   }
   write_image(folder / "height.tif", shape.height.view());
-  write_image(folder / "height.exr", shape.height.view());
+  write_image(folder / "height.exr", shape.height.view(), 1.0, notes);
   EnhancedLook look;
   look.light = {arguments.preview[0], arguments.preview[1], arguments.preview[2]};
   write_image(folder / "preview.png",
-              enhanced_picture(normals.view(), shape.surface.albedo.view(), look).view());
+              enhanced_picture(normals.view(), shape.surface.albedo.view(), look).view(), 1.0,
+              notes);
   if (arguments.mesh == "none") {
     return;
   }
@@ -328,6 +332,7 @@ Found shape_of_session(const ShapeArguments& arguments, const CommonOptions& com
   lights.are_near = lights.are_near && !is_rti;
   const Image<std::uint8_t> mask = read_mask(arguments.mask, form.width, form.height);
   Found found;
+  found.notes = notes_of(session.info());
   found.has_scale = session.rig().has_value() || arguments.plane.width_mm > 0.0;
   found.pixels =
       lights.are_near || found.has_scale

@@ -13,9 +13,12 @@ namespace haarlight {
 
 namespace {
 
-ExitCode run_verify(const std::string& folder, const CommonOptions& common, Report& report) {
+ExitCode run_verify(const std::string& folder, const std::string& signers,
+                    const CommonOptions& common, Report& report) {
   report.add_input(folder);
-  const VerifyReport found = verify_session(folder, common.progress());
+  const VerifyReport found = verify_session(folder, common.progress(), signers);
+  report.add_detail("root", found.root);
+  report.add_detail("signed_by", found.signed_by);
   report.add_reached("shots", std::int64_t{found.n_shots});
   report.add_reached("good_frames", std::int64_t{found.n_frames});
   report.add_reached("suspect_frames", std::int64_t{found.n_suspect});
@@ -35,6 +38,10 @@ ExitCode run_verify(const std::string& folder, const CommonOptions& common, Repo
           : std::string(", evidence asserted");
   fmt::print("{}: {} of {} frames hold, {} problems{}\n", folder, found.n_frames, found.n_shots,
              found.problems.size(), margin);
+  if (!found.root.empty()) {
+    fmt::print("root {}{}{}\n", found.root, found.signed_by.empty() ? "" : "\n",
+               found.signed_by);
+  }
   return found.is_good() ? ExitCode::done : ExitCode::target_missed;
 }
 
@@ -42,14 +49,20 @@ ExitCode run_verify(const std::string& folder, const CommonOptions& common, Repo
 
 void add_verify(Command root, Invocation& invocation) {
   auto folder = std::make_shared<std::string>();
+  auto signers = std::make_shared<std::string>();
   Command verb = root.add_verb("verify", "Re-check every promise of a session");
   verb.option("SESSION", folder.get(), "Session folder", {.is_required = true});
+  verb.option("--signers", signers.get(),
+              "File of those who may sign (ssh-keygen's allowed_signers): the session must be "
+              "signed by one of them");
   verb.footer(
       "Every byte is read and every hash, stamp and clean margin is computed again.\n"
+      "Unsigned this finds accident and careless editing, signed everything after signing.\n"
+      "Sign: ssh-keygen -Y sign -f KEY -n haarlight SESSION/session.json\n"
       "Exit code 1 when a promise is broken; each is one line of output.\n"
       "Example:\n  haarlight verify door.session");
-  finish_verb(verb, invocation, [folder](const CommonOptions& common, Report& report) {
-    return run_verify(*folder, common, report);
+  finish_verb(verb, invocation, [folder, signers](const CommonOptions& common, Report& report) {
+    return run_verify(*folder, *signers, common, report);
   });
 }
 

@@ -80,6 +80,7 @@ struct BasisHeader {
   double mean_coefficients = 0.0;  ///< stored coefficients a pixel and channel
   std::string source;              ///< session id or file name
   std::string source_hash;         ///< of the plan, where there is one
+  std::string source_root;         ///< of the session, where it has one
   std::string kind = "capture";    ///< capture, plate
   std::string program;
 

@@ -37,6 +37,8 @@ class Fields {
     }
   }
 
+  [[nodiscard]] bool has(const char* key) const { return object_.contains(key); }
+
   [[nodiscard]] const json& at(const char* key) const {
     const auto it = object_.find(key);
     if (it == object_.end()) {
@@ -236,6 +238,9 @@ std::string basis_header_to_json(const BasisHeader& header) {
   if (header.coding == BasisCoding::integers) {
     root["units"] = header.units;
   }
+  if (!header.source_root.empty()) {
+    root["source"]["root"] = header.source_root;
+  }
   return root.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
@@ -297,6 +302,9 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   const Fields source = top.object("source");
   header.source = source.text("name");
   header.source_hash = source.text("hash");
+  if (source.has("root")) {  // a computed plate's and an older session's has none
+    header.source_root = source.text("root");
+  }
   check_basis(header, where);
   return header;
 }

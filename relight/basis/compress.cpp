@@ -72,6 +72,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   header.asked_worst_pixel = options.worst_pixel;
   header.source = source.name;
   header.source_hash = source.hash;
+  header.source_root = source.root;
   header.kind = source.kind;
   header.program = "haarlight " HAARLIGHT_VERSION;
   if (options.basis == BasisKind::haar &&

@@ -62,6 +62,7 @@ struct CompressSource {
   std::vector<BasisLight> lights;  ///< where there is no rig
   std::string name;
   std::string hash;
+  std::string root;
   std::string kind = "capture";
   /// Hash of everything that the values of stack and plate depend on. Empty: not known, and
   /// nothing is kept of a compression that does not come to its end.

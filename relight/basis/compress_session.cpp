@@ -193,6 +193,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   }
   source.name = session.info().id.empty() ? session.folder().string() : session.info().id;
   source.hash = session.info().plan_hash;
+  source.root = session.info().root;
   return compress_stack(source, file, rest);
 }
 

@@ -62,6 +62,45 @@ TEST(WriteImage, PngIsWithinHalfACodeAfterTheTransfer) {
   }
 }
 
+/// Read by the formats' own rules, without OpenImageIO: PNG's tEXt chunks and OpenEXR's string
+/// attributes.
+TEST(WriteImage, PngAndExrCarryTheirNotesAndStayTheSameBytes) {
+  const TemporaryFolder folder;
+  const Image<float> image = noise_image(4, 5, 3, 1.0F);
+  const std::string long_text(20000, 'w');
+  const std::vector<PictureNote> notes = {{"haarlightRoot", "0123abcd"},
+                                          {"haarlightWeights", long_text}};
+  const auto big_endian = [](std::size_t n) {
+    std::string bytes;
+    for (unsigned shift : {24U, 16U, 8U, 0U}) {
+      bytes += static_cast<char>(n >> shift & 255U);
+    }
+    return bytes;
+  };
+  const auto little_endian = [&](std::size_t n) {
+    const std::string bytes = big_endian(n);
+    return std::string(bytes.rbegin(), bytes.rend());
+  };
+  for (const std::string name : {"a.png", "a.exr"}) {
+    write_image(folder / name, image.view(), 2.5, notes);
+    const std::string bytes = read_file(folder / name);
+    const bool is_png = name == "a.png";
+    for (const PictureNote& note :
+         {notes[0], notes[1], PictureNote{"haarlightProgram", "haarlight " HAARLIGHT_VERSION},
+          PictureNote{"haarlightExposure", is_png ? "2.5" : "1"}}) {
+      const std::string zero(1, '\0');
+      const std::string expected = is_png
+                                       ? big_endian(note.name.size() + 1 + note.text.size()) +
+                                             "tEXt" + note.name + zero + note.text
+                                       : note.name + zero + "string" + zero +
+                                             little_endian(note.text.size()) + note.text;
+      EXPECT_NE(bytes.find(expected), std::string::npos) << name << ": " << note.name;
+    }
+    write_image(folder / name, image.view(), 2.5, notes);
+    EXPECT_TRUE(read_file(folder / name) == bytes);
+  }
+}
+
 TEST(WriteImage, RefusesAnUnknownEnding) {
   EXPECT_THROW(write_image("a.bmp", noise_image(1, 1, 1, 1.0F).view()), Error);
 }

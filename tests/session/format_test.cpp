@@ -77,7 +77,9 @@ TEST(SessionFormat, DocumentsEveryFieldAndNoOther) {
   info.patterns = {PatternFamily::s_matrix, {{1, 2}}, 0, {}};  // else "patterns" is left out
   Names written;
   add_keys(Json::parse(session_info_to_json(info)), "", written);
-  add_keys(Json::parse(frame_description_to_json({})), "description.", written);
+  FrameDescription description;
+  description.light.emplace();
+  add_keys(Json::parse(frame_description_to_json(description)), "description.", written);
   add_columns(s / "journal.sqlite", written);
 
   Names documented = documented_fields();

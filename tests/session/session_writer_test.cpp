@@ -49,10 +49,10 @@ TEST(SessionWriter, FinishedJournalOpensReadOnly) {
   test::make_small_session(s, 4);
   fs::permissions(s / "journal.sqlite", fs::perms::owner_read);
   fs::permissions(s, fs::perms::owner_read | fs::perms::owner_exec);
-  const auto rows = read_journal(s / "journal.sqlite", "small");
+  const auto journal = read_journal(s / "journal.sqlite", "small");
   fs::permissions(s, fs::perms::owner_all);
-  ASSERT_TRUE(rows.has_value()) << rows.error().what;
-  EXPECT_EQ(rows->size(), 4U);
+  ASSERT_TRUE(journal.has_value()) << journal.error().what;
+  EXPECT_EQ(journal->rows.size(), 4U);
 }
 
 TEST(SessionWriter, RefusesASecondWriter) {

@@ -1,0 +1,56 @@
+#include "apps/haarlight/picture_notes.h"
+
+#include <fmt/format.h>
+
+namespace haarlight {
+
+namespace {
+
+void add(PictureNotes& notes, const char* name, const std::string& text) {
+  if (!text.empty()) {
+    notes.push_back({name, text});
+  }
+}
+
+}  // namespace
+
+PictureNotes notes_of(const SessionInfo& info) {
+  PictureNotes notes;
+  add(notes, "haarlightSession", info.id);
+  add(notes, "haarlightPlan", info.plan_hash);
+  add(notes, "haarlightRoot", info.root);
+  return notes;
+}
+
+PictureNotes notes_of(const BasisHeader& header) {
+  PictureNotes notes;
+  add(notes, "haarlightSession", header.source);
+  add(notes, "haarlightPlan", header.source_hash);
+  add(notes, "haarlightRoot", header.source_root);
+  add(notes, "haarlightBasisErrorAsked", fmt::format("{:.9g}", header.asked_relative_l2));
+  add(notes, "haarlightBasisErrorReached", fmt::format("{:.9g}", header.reached.relative_l2));
+  return notes;
+}
+
+void add_weights(const Eigen::MatrixXd& weights, PictureNotes& notes) {
+  std::string text;
+  for (Eigen::Index k = 0; k < weights.rows(); ++k) {
+    for (Eigen::Index c = 0; c < weights.cols(); ++c) {
+      text += fmt::format("{}{:.9g}", c > 0 ? " " : (k > 0 ? "; " : ""), weights(k, c));
+    }
+  }
+  add(notes, "haarlightWeights", text);
+}
+
+void add_error(std::optional<double> asked, double reached, PictureNotes& notes) {
+  add(notes, "haarlightErrorAsked", asked ? fmt::format("{:.9g}", *asked) : "none");
+  add(notes, "haarlightErrorReached", fmt::format("{:.9g}", reached));
+}
+
+void add_light(const SessionInfo& info, int light, PictureNotes& notes) {
+  const auto k = static_cast<std::size_t>(light);
+  add(notes, "haarlightLight",
+      fmt::format("{} {}", light, k < info.lights.size() ? info.lights[k].name : ""));
+}
+
+}  // namespace haarlight

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+/// @file
+/// A session's signature: OpenSSH's detached form over session.json, made with
+/// `ssh-keygen -Y sign -f KEY -n haarlight SESSION/session.json`. Checked by ssh-keygen too
+/// (Debian's openssh-client): keys, agents and hardware tokens are its business.
+
+namespace haarlight {
+
+inline constexpr const char* kSignatureFile = "session.json.sig";
+
+struct SignatureCheck {
+  bool is_good = false;
+  std::string said;  ///< who signed, or what does not hold, in words
+};
+
+/// Checks session.json.sig, which is there.
+/// @param signers  an allowed_signers file (ssh-keygen(1)); empty: only that the signature is
+///                 one of these bytes, by whatever key
+/// @throws Error(unavailable)  ssh-keygen cannot be started
+/// @throws Error  the signers' file is missing
+[[nodiscard]] SignatureCheck check_signature(const std::filesystem::path& folder,
+                                             const std::filesystem::path& signers);
+
+}  // namespace haarlight
