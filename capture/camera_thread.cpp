@@ -102,7 +102,7 @@ std::optional<PreviewPicture> CameraThread::preview() const {
 
 void CameraThread::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
-    const auto wait = is_streaming_ ? milliseconds(0) : milliseconds(250);
+    const auto wait = !is_streaming_ ? milliseconds(250) : is_idle() ? kSlice : milliseconds(0);
     const std::optional<Command> command = commands_.pop(Clock::now() + wait, stop);
     const ThreadPulse::Busy busy(pulse_);
     if (command) {
@@ -159,6 +159,10 @@ void CameraThread::do_command(const Command& command) {
   }
 }
 
+bool CameraThread::is_idle() const {
+  return trigger_source(sync_) == TriggerSource::software && !is_frame_due_;
+}
+
 void CameraThread::fault(const Fault& fault) {
   is_streaming_ = false;
   camera_->stop();
@@ -166,7 +170,7 @@ void CameraThread::fault(const Fault& fault) {
 }
 
 void CameraThread::take_frame() {
-  auto frame = camera_->next(Clock::now() + kSlice);
+  auto frame = camera_->next(Clock::now() + (is_idle() ? milliseconds(0) : kSlice));
   if (!frame && frame.error().code == Errc::timeout) {
     const double patience_us = spec_.exposure_us + spec_.skew_us + 3e6 / spec_.fps;
     if (is_frame_due_ && steady_now_ns() - last_frame_ns_ >

@@ -65,6 +65,8 @@ class CameraThread {
   void run(const std::stop_token& stop);
   void do_command(const Command& command);
   void take_frame();
+  /// No frame comes before our trigger: the command is waited for, not the camera.
+  [[nodiscard]] bool is_idle() const;
   void fault(const Fault& fault);
   void keep_preview(const Frame& frame);
 

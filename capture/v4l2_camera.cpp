@@ -161,8 +161,8 @@ Result<V4l2StreamFormat> choose_region(V4l2Device& device, const CameraSpec& spe
                         spec.frame_height};
   const V4l2Rect& whole = (*offered)->whole;
   if (wanted.left < whole.left || wanted.top < whole.top ||
-      wanted.left + wanted.width > whole.left + whole.width ||
-      wanted.top + wanted.height > whole.top + whole.height) {
+      wanted.left + wanted.width > std::int64_t{whole.left} + whole.width ||
+      wanted.top + wanted.height > std::int64_t{whole.top} + whole.height) {
     return fail(Errc::unsupported,
                 fmt::format("camera \"{}\", {}: the region {} lies outside of the sensor, {}",
                             spec.id, device.node(), region_text(wanted), region_text(whole)));

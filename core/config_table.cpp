@@ -189,6 +189,15 @@ double ConfigTable::number(std::string_view key, Range range) {
 }
 
 std::int64_t ConfigTable::integer(std::string_view key, Range range) {
+  const toml::node* found = node_->table->get(key);
+  if (found != nullptr && found->is_integer()) {
+    const std::int64_t value = found->ref<std::int64_t>();
+    const auto near = static_cast<double>(value);
+    if (near >= range.min && near <= range.max) {
+      node_->known.emplace(key);
+      return value;  // all 64 bits, of which a double holds 53
+    }
+  }
   const double value = number(key, range);
   if (value != std::floor(value) || std::abs(value) > 0x1p53) {
     problem(key, fmt::format("{}{} = {} is not a whole number", node_->path, key, value),

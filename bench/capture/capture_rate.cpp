@@ -239,7 +239,9 @@ Rig bench_rig(const Settings& settings) {
   }
   camera.shutter = settings.shutter == "rolling" ? Shutter::rolling : Shutter::global;
   camera.skew_us = camera.shutter == Shutter::rolling ? settings.skew_us : 0.0;
-  rig.sync = settings.sync == "free-run" ? SyncMode::free_run : SyncMode::camera_leads;
+  rig.sync = settings.sync == "free-run"      ? SyncMode::free_run
+             : settings.sync == "light-leads" ? SyncMode::light_leads
+                                              : SyncMode::camera_leads;
   rig.http.port = 0;
   rig.storage.reserve_mb = 0.0;
   if (settings.sensor == "on") {  // 16 pictures of 4.9 MB instead of 1024
@@ -338,7 +340,8 @@ int main(int argc, char** argv) {
                               HAARLIGHT_VERSION);
   auto root = line.root();
   root.option("RIG", &s.rig_file, "Rig file", {.type = "RIG.toml", .is_required = true});
-  root.option("--sync", &s.sync, "Sync mode", {.choices = {"camera-leads", "free-run"}});
+  root.option("--sync", &s.sync, "Sync mode",
+              {.choices = {"camera-leads", "free-run", "light-leads"}});
   root.option("--shutter", &s.shutter, "Shutter", {.choices = {"global", "rolling"}});
   root.option("--skew", &s.skew_us, "Rolling shutter: last row after the first, us");
   root.option("--read", &s.read_us, "End of the first row's exposure to the stamp, us");
