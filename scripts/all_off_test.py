@@ -15,6 +15,7 @@ Then a capture is put out in its midst: how long until the simulated controller 
 Exit code 0 when every promise holds. The seed is drawn and printed."""
 
 import argparse
+import multiprocessing
 import pathlib
 import random
 import resource
@@ -146,6 +147,35 @@ class Attackers:
         self.is_over.wait()
 
 
+def attack_all(port, args, session, ready, over, counts):
+    """A process of its own, so that the operator's clock does not wait for its threads."""
+    resource.setrlimit(resource.RLIMIT_NOFILE, args.files)
+    attack = Attackers(port, args, random.Random(args.seed))
+    for query in (b"", b"", b"?client=typing", b"?client=typing"):
+        attack.begin(attack.dry_runs, args.shots // 64, query)
+    attack.begin(attack.looks, session)
+    attack.begin(attack.idle, args.idle)
+    attack.begin(attack.slow, args.slow)
+    attack.begin(attack.listeners, 100)
+    wait_for(lambda: getattr(attack, "idle_held", 0) >= args.idle * 0.99, 300, 0.1)
+    ready.set()
+    over.wait()
+    attack.end()
+    counts.put(attack.count)
+
+
+def answer_idly(ready, port):
+    """The control: a server that has nothing else to do. What it takes is this machine's doing."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port.value = server.getsockname()[1]
+        ready.set()
+        while True:
+            s, _ = server.accept()
+            with s:
+                s.recv(1 << 16)
+                s.sendall(b"HTTP/1.1 202 Accepted\r\n\r\n")
+
+
 def page_hears(port):
     """A page's listener gets the stream's first line."""
     for _ in range(5):
@@ -186,7 +216,7 @@ def main():
     print(f"seed {args.seed}")
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = args.idle + args.slow + 1000
-    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, wanted)), hard))
+    args.files = (hard if hard != resource.RLIM_INFINITY and hard < wanted else max(soft, wanted), hard)
     if hard != resource.RLIM_INFINITY and hard < wanted:
         args.idle = hard - args.slow - 1000
         print(f"this machine allows {args.idle} idle connections only")
@@ -196,33 +226,42 @@ def main():
     try:
         rig.start()
         wait_for(lambda: rig.state()["phase"] == "idle", 30)
-        n_repeats = args.shots // 64
-        session = rig.begin(PLAN % (0, n_repeats // 40))
+        session = rig.begin(PLAN % (0, max(1, args.shots // 64 // 40)))
         wait_for(lambda: rig.state()["committed"] > 3, 60)
         rig.ask("/v1/abort", b"")
         wait_for(lambda: rig.state()["phase"] == "idle", 30)
 
-        attack = Attackers(rig.port, args, dice)
-        for query in (b"", b"", b"?client=typing", b"?client=typing"):
-            attack.begin(attack.dry_runs, n_repeats, query)
-        attack.begin(attack.looks, session)
-        attack.begin(attack.idle, args.idle)
-        attack.begin(attack.slow, args.slow)
-        attack.begin(attack.listeners, 100)
-        wait_for(lambda: getattr(attack, "idle_held", 0) >= args.idle * 0.99, 300, 0.1)
+        ready, over, counts = multiprocessing.Event(), multiprocessing.Event(), multiprocessing.Queue()
+        attackers = multiprocessing.Process(
+            target=attack_all, args=(rig.port, args, session, ready, over, counts), daemon=True)
+        attackers.start()
+        if not ready.wait(310):
+            sys.exit("FAILED: the attackers do not get ready")
 
-        times, lost = [], 0
+        idle_port, is_idle = multiprocessing.Value("i", 0), multiprocessing.Event()
+        multiprocessing.Process(target=answer_idly, args=(is_idle, idle_port), daemon=True).start()
+        is_idle.wait(60)
+        times, control, lost = [], [], 0
         for _ in range(args.samples):
+            control.append(1e3 * request(idle_port.value, b"POST", b"/")[1])
             status, seconds = request(rig.port, b"POST", b"/v1/all-off")
             lost += status != 202
             times.append(1e3 * seconds)
             time.sleep(dice.uniform(0.0, 0.1))
         times.sort()
+        control.sort()
         print(f"all-off under all of it: median {times[len(times) // 2]:.1f} ms, 99 % "
               f"{times[int(0.99 * (len(times) - 1))]:.1f} ms, worst {times[-1]:.1f} ms; "
               f"{lost} of {len(times)} not answered")
+        print(f"an idle server beside it: median {control[len(control) // 2]:.1f} ms, 99 % "
+              f"{control[int(0.99 * (len(control) - 1))]:.1f} ms, worst {control[-1]:.1f} ms")
         if share_within(times, PROMISE_MS) < 0.99:
-            problems.append("all-off is slower than promised")
+            if share_within(control, PROMISE_MS / 2) >= 0.99:
+                problems.append("all-off is slower than promised")
+            else:
+                print("the 99 % are not judged: this machine is too busy for an idle server too")
+        if times[len(times) // 2] > PROMISE_MS / 2:
+            problems.append("all-off is slow each time")
         if lost > 0.01 * len(times):
             problems.append("all-off was not answered")
         if not page_hears(rig.port):
@@ -253,9 +292,10 @@ def main():
                   f"worst {dark[-1]:.1f} ms of {len(dark)}")
             if dark[len(dark) // 2] > 2 * PROMISE_MS:
                 problems.append("the lights go out later than promised")
-        attack.end()
-        print(", ".join(f"{n} {what}" for what, n in sorted(attack.count.items())))
-        if not attack.count.get("dry run 200"):
+        over.set()
+        count = counts.get(timeout=120)
+        print(", ".join(f"{n} {what}" for what, n in sorted(count.items())))
+        if not count.get("dry run 200"):
             problems.append("no dry run was answered")
         if rig.daemon.poll() is not None:
             problems.append("the daemon has ended")

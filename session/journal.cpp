@@ -336,8 +336,13 @@ Result<Journal> Journal::open(const std::filesystem::path& file, const std::stri
   impl->storage = &storage;
   const std::string vfs = storage.journal_vfs();
   sqlite3* database = nullptr;
+  // NOFOLLOW is meant for the file: the way to it may lead over links (a session that was
+  // moved, a sessions folder on another disk).
+  std::error_code ignored;
+  const std::filesystem::path folder = std::filesystem::canonical(file.parent_path(), ignored);
+  const std::filesystem::path place = ignored ? file : folder / file.filename();
   const int code = sqlite3_open_v2(
-      file.c_str(), &database,
+      place.c_str(), &database,
       SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_NOFOLLOW,
       vfs.empty() ? nullptr : vfs.c_str());
   impl->database.reset(database);

@@ -1,6 +1,7 @@
 /// What befalls a session from outside, with fake devices: disks that fail at its ends, folders
 /// that are moved or deleted, a controller that refuses what it took before.
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <fstream>
@@ -144,18 +145,18 @@ TEST_F(SessionFault, OfTwoUnfinishedSessionsTheOneWrittenLastGoesOnAndTheOtherIs
   daemon_.reset();
   fs::rename(folder_.path() / "hidden", first.folder);
   // The one with the earlier name was at work last.
-  fs::last_write_time(first.folder / "frames", fs::file_time_type::clock::now() + 1h);
-  ASSERT_LT(first.session, second.session);
+  const std::string earlier = std::min(first.session, second.session);
+  const std::string later = std::max(first.session, second.session);
+  fs::last_write_time(sessions() / earlier / "frames", fs::file_time_type::clock::now() + 1h);
   start(true);
   ASSERT_TRUE(wait_for(Phase::done));
-  EXPECT_EQ(daemon_->state().session, first.session);
-  EXPECT_THAT(daemon_->state().unfinished, ElementsAre(second.session));
+  EXPECT_EQ(daemon_->state().session, earlier);
+  EXPECT_THAT(daemon_->state().unfinished, ElementsAre(later));
   EXPECT_THAT(DaemonClient({.url = url()}).get("/v1/state").body,
-              HasSubstr("\"unfinished\":[\"" + second.session + "\"]"));
-  (void)daemon_->resume_session(second.session);
-  ASSERT_TRUE(wait_until([&](const DaemonState& s) {
-    return s.phase == Phase::done && s.session == second.session;
-  }));
+              HasSubstr("\"unfinished\":[\"" + later + "\"]"));
+  (void)daemon_->resume_session(later);
+  ASSERT_TRUE(wait_until(
+      [&later](const DaemonState& s) { return s.phase == Phase::done && s.session == later; }));
   EXPECT_TRUE(daemon_->state().unfinished.empty());
 }
 
