@@ -82,11 +82,6 @@ SignatureCheck check_signature(const std::filesystem::path& folder,
         run_ssh_keygen({"-Y", "check-novalidate", "-n", kNamespace, "-s", signature}, session);
     return {answer.is_good, answer.text};
   }
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(signers, ignored)) {
-    throw Error("no such file", signers.string(),
-                "name a file of allowed signers: a line \"NAME KEY\" for each (ssh-keygen(1))");
-  }
   const Answer found = run_ssh_keygen(
       {"-Y", "find-principals", "-s", signature, "-f", signers.string()}, session);
   if (!found.is_good) {
