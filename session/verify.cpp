@@ -258,9 +258,10 @@ RebuildReport rebuild_session(const fs::path& folder, Storage& storage) {
     write_file_atomically(folder / "start.json", session_info_to_json(info));
   }
   fs::create_directories(folder / "aside", ignored);
-  for (const std::string name :
+  for (const char* const own :
        {"session.json", kSignatureFile, "journal.sqlite", "journal.sqlite-wal",
         "journal.sqlite-shm", "journal.sqlite-journal"}) {
+    const std::string name = own;
     if (!fs::exists(folder / name, ignored)) {
       continue;
     }
