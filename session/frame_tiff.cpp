@@ -218,12 +218,12 @@ std::string setup_hash(const SessionInfo& info) {
     add_number(light.relative_power);
   }
   const FrameForm& form = info.form;
+  const auto number = [](auto value) { return static_cast<double>(value); };
   for (const double value :
-       {double(form.width), double(form.height), double(form.stored_height),
-        double(form.channels), 8.0 * static_cast<double>(bytes_per_sample(form.sample)),
-        static_cast<double>(form.transfer), static_cast<double>(form.bayer), form.black_level,
-        form.white_level, form.saturation_dn(), double(info.grid_rows),
-        double(info.grid_cols)}) {
+       {number(form.width), number(form.height), number(form.stored_height),
+        number(form.channels), 8.0 * number(bytes_per_sample(form.sample)),
+        number(form.transfer), number(form.bayer), form.black_level, form.white_level,
+        form.saturation_dn(), number(info.grid_rows), number(info.grid_cols)}) {
     add_number(value);
   }
   return to_hex(hash.digest());

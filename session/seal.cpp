@@ -39,7 +39,7 @@ std::vector<std::string> list_sealed_names(const fs::path& folder, const Session
   for (const char* name : {"start.json", "plan.json", "rig.toml"}) {
     add(name, folder / name);
   }
-  for (const std::string part : {"frames", "aside"}) {
+  for (const char* const part : {"frames", "aside"}) {
     std::error_code error;
     for (fs::recursive_directory_iterator it(folder / part, error), end; !error && it != end;
          it.increment(error)) {

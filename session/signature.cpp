@@ -1,5 +1,7 @@
 #include "session/signature.h"
 
+#include <array>
+#include <cerrno>
 #include <cstring>
 #include <vector>
 
@@ -19,7 +21,7 @@ constexpr const char* kNamespace = "haarlight";
 
 struct Answer {
   bool is_good = false;
-  std::string text;  ///< first line of what it said
+  std::string text;  ///< what it said
 };
 
 /// Runs ssh-keygen with a file as its standard input.
@@ -31,8 +33,8 @@ Answer run_ssh_keygen(std::vector<std::string> arguments, const std::filesystem:
     pointers.push_back(argument.data());
   }
   pointers.push_back(nullptr);
-  int ends[2] = {-1, -1};
-  if (::pipe2(ends, O_CLOEXEC) != 0) {
+  std::array<int, 2> ends = {-1, -1};
+  if (::pipe2(ends.data(), O_CLOEXEC) != 0) {
     throw Error(std::string("pipe: ") + std::strerror(errno), "ssh-keygen",
                 "close other programs", ExitCode::io);
   }
@@ -53,10 +55,10 @@ Answer run_ssh_keygen(std::vector<std::string> arguments, const std::filesystem:
                 "install Debian's openssh-client", ExitCode::unavailable);
   }
   Answer answer;
-  char piece[4096];
-  for (ssize_t n = 0; (n = ::read(reading.get(), piece, sizeof piece)) != 0;) {
+  std::array<char, 4096> piece{};
+  for (ssize_t n = 0; (n = ::read(reading.get(), piece.data(), piece.size())) != 0;) {
     if (n > 0) {
-      answer.text.append(piece, static_cast<std::size_t>(n));
+      answer.text.append(piece.data(), static_cast<std::size_t>(n));
     } else if (errno != EINTR) {
       break;
     }
@@ -81,11 +83,6 @@ SignatureCheck check_signature(const std::filesystem::path& folder,
     const Answer answer =
         run_ssh_keygen({"-Y", "check-novalidate", "-n", kNamespace, "-s", signature}, session);
     return {answer.is_good, answer.text};
-  }
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(signers, ignored)) {
-    throw Error("no such file", signers.string(),
-                "name a file of allowed signers: a line \"NAME KEY\" for each (ssh-keygen(1))");
   }
   const Answer found = run_ssh_keygen(
       {"-Y", "find-principals", "-s", signature, "-f", signers.string()}, session);

@@ -21,7 +21,6 @@ struct SignatureCheck {
 /// @param signers  an allowed_signers file (ssh-keygen(1)); empty: only that the signature is
 ///                 one of these bytes, by whatever key
 /// @throws Error(unavailable)  ssh-keygen cannot be started
-/// @throws Error  the signers' file is missing
 [[nodiscard]] SignatureCheck check_signature(const std::filesystem::path& folder,
                                              const std::filesystem::path& signers);
 

@@ -204,6 +204,10 @@ VerifyReport verify_session(const fs::path& folder, ProgressStyle style,
   if (!fs::exists(file, ignored)) {
     (void)Session::open(folder);  // throws with the fitting cure
   }
+  if (!signers.empty() && !fs::is_regular_file(signers, ignored)) {
+    throw Error("no such file", signers.string(),
+                "name a file of allowed signers: a line \"NAME KEY\" for each (ssh-keygen(1))");
+  }
   const std::string json = read_file(file, kMaxText);
   const SessionInfo info = session_info_from_json(json, file.string());
   VerifyReport report;
@@ -254,9 +258,10 @@ RebuildReport rebuild_session(const fs::path& folder, Storage& storage) {
     write_file_atomically(folder / "start.json", session_info_to_json(info));
   }
   fs::create_directories(folder / "aside", ignored);
-  for (const std::string name :
+  for (const char* const own :
        {"session.json", kSignatureFile, "journal.sqlite", "journal.sqlite-wal",
         "journal.sqlite-shm", "journal.sqlite-journal"}) {
+    const std::string name = own;
     if (!fs::exists(folder / name, ignored)) {
       continue;
     }

@@ -38,7 +38,8 @@ struct VerifyReport {
 /// Unsigned this finds accident and careless editing, signed everything after signing.
 /// @param signers  ssh-keygen's allowed_signers: the session must be signed by one of these;
 ///                 empty: it need not be signed
-/// @throws Error  session.json is missing or cannot be read; ssh-keygen is wanted and missing
+/// @throws Error  session.json is missing or cannot be read; the signers' file is missing;
+///                ssh-keygen is wanted and missing
 [[nodiscard]] VerifyReport verify_session(const std::filesystem::path& folder,
                                           ProgressStyle progress = ProgressStyle::none,
                                           const std::filesystem::path& signers = {});

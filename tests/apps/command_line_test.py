@@ -50,7 +50,7 @@ ABSENT = {
     "sessions": ["--token-file absent"],
     "import": ["absent --lights photos/dirs.lp -o new", "photos --lights absent.lp -o new",
                "photos --lights photos/dirs.lp --dark absent.png -o new"],
-    "verify": ["absent"],
+    "verify": ["absent", "session --signers absent.txt"],
     "rebuild": ["absent"],
     "develop": ["absent"],
     "export": ["absent --lp -o new"],

@@ -25,9 +25,9 @@
 #include "session/session_writer.h"
 #include "session/verify.h"
 
+namespace haarlight {
 namespace {
 
-using namespace haarlight;
 namespace fs = std::filesystem;
 using Random = std::mt19937_64;
 
@@ -257,10 +257,11 @@ int run(const std::vector<std::string>& words) {
 }
 
 }  // namespace
+}  // namespace haarlight
 
 int main(int argc, char** argv) {
   try {
-    return run({argv + 1, argv + argc});
+    return haarlight::run({argv + 1, argv + argc});
   } catch (const std::exception& error) {
     std::cerr << error.what() << '\n';
     return 1;
