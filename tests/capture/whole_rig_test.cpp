@@ -80,7 +80,8 @@ class WholeRig : public ::testing::Test {
   /// What the read-back costs a light: the median time from acknowledgement to t_shown.
   void tell_read_back(const char* wire) const {
     std::vector<double> ms;
-    for (const FrameRecord& frame : Session::open(session_).info().frames) {
+    const Session session = Session::open(session_);
+    for (const FrameRecord& frame : session.info().frames) {
       ms.push_back(1e-6 * static_cast<double>(frame.evidence.t_shown_ns.value() -
                                               frame.evidence.t_ack_ns));
     }
@@ -131,7 +132,8 @@ class LateRig : public WholeRig {
     faults.late_light = {.share = 0.2, .shows = shows};
     capture(faults);
     EXPECT_EQ(counters_.light_faults, 0U) << "late is no fault";
-    for (const FrameRecord& frame : Session::open(session_).info().frames) {
+    const Session session = Session::open(session_);
+    for (const FrameRecord& frame : session.info().frames) {
       EXPECT_TRUE(frame.evidence.t_shown_ns.has_value());
       late_ms_ = std::max(late_ms_, 1e-6 * static_cast<double>(*frame.evidence.t_shown_ns -
                                                                frame.evidence.t_ack_ns));
