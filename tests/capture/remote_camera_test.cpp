@@ -159,6 +159,7 @@ TEST_F(RemoteCameraTest, AFrameArrivesWithItsPixelsAndIsGivenBack) {
       released = back.sequence;
     });
     RemoteCamera camera;
+    const std::int64_t before_ns = Clock::now().time_since_epoch() / 1ns;
     const auto setup = camera.start(spec_);
     ASSERT_TRUE(setup.has_value()) << setup.error().what;
     EXPECT_EQ(setup->n_buffers, 4);
@@ -167,6 +168,7 @@ TEST_F(RemoteCameraTest, AFrameArrivesWithItsPixelsAndIsGivenBack) {
       ASSERT_TRUE(frame.has_value()) << frame.error().what;
       EXPECT_EQ(frame->info().sequence, 77U);
       EXPECT_EQ(frame->info().timestamp_ns, 12345);
+      EXPECT_GT(frame->info().arrival_ns, before_ns) << "taken when it came";
       EXPECT_EQ(frame->pixels()(0, 0), 1);
       EXPECT_EQ(frame->pixels()(kHeight - 1, kWidth - 1), kWidth * kHeight);
     }

@@ -161,8 +161,11 @@ class TwinBench {
                   words_.view());
       // A frame is the caller's until it gives it back; two may be held at once.
       auto copy = std::make_shared<Image<std::uint16_t>>(words_);
-      return Frame(FrameInfo{frame.sequence, sensor.stamp_ns(frame.exposure), kFrameMonotonic,
-                             frame.exposure.exposure_us / bench_.stretch_, 0.0},
+      return Frame(FrameInfo{.sequence = frame.sequence,
+                             .timestamp_ns = sensor.stamp_ns(frame.exposure),
+                             .arrival_ns = bench_.now_,
+                             .flags = kFrameMonotonic,
+                             .exposure_us = frame.exposure.exposure_us / bench_.stretch_},
                    copy->view(), [copy]() mutable { copy.reset(); });
     }
 

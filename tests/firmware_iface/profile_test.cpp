@@ -1,6 +1,8 @@
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -129,6 +131,22 @@ TEST(ProfileLightArray, WhatIsNotSetAsWrittenIsAFault) {
   ASSERT_FALSE(shown);
   EXPECT_EQ(shown.error().code, Errc::protocol);
   EXPECT_THAT(shown.error().what, HasSubstr("channel 2 reads 0, expected 255"));
+}
+
+TEST(ProfileLightArray, AChannelThatIsSetLateIsWaitedFor) {
+  Ledsc4 led;
+  auto array = array_for(led.device, "ledsc4", 4);
+  ASSERT_TRUE(array->connect());
+  led.device.break_address(2);  // acknowledged, and set only later
+  const std::jthread gateway([&led] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+    led.device.set_word(2, 255);
+  });
+  const std::vector<ElementLevel> pattern = {{2, 65535}};
+  const auto shown = array->show(pattern, 1);
+  ASSERT_TRUE(shown) << shown.error().what;
+  EXPECT_LE(shown->t_command_ns, shown->t_ack_ns);
+  EXPECT_LT(shown->t_ack_ns, shown->t_shown_ns);
 }
 
 TEST(ProfileLightArray, AnotherHandOrARestartIsNoticedAtTheNextRenewal) {
