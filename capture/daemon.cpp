@@ -116,11 +116,12 @@ class Daemon::Impl {
     auto camera = require_measured_identity(require_device(config_.make_camera(), config_.rig),
                                             config_.rig);
     writer_ = std::make_unique<WriterThread>(
-        WriterThreadConfig{.rig = config_.rig,
-                           .storage = config_.storage,
-                           .send = send,
-                           .opened = [this](Result<OpenSession> s) { post(std::move(s)); },
-                           .logged = [this](const JournalLine& line) { publish(line); }},
+        WriterThreadConfig{
+            .rig = config_.rig,
+            .storage = config_.storage,
+            .send = send,
+            .opened = [this](Result<OpenSession> s) { post(ready(std::move(s))); },
+            .logged = [this](const JournalLine& line) { publish(line); }},
         store_);
     camera_ = std::make_unique<CameraThread>(std::move(camera), config_.rig.cameras.front(),
                                              store_, send);
@@ -148,6 +149,7 @@ class Daemon::Impl {
     http.address = config_.rig.http.address;
     http.port = config_.rig.http.port;
     http.token = config_.token;
+    http.allowed_hosts = config_.rig.http.allowed_hosts;
     server_ = std::make_unique<HttpServer>(
         http, make_site(daemon, stream_, config_.sessions, config_.web_folder));
   }
@@ -174,6 +176,10 @@ class Daemon::Impl {
   [[nodiscard]] DaemonState state() const {
     const std::lock_guard lock(mutex_);
     return published_;
+  }
+  [[nodiscard]] std::vector<ShotState> shot_states() const {
+    const std::lock_guard lock(mutex_);
+    return shot_states_;
   }
   [[nodiscard]] int port() const { return server_ == nullptr ? 0 : server_->port(); }
   [[nodiscard]] FrameTap& tap() const { return camera_->tap(); }
@@ -268,7 +274,29 @@ class Daemon::Impl {
   struct PreviewOrder {
     std::shared_ptr<const Plan> plan;
   };
-  using Message = std::variant<EventBody, SessionOrder, Result<OpenSession>, PreviewOrder>;
+  /// What grows with a plan, made before the control thread gets it.
+  struct ReadySession {
+    OpenSession session;
+    std::shared_ptr<const SequencerPlan> plan;
+    std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns;
+    std::shared_ptr<FrameChecker> checker;
+    std::vector<ShotKind> kinds;
+  };
+  using Message = std::variant<EventBody, SessionOrder, Result<ReadySession>, PreviewOrder>;
+
+  /// Called by the writer thread.
+  [[nodiscard]] Result<ReadySession> ready(Result<OpenSession> opened) const {
+    if (!opened) {
+      return tl::unexpected<Fault>(std::move(opened.error()));
+    }
+    ReadySession out;
+    out.session = *std::move(opened);
+    out.plan = sequencer_plan(config_.rig, *out.session.plan);
+    out.patterns = patterns_of(*out.session.plan);
+    out.checker = std::make_shared<FrameChecker>(*out.session.plan, out.session.form);
+    out.kinds = kinds_of(*out.session.plan);
+    return out;
+  }
 
   void post(Message message) {
     (void)inbox_.push(std::move(message), control_stop_.get_token());
@@ -302,35 +330,58 @@ class Daemon::Impl {
     return name;
   }
 
-  /// The newest session that was begun, not finished and not aborted goes on.
+  /// Of the sessions that were begun, not finished and not aborted the one written last goes
+  /// on; the others are told of. What a making that was stopped has left is cleared away.
   void recover() {
-    std::string newest;
+    std::vector<std::pair<fs::file_time_type, std::string>> unfinished;
     std::error_code error;
     for (fs::directory_iterator it(config_.sessions, error), end; !error && it != end;
          it.increment(error)) {
       const fs::path& folder = it->path();
       std::error_code ignored;
-      const bool is_unfinished = fs::exists(folder / "start.json", ignored) &&
-                                 !fs::exists(folder / "session.json", ignored) &&
-                                 !fs::exists(folder / kAbortMark, ignored);
-      if (is_unfinished) {
-        newest = std::max(newest, folder.filename().string());
+      if (SessionWriter::discard_unmade(folder, *config_.storage)) {
+        log_warning("cleared away " + folder.string() + ": its making was stopped half-way");
+      } else if (fs::exists(folder / "start.json", ignored) &&
+                 !fs::exists(folder / "session.json", ignored) &&
+                 !fs::exists(folder / kAbortMark, ignored)) {
+        unfinished.emplace_back(last_written(folder), folder.filename().string());
       }
     }
-    if (config_.resumes && !newest.empty()) {
-      {
-        const std::lock_guard lock(mutex_);
-        published_.is_opening = true;
+    std::sort(unfinished.begin(), unfinished.end());
+    std::string last;
+    if (config_.resumes && !unfinished.empty()) {
+      last = unfinished.back().second;
+      unfinished.pop_back();
+      log_info("going on with the unfinished session " + last);
+    }
+    {
+      const std::lock_guard lock(mutex_);
+      published_.is_opening = !last.empty();
+      for (const auto& [time, id] : unfinished) {
+        log_warning(
+            fmt::format("session {} is unfinished too: `haarlight capture --session {}` "
+                        "goes on with it",
+                        id, id));
+        published_.unfinished.push_back(id);
       }
-      log_info("going on with the unfinished session " + newest);
     }
     receive(event::Recovered{});
-    if (config_.resumes && !newest.empty()) {
-      post(SessionOrder{.folder = config_.sessions / newest,
-                        .is_new = false,
-                        .is_recovery = true,
-                        .id = newest});
+    if (!last.empty()) {
+      post(SessionOrder{
+          .folder = config_.sessions / last, .is_new = false, .is_recovery = true, .id = last});
     }
+  }
+
+  /// A name says when a session was begun, not which one was at work last.
+  [[nodiscard]] static fs::file_time_type last_written(const fs::path& folder) {
+    fs::file_time_type last = fs::file_time_type::min();
+    for (const char* part :
+         {"start.json", "journal.sqlite", "journal.sqlite-wal", "frames", "aside"}) {
+      std::error_code error;
+      const fs::file_time_type time = fs::last_write_time(folder / part, error);
+      last = error ? last : std::max(last, time);
+    }
+    return last;
   }
 
   [[nodiscard]] static bool is_free(Phase phase) {
@@ -357,8 +408,8 @@ class Daemon::Impl {
       try {
         if (message && std::holds_alternative<SessionOrder>(*message)) {
           open(state, std::get<SessionOrder>(*std::move(message)));
-        } else if (message && std::holds_alternative<Result<OpenSession>>(*message)) {
-          begin(state, std::get<Result<OpenSession>>(*std::move(message)));
+        } else if (message && std::holds_alternative<Result<ReadySession>>(*message)) {
+          begin(state, std::get<Result<ReadySession>>(*std::move(message)));
         } else if (message && std::holds_alternative<PreviewOrder>(*message)) {
           begin_preview(state, *std::get<PreviewOrder>(*message).plan);
         } else if (message) {
@@ -428,11 +479,11 @@ class Daemon::Impl {
     }
   }
 
-  void begin(SequencerState& state, Result<OpenSession> opened) {
+  void begin(SequencerState& state, Result<ReadySession> ready) {
     const bool is_disk =
-        !opened && (opened.error().code == Errc::no_space || opened.error().code == Errc::io);
+        !ready && (ready.error().code == Errc::no_space || ready.error().code == Errc::io);
     if (is_disk && recovery_ && deferred_.empty()) {
-      const std::string why = "the disk, goes on by itself: " + opened.error().what;
+      const std::string why = "the disk, goes on by itself: " + ready.error().what;
       log_warning(why);
       reopen_ns_ = steady_now_ns() + kReopenNs;
       const std::lock_guard lock(mutex_);
@@ -440,30 +491,31 @@ class Daemon::Impl {
       return;
     }
     recovery_.reset();
-    if (!opened) {
-      refuse_order(opened.error().what);
+    if (!ready) {
+      refuse_order(ready.error().what);
       take_deferred(state);
       return;
     }
-    auto shown = patterns_of(*opened->plan);
-    watch_.begin(shown);
-    checker_of_session_ = std::make_shared<FrameChecker>(*opened->plan, opened->form);
-    observer_.begin(kinds_of(*opened->plan), opened->form, opened->next_attempt);
+    OpenSession& opened = ready->session;
+    watch_.begin(ready->patterns);
+    checker_of_session_ = std::move(ready->checker);
+    observer_.begin(std::move(ready->kinds), opened.form, opened.next_attempt);
     run_ns_ = 0;
     n_commits_before_ = state.counters.commits;
     {
       const std::lock_guard lock(mutex_);
-      patterns_ = std::move(shown);
+      patterns_ = std::move(ready->patterns);
     }
-    do_step(state, event::Run{sequencer_plan(config_.rig, *opened->plan),
-                              std::move(opened->committed), std::move(opened->next_attempt)});
+    do_step(state, event::Run{std::move(ready->plan), std::move(opened.committed),
+                              std::move(opened.next_attempt)});
     {
       // After the step: the new session's name never stands beside the old one's "done".
       const std::lock_guard lock(mutex_);
-      published_.session = opened->id;
-      published_.folder = opened->folder;
-      published_.plan = opened->plan;
-      published_.recovery = opened->recovery;
+      published_.session = opened.id;
+      published_.folder = opened.folder;
+      published_.plan = std::move(opened.plan);
+      published_.recovery = std::make_shared<const RecoveryReport>(std::move(opened.recovery));
+      std::erase(published_.unfinished, opened.id);
       published_.is_opening = false;
       published_.reason_text.clear();
     }
@@ -564,8 +616,11 @@ class Daemon::Impl {
     if (line.shot >= 0) {
       text = fmt::format("shot {}: {}", line.shot, text);
     }
-    if (const std::string session = state().session; !session.empty()) {
-      text = fmt::format("[{}] {}", session, text);
+    {
+      const std::lock_guard lock(mutex_);
+      if (!published_.session.empty()) {
+        text = fmt::format("[{}] {}", published_.session, text);
+      }
     }
     if (line.kind == "fault" || line.kind == "retry") {
       log_warning(text);
@@ -585,7 +640,8 @@ class Daemon::Impl {
     published_.is_preview = state.plan != nullptr && state.plan->is_preview;
     if (state.plan != nullptr &&
         !published_.is_preview) {  // after an abort the last picture stays
-      published_.shots = state.shots;
+      shot_states_ = state.shots;
+      published_.n_shots = static_cast<int>(state.shots.size());
       published_.n_committed = state.n_committed;
     }
     published_.current = state.current;
@@ -665,11 +721,12 @@ class Daemon::Impl {
 
   [[nodiscard]] std::vector<Event> replay(std::int64_t after, std::size_t max) const {
     const std::lock_guard lock(lines_mutex_);
+    auto line =
+        std::upper_bound(lines_.begin(), lines_.end(), after,
+                         [](std::int64_t id, const Event& of_line) { return id < of_line.id; });
     std::vector<Event> out;
-    for (const Event& line : lines_) {
-      if (line.id > after && out.size() < max) {
-        out.push_back(line);
-      }
+    for (; line != lines_.end() && out.size() < max; ++line) {
+      out.push_back(*line);
     }
     return out;
   }
@@ -691,6 +748,7 @@ class Daemon::Impl {
 
   mutable std::mutex mutex_;
   DaemonState published_;
+  std::vector<ShotState> shot_states_;
   std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns_;
 
   mutable std::mutex lines_mutex_;
@@ -723,6 +781,7 @@ Daemon::Daemon(DaemonConfig config) : impl_(std::make_unique<Impl>(std::move(con
 Daemon::~Daemon() = default;
 
 DaemonState Daemon::state() const { return impl_->state(); }
+std::vector<ShotState> Daemon::shot_states() const { return impl_->shot_states(); }
 int Daemon::http_port() const { return impl_->port(); }
 RunReceipt Daemon::run(const std::string& plan_text, const std::string& name) {
   return impl_->run(plan_text, name);
@@ -799,7 +858,7 @@ std::string Daemon::metrics() const {
   count("http_requests_total", "Requests answered", impl_->http_counters().requests);
   add("frames_held", "gauge", "Camera buffers in our hands",
       static_cast<double>(impl_->n_frames_held()));
-  add("shots", "gauge", "Shots of the session", static_cast<double>(now.shots.size()));
+  add("shots", "gauge", "Shots of the session", now.n_shots);
   add("shots_committed", "gauge", "Shots committed", now.n_committed);
   text += "# HELP haarlight_phase 1 for the present phase\n# TYPE haarlight_phase gauge\n";
   for (int i = 0; i <= static_cast<int>(Phase::safe_off); ++i) {

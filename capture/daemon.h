@@ -55,14 +55,17 @@ struct DaemonState {
   std::string session;  ///< id; empty: none since the start
   std::filesystem::path folder;
   std::shared_ptr<const Plan> plan;
-  std::vector<ShotState> shots;
+  int n_shots = 0;
   int n_committed = 0;
   int current = -1;
   LightsKnown lights = LightsKnown::unknown;
   double seconds_left = -1.0;  ///< from measured shots; negative: not known yet
   bool is_preview = false;     ///< lights are shown to a person, nothing is captured
   bool is_opening = false;     ///< a session is being made or recovered
-  std::optional<RecoveryReport> recovery;  ///< of the session, when it was reopened
+  std::shared_ptr<const RecoveryReport> recovery;  ///< of the session, when it was reopened
+  /// Sessions that were begun, neither finished nor aborted, and not gone on with at the start:
+  /// that is done with the one written last.
+  std::vector<std::string> unfinished;
   SequencerCounters counters;
 };
 
@@ -88,6 +91,8 @@ class Daemon {
 
   // Thread-safe, none waits for a device.
   [[nodiscard]] DaemonState state() const;
+  /// Of each shot of state().session; as long as its plan.
+  [[nodiscard]] std::vector<ShotState> shot_states() const;
   /// 0 without HTTP.
   [[nodiscard]] int http_port() const;
   /// Begins a new session.

@@ -25,6 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
+constexpr std::size_t kMaxListed = 20;
 constexpr std::size_t kMaxPreviewLights = 100000;
 constexpr std::uintmax_t kMaxFrameFile = std::uintmax_t{1} << 28U;
 
@@ -58,14 +59,21 @@ Json body_of(const HttpRequest& request) {
   return json;
 }
 
+/// The state is told on the HTTP thread: no list in it grows with a session.
+std::vector<std::string> first_of(const std::vector<std::string>& list) {
+  return {list.begin(),
+          list.begin() + static_cast<std::ptrdiff_t>(std::min(list.size(), kMaxListed))};
+}
+
 Json state_json(const DaemonState& s) {
   Json reasons = Json::array();
-  constexpr std::array<std::pair<std::uint32_t, const char*>, 5> kReasons{
+  constexpr std::array<std::pair<std::uint32_t, const char*>, 6> kReasons{
       {{kCameraLost, "camera"},
        {kControllerLost, "controller"},
        {kDiskFull, "disk"},
        {kNoEvidence, "no_clean_frame"},
-       {kHeldBack, "held_back"}}};
+       {kHeldBack, "held_back"},
+       {kFolderGone, "session_folder"}}};
   for (const auto& [bit, word] : kReasons) {
     if ((s.reasons & bit) != 0) {
       reasons.push_back(word);
@@ -86,7 +94,7 @@ Json state_json(const DaemonState& s) {
       {"folder", s.session.empty() ? Json(nullptr) : Json(s.folder.string())},
       {"plan", s.plan == nullptr ? Json(nullptr)
                                  : Json{{"name", s.plan->name}, {"hash", s.plan->hash}}},
-      {"shots", s.shots.size()},
+      {"shots", s.n_shots},
       {"committed", s.n_committed},
       {"current", s.current < 0 ? Json(nullptr) : Json(s.current)},
       {"seconds_left", s.seconds_left < 0 ? Json(nullptr) : Json(s.seconds_left)},
@@ -96,7 +104,11 @@ Json state_json(const DaemonState& s) {
     json["recovery"] = {{"committed", s.recovery->n_committed},
                         {"adopted", s.recovery->n_adopted},
                         {"returned", s.recovery->n_returned},
-                        {"set_aside", s.recovery->set_aside}};
+                        {"set_aside", first_of(s.recovery->set_aside)},
+                        {"n_set_aside", s.recovery->set_aside.size()}};
+  }
+  if (!s.unfinished.empty()) {
+    json["unfinished"] = first_of(s.unfinished);
   }
   return json;
 }
@@ -111,7 +123,8 @@ Json session_json(const fs::path& folder, const DaemonState& state) {
                             state.phase != Phase::done}};
 }
 
-HttpResponse list_sessions(const fs::path& sessions, const DaemonState& state) {
+HttpResponse list_sessions(const fs::path& sessions, const DaemonState& state,
+                           const HttpRequest& request) {
   std::vector<fs::path> folders;
   std::error_code error;
   for (fs::directory_iterator it(sessions, error), end; !error && it != end;
@@ -124,10 +137,11 @@ HttpResponse list_sessions(const fs::path& sessions, const DaemonState& state) {
   }
   std::sort(folders.begin(), folders.end());
   Json list = Json::array();
-  for (const fs::path& folder : folders) {
-    list.push_back(session_json(folder, state));
+  const PageOfList page = page_of(request, folders.size());
+  for (std::size_t i = page.first; i < page.end; ++i) {
+    list.push_back(session_json(folders[i], state));
   }
-  return json_response({{"sessions", std::move(list)}});
+  return json_response({{"sessions", std::move(list)}, {"count", folders.size()}});
 }
 
 /// The newest attempt of a shot that is on the disk.
@@ -167,7 +181,7 @@ class Handlers {
     const DaemonState state = daemon_.state();
     Json json = session_json(*folder, state);
     if (state.session == folder->filename() && state.plan != nullptr) {
-      json["shots"] = state.shots.size();
+      json["shots"] = state.n_shots;
       json["committed"] = state.n_committed;
       json["plan_hash"] = state.plan->hash;
     } else {
@@ -186,10 +200,14 @@ class Handlers {
     }
     const DaemonState state = daemon_.state();
     const bool is_active = state.session == folder->filename() && state.plan != nullptr;
-    const std::vector<Shot> shots = is_active ? state.plan->shots : info_of(*folder).shots;
+    const SessionInfo info = is_active ? SessionInfo{} : info_of(*folder);
+    const std::vector<Shot>& shots = is_active ? state.plan->shots : info.shots;
+    const std::vector<ShotState> states =
+        is_active ? daemon_.shot_states() : std::vector<ShotState>();
+    const PageOfList page = page_of(request, shots.size());
     Json list = Json::array();
-    for (const Shot& shot : shots) {
-      const auto i = static_cast<std::size_t>(shot.index);
+    for (std::size_t i = page.first; i < page.end; ++i) {
+      const Shot& shot = shots[i];
       Json lit = Json::array();
       for (const LightLevel& light : shot.lit) {
         lit.push_back(light.light);
@@ -197,11 +215,10 @@ class Handlers {
       list.push_back({{"shot", shot.index},
                       {"kind", std::string(to_string(shot.kind))},
                       {"lights", std::move(lit)},
-                      {"state", is_active && i < state.shots.size()
-                                    ? std::string(to_string(state.shots[i]))
-                                    : std::string("committed")}});
+                      {"state", i < states.size() ? std::string(to_string(states[i]))
+                                                  : std::string("committed")}});
     }
-    return json_response({{"shots", std::move(list)}});
+    return json_response({{"shots", std::move(list)}, {"count", shots.size()}});
   }
 
   [[nodiscard]] HttpResponse shot(const HttpRequest& request) const {
@@ -284,12 +301,17 @@ class Handlers {
       throw Error("no session is open to take a shot again", request.path,
                   "POST /v1/run?session=ID opens one again", ExitCode::interrupted);
     }
+    std::error_code error;
+    if (!fs::is_regular_file(state.folder / "start.json", error)) {
+      throw Error("the session's folder is not there any more", state.folder.string(),
+                  "put it back where it was, or begin a new run", ExitCode::interrupted);
+    }
     event::Reshoot reshoot;
     for (const Json& shot : *it) {
       if (!shot.is_number_integer() || shot.get<std::int64_t>() < 0 ||
-          shot.get<std::int64_t>() >= static_cast<std::int64_t>(state.shots.size())) {
+          shot.get<std::int64_t>() >= state.n_shots) {
         throw Error(fmt::format("{} is no shot: the session has shots 0 to {}", shot.dump(),
-                                static_cast<std::int64_t>(state.shots.size()) - 1),
+                                state.n_shots - 1),
                     request.path, "GET /v1/sessions/ID/shots lists them");
       }
       reshoot.shots.push_back(shot.get<int>());
@@ -346,11 +368,14 @@ HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
                    const fs::path& sessions, const fs::path& web_folder) {
   const auto h = std::make_shared<const Handlers>(daemon, sessions);
   HttpSite site;
-  site.get("/v1/state",
-           [&daemon](const HttpRequest&) { return json_response(state_json(daemon.state())); });
+  // Lane::here: beside all-off, on the thread that nothing may hold up.
+  site.get(
+      "/v1/state",
+      [&daemon](const HttpRequest&) { return json_response(state_json(daemon.state())); },
+      Lane::here);
   site.add_events("/v1/events", std::move(events));
-  site.get("/v1/sessions", [&daemon, sessions](const HttpRequest&) {
-    return list_sessions(sessions, daemon.state());
+  site.get("/v1/sessions", [&daemon, sessions](const HttpRequest& r) {
+    return list_sessions(sessions, daemon.state(), r);
   });
   site.get("/v1/sessions/{id}", [h](const HttpRequest& r) { return h->session(r); });
   site.get("/v1/sessions/{id}/shots", [h](const HttpRequest& r) { return h->shots(r); });
@@ -358,32 +383,38 @@ HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
   const auto metrics = [&daemon](const HttpRequest&) {
     return HttpResponse{.content_type = "text/plain; version=0.0.4", .body = daemon.metrics()};
   };
-  site.add(
-      {.method = "GET", .pattern = "/v1/metrics", .handler = metrics, .access = Access::open});
-  site.add(
-      {.method = "GET", .pattern = "/metrics", .handler = metrics, .access = Access::open});
+  for (const char* pattern : {"/v1/metrics", "/metrics"}) {
+    site.add({.method = "GET",
+              .pattern = pattern,
+              .handler = metrics,
+              .access = Access::open,
+              .lane = Lane::here});
+  }
   const auto health = [h](const HttpRequest&) { return h->health(); };
-  site.add({.method = "GET",
-            .pattern = "/v1/healthz",
-            .handler = health,
-            .access = Access::open,
-            .is_always = true});
-  site.add({.method = "GET",
-            .pattern = "/healthz",
-            .handler = health,
-            .access = Access::open,
-            .is_always = true});
-  site.post("/v1/run", [h](const HttpRequest& r) { return h->run(r); });
-  site.post("/v1/pause", [h](const HttpRequest&) { return h->ask(event::Pause{}); });
-  site.post("/v1/resume", [h](const HttpRequest&) { return h->ask(event::Resume{}); });
-  site.post("/v1/abort", [h](const HttpRequest&) { return h->ask(event::Abort{}); });
+  for (const char* pattern : {"/v1/healthz", "/healthz"}) {
+    site.add({.method = "GET",
+              .pattern = pattern,
+              .handler = health,
+              .access = Access::open,
+              .is_always = true,
+              .lane = Lane::here});
+  }
+  site.post(
+      "/v1/run", [h](const HttpRequest& r) { return h->run(r); }, Lane::work);
+  site.post(
+      "/v1/pause", [h](const HttpRequest&) { return h->ask(event::Pause{}); }, Lane::here);
+  site.post(
+      "/v1/resume", [h](const HttpRequest&) { return h->ask(event::Resume{}); }, Lane::here);
+  site.post(
+      "/v1/abort", [h](const HttpRequest&) { return h->ask(event::Abort{}); }, Lane::here);
   site.post("/v1/preview", [h](const HttpRequest& r) { return h->show_preview(r); });
   site.post("/v1/reshoot", [h](const HttpRequest& r) { return h->reshoot(r); });
   site.add({.method = "POST",
             .pattern = "/v1/all-off",
             .handler = [h](const HttpRequest&) { return h->ask(event::SafeOff{}); },
             .access = Access::write,
-            .is_always = true});
+            .is_always = true,
+            .lane = Lane::here});
   add_page_routes(site, daemon, sessions);
   if (!web_folder.empty()) {
     site.set_static_files("/", web_folder);

@@ -45,10 +45,15 @@ HttpResponse missing(const std::string& what, const std::string& cure) {
 
 /// A session as the page sees it: the running one from memory, another one from its folder.
 struct ShownSession {
-  std::vector<Shot> shots;
+  std::shared_ptr<const Plan> plan;  ///< or
+  std::shared_ptr<const SessionInfo> info;
   FrameForm form;
   std::string marks;
   bool is_active = false;
+
+  [[nodiscard]] const std::vector<Shot>& shots() const {
+    return plan != nullptr ? plan->shots : info->shots;
+  }
 };
 
 std::string marks_from_info(const SessionInfo& info) {
@@ -136,9 +141,11 @@ class PageHandlers {
     if (!session) {
       return missing("no such session", "GET /v1/sessions lists them");
     }
+    const PageOfList page = page_of(request, session->marks.size());
     return json_response({{"session", request.captures.at("id")},
                           {"is_active", session->is_active},
-                          {"marks", session->marks}});
+                          {"count", session->marks.size()},
+                          {"marks", session->marks.substr(page.first, page.end - page.first)}});
   }
 
   [[nodiscard]] HttpResponse layout(const HttpRequest& request) {
@@ -149,7 +156,9 @@ class PageHandlers {
     std::string kinds;
     Json lights = Json::array();
     Json exposures = Json::array();
-    for (const Shot& shot : session->shots) {
+    const PageOfList page = page_of(request, session->shots().size());
+    for (std::size_t i = page.first; i < page.end; ++i) {
+      const Shot& shot = session->shots()[i];
       kinds += to_string(shot.kind).front();
       lights.push_back(shot.lit.empty()       ? kNoLight
                        : shot.lit.size() == 1 ? shot.lit.front().light
@@ -157,6 +166,7 @@ class PageHandlers {
       exposures.push_back(shot.exposure_us);
     }
     return json_response({{"session", request.captures.at("id")},
+                          {"count", session->shots().size()},
                           {"kinds", std::move(kinds)},
                           {"light", std::move(lights)},
                           {"exposure_us", std::move(exposures)}});
@@ -165,10 +175,10 @@ class PageHandlers {
   [[nodiscard]] HttpResponse story(const HttpRequest& request) {
     const auto session = session_of(request);
     const auto index = shot_of(request);
-    if (!session || !index || *index >= static_cast<int>(session->shots.size())) {
+    if (!session || !index || *index >= static_cast<int>(session->shots().size())) {
       return missing("no such shot", "GET /v1/sessions/ID/shots lists them");
     }
-    const Shot& shot = session->shots[static_cast<std::size_t>(*index)];
+    const Shot& shot = session->shots()[static_cast<std::size_t>(*index)];
     Json lights = Json::array();
     for (const LightLevel& light : shot.lit) {
       lights.push_back(Json::array({light.light, light.level}));
@@ -316,38 +326,39 @@ class PageHandlers {
     }
     const DaemonState state = daemon_.state();
     if (state.session == id && state.plan != nullptr) {
-      return ShownSession{.shots = state.plan->shots,
-                          .form = session_info_of(daemon_.rig(), *state.plan, id).form,
-                          .marks = daemon_.observer().marks(state.shots),
+      return ShownSession{.plan = state.plan,
+                          .form = frame_form_of(daemon_.rig()),
+                          .marks = daemon_.observer().marks(daemon_.shot_states()),
                           .is_active = true};
     }
-    const SessionInfo& info = info_of(folder);
-    return ShownSession{.shots = info.shots,
-                        .form = info.form,
-                        .marks = is_finished_ ? marks_from_info(info)
-                                              : marks_from_files(folder, info.shots.size())};
+    const std::shared_ptr<const SessionInfo> info = info_of(folder);
+    return ShownSession{.info = info,
+                        .form = info->form,
+                        .marks = is_finished_ ? marks_from_info(*info)
+                                              : marks_from_files(folder, info->shots.size())};
   }
 
   /// The last one read is kept: a page asks for the same one again and again, and parsing
-  /// thousands of frames would keep the one HTTP thread from all-off. @throws Error
-  const SessionInfo& info_of(const fs::path& folder) {
+  /// thousands of frames takes its time. @throws Error
+  std::shared_ptr<const SessionInfo> info_of(const fs::path& folder) {
     std::error_code ignored;
     const bool is_finished = fs::exists(folder / "session.json", ignored);
     const fs::path file = folder / (is_finished ? "session.json" : "start.json");
     const auto changed = fs::last_write_time(file, ignored);
-    if (!cached_ || cached_file_ != file || cached_time_ != changed) {
-      cached_ = session_info_from_json(read_file(file, kMaxFrameFile), file.string());
+    if (cached_ == nullptr || cached_file_ != file || cached_time_ != changed) {
+      cached_ = std::make_shared<const SessionInfo>(
+          session_info_from_json(read_file(file, kMaxFrameFile), file.string()));
       cached_file_ = file;
       cached_time_ = changed;
     }
     is_finished_ = is_finished;
-    return *cached_;
+    return cached_;
   }
 
   Daemon& daemon_;
   fs::path sessions_;
-  // Of the HTTP thread.
-  std::optional<SessionInfo> cached_;
+  // Of the one thread of Lane::look.
+  std::shared_ptr<const SessionInfo> cached_;
   fs::path cached_file_;
   fs::file_time_type cached_time_;
   bool is_finished_ = false;
@@ -380,7 +391,8 @@ void add_page_routes(HttpSite& site, Daemon& daemon, const fs::path& sessions) {
   site.add({.method = "POST",
             .pattern = "/v1/dry-run",
             .handler = [h](const HttpRequest& r) { return h->price(r); },
-            .access = Access::read});
+            .access = Access::read,
+            .lane = Lane::work});
 }
 
 }  // namespace haarlight

@@ -20,9 +20,10 @@ void FakeLight::set_gone(bool is_gone) {
   const std::lock_guard lock(mutex_);
   is_gone_ = is_gone;
 }
-void FakeLight::fail_next(int count) {
+void FakeLight::fail_next(int count, Errc code) {
   const std::lock_guard lock(mutex_);
   n_to_fail_ = count;
+  failure_ = code;
 }
 void FakeLight::hang_next(std::chrono::milliseconds length) {
   const std::lock_guard lock(mutex_);
@@ -69,7 +70,9 @@ Result<void> FakeLightArray::reach() {
   }
   if (light_->n_to_fail_ > 0) {
     --light_->n_to_fail_;
-    return fail(Errc::timeout, "fake controller: no answer");
+    return fail(light_->failure_, light_->failure_ == Errc::timeout
+                                      ? "fake controller: no answer"
+                                      : "fake controller: refused");
   }
   if (boot_id_ != 0 && boot_id_ != light_->boot_id_) {
     return fail(Errc::device_gone, "fake controller: connection reset");

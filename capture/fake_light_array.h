@@ -26,7 +26,8 @@ class FakeLight {
   // A person's hands.
   void restart();               ///< dark, new boot id, connections lost
   void set_gone(bool is_gone);  ///< no answers at all
-  void fail_next(int count);    ///< as many calls time out
+  /// As many calls time out, or end so.
+  void fail_next(int count, Errc code = Errc::timeout);
   void hang_next(
       std::chrono::milliseconds length);  ///< one call does not come back for so long
 
@@ -46,6 +47,7 @@ class FakeLight {
   std::uint32_t boot_id_ = 1;
   bool is_gone_ = false;
   int n_to_fail_ = 0;
+  Errc failure_ = Errc::timeout;
   std::chrono::milliseconds hang_{0};
 };
 

@@ -166,6 +166,67 @@ PlanSettings read_settings(ConfigTable& root) {
   return plan;
 }
 
+/// What a plan will hold, before anything of it is made.
+struct PlanSize {
+  double patterns = 0.0;
+  double lit = 0.0;  ///< entries of all patterns, at least
+};
+
+PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {
+  const double n = rig.n_lights();
+  const double n_side = rig.faces.front().rows;
+  switch (settings.patterns) {
+    case PlanPatterns::one_at_a_time: {
+      const double n_asked =
+          settings.lights.empty() ? n : static_cast<double>(settings.lights.size());
+      return {n_asked, n_asked};
+    }
+    case PlanPatterns::list: {
+      PlanSize size{static_cast<double>(settings.list.size()), 0.0};
+      for (const auto& lit : settings.list) {
+        size.lit += static_cast<double>(lit.size());
+      }
+      return size;
+    }
+    case PlanPatterns::bins:
+      return {std::ceil(n / settings.bin / settings.bin), n};
+    case PlanPatterns::s_matrix:
+      return {n, n * n / 2.0};  // every other light in each of at least n patterns
+    case PlanPatterns::haar:
+    case PlanPatterns::lighting_haar: {
+      // Every level's wavelets cover each light.
+      const double levels = std::max(1.0, std::log2(std::max(1.0, n_side)));
+      const double share =
+          settings.patterns == PlanPatterns::haar ? 1.0 : std::min(1.0, settings.wavelets / n);
+      return {n * share, share < 1.0 ? 0.0 : n * levels};
+    }
+    case PlanPatterns::lighting_target:
+      return {1.0, 0.0};
+  }
+  return {};
+}
+
+/// Arithmetic alone: what it refuses is never made. @throws Error
+void require_size(const PlanSettings& settings, const Rig& rig, const PlanSize& size) {
+  const double n_exposures = std::max(1.0, static_cast<double>(settings.exposures_us.size()));
+  const double rounds = n_exposures * settings.repeats;
+  const double shots =
+      rounds * size.patterns + settings.flats + n_exposures * settings.spare_darks;
+  const double lit = rounds * size.lit + static_cast<double>(settings.flats) * rig.n_lights();
+  // Darks and sentinels at every pattern at most.
+  const bool is_between = settings.darks_every > 0 || settings.darks_every_s > 0.0 ||
+                          settings.sentinel_every > 0 || settings.sentinel_every_s > 0.0;
+  const double most = shots + (is_between ? 2.0 * rounds * (size.patterns + 1.0) : 0.0) + 1.0;
+  if (most > kMaxShots || lit > static_cast<double>(kMaxLit)) {
+    throw Error(
+        fmt::format("{:.0f} patterns in {:.0f} rounds ({} exposures, {} repeats) and {} flats "
+                    "are {:.3g} shots with {:.3g} lit lights; a plan may hold {} and {}",
+                    size.patterns, rounds, n_exposures, settings.repeats, settings.flats, shots,
+                    lit, kMaxShots, kMaxLit),
+        settings.where, "split the plan");
+  }
+}
+
 /// Every light of the recipe's shots at one level.
 PatternList rows_of(const PatternRecipe& recipe, std::uint16_t level) {
   PatternList list;
@@ -451,6 +512,7 @@ std::vector<int> choose_wavelets(const Lighting& lighting, int face, int n) {
 }
 
 Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* lighting) {
+  require_size(settings, rig, size_of_patterns(settings, rig));
   PatternRecipe recipe;
   PatternList list = patterns_of(settings, rig, lighting, recipe);
   require_lights(list, settings, rig);
@@ -469,16 +531,7 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
   for (const auto& lit : list) {
     n_lit += lit.size();
   }
-  const double rounds = static_cast<double>(exposures.size()) * settings.repeats;
-  const double n_spare =
-      static_cast<double>(exposures.size()) * static_cast<double>(settings.spare_darks);
-  if (3.0 * rounds * static_cast<double>(list.size()) + settings.flats + 1.0 + n_spare >
-          kMaxShots ||
-      rounds * static_cast<double>(n_lit) > static_cast<double>(kMaxLit)) {
-    throw Error(fmt::format("{} patterns in {} rounds are more than a plan may hold",
-                            list.size(), rounds),
-                settings.where, "split the plan");
-  }
+  require_size(settings, rig, {static_cast<double>(list.size()), static_cast<double>(n_lit)});
   Plan plan;
   plan.name = settings.name;
   plan.n_lights = rig.n_lights();

@@ -13,6 +13,7 @@ namespace haarlight {
 
 namespace {
 
+constexpr std::size_t kMarksAtOnce = 4096;
 constexpr std::size_t kMaxCommitsKnown = 4096;  // an aborted run leaves a few behind
 
 double seconds_between(std::int64_t from_ns, std::int64_t to_ns) {
@@ -66,12 +67,13 @@ RunObserver::RunObserver()
 
 void RunObserver::begin(std::vector<ShotKind> kinds, FrameForm form,
                         const std::vector<int>& next_attempt) {
-  const std::lock_guard lock(mutex_);
-  notes_.assign(kinds.size(), ShotNote{});
-  for (std::size_t i = 0; i < notes_.size() && i < next_attempt.size(); ++i) {
-    notes_[i].attempt = std::max(0, next_attempt[i] - 1);
+  std::vector<ShotNote> notes(kinds.size());
+  for (std::size_t i = 0; i < notes.size() && i < next_attempt.size(); ++i) {
+    notes[i].attempt = std::max(0, next_attempt[i] - 1);
   }
-  kinds_ = std::move(kinds);
+  const std::lock_guard lock(mutex_);
+  notes_.swap(notes);  // those before are freed behind the lock
+  kinds_.swap(kinds);
   form_ = form;
   commit_begun_ns_.clear();
   shown_ns_ = 0;
@@ -130,10 +132,16 @@ void RunObserver::see(std::int64_t now_ns, const Action& action) {
 }
 
 std::string RunObserver::marks(const std::vector<ShotState>& states) const {
-  const std::lock_guard lock(mutex_);
+  // In pieces: the control thread does not wait for a whole map.
   std::string text(states.size(), static_cast<char>(ShotMark::pending));
+  const ShotNote none;
+  std::unique_lock lock(mutex_);
   for (std::size_t i = 0; i < states.size(); ++i) {
-    const ShotNote note = i < notes_.size() ? notes_[i] : ShotNote{};
+    if (i > 0 && i % kMarksAtOnce == 0) {
+      lock.unlock();
+      lock.lock();
+    }
+    const ShotNote& note = i < notes_.size() ? notes_[i] : none;
     ShotMark mark = ShotMark::pending;
     switch (states[i]) {
       case ShotState::pending:

@@ -83,6 +83,8 @@ void Stepper::on(const event::Run& run) {
   }
   s_.is_finished = false;
   s_.failures = 0;
+  s_.refusals = 0;
+  s_.has_shown = false;
   if (s_.phase == Phase::safe_off) {
     log("state", "safe-off: the run waits for a person");
   } else {
@@ -108,6 +110,7 @@ void Stepper::on(const event::Resume&) {
 
 void Stepper::on(const event::Abort&) {
   const bool has_run = is_shooting() || s_.phase == Phase::paused ||
+                       s_.phase == Phase::finalise ||
                        (s_.phase == Phase::safe_off && s_.plan != nullptr);
   if (has_run) {
     abort("by a person");

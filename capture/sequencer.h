@@ -53,8 +53,11 @@ inline constexpr std::uint32_t kControllerLost = 1U << 1U;  ///< retried with gr
 inline constexpr std::uint32_t kDiskFull = 1U << 2U;  ///< the commit is repeated every second
 /// Many frames, none clean: tried again every two seconds.
 inline constexpr std::uint32_t kNoEvidence = 1U << 3U;
-/// The controller says not now (interlock, temperature, an element's rest): asked every second.
+/// The controller says not now (interlock, temperature, an element's rest), or refused what it
+/// took before, which is believed at the fourth time: asked every second.
 inline constexpr std::uint32_t kHeldBack = 1U << 4U;
+/// The session's folder was moved or deleted: looked for every second.
+inline constexpr std::uint32_t kFolderGone = 1U << 5U;
 /// "camera, disk"
 [[nodiscard]] std::string reasons_text(std::uint32_t reasons);
 
@@ -122,7 +125,9 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   std::uint64_t job = 0;  ///< number of the newest job
   bool is_job_open = false;
   std::uint32_t boot_id = 0;
-  int light_faults = 0;  ///< in a row
+  int light_faults = 0;    ///< in a row
+  int refusals = 0;        ///< of the controller, since it last showed something
+  bool has_shown = false;  ///< it has shown something of this run
   std::int64_t retry_light_ns = kNever;
 
   /// A frame accepted by its stamp that waits for the controller's word.

@@ -224,6 +224,8 @@ void Stepper::on(const event::BlockArmed& e) {
   }
   s_.is_job_open = false;
   s_.light_faults = 0;
+  s_.refusals = 0;
+  s_.has_shown = true;
   b.step = SequencerState::Block::Step::running;
   b.armed = e.receipt;
   s_.discarded = 0;

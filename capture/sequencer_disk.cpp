@@ -41,7 +41,7 @@ void Stepper::on(const event::FrameCommitted& e) {
   s_.held.erase(it);
   drop(e.frame);
   s_.retry_disk_ns = kNever;
-  clear_reason(kDiskFull);
+  clear_reason(kDiskFull | kFolderGone);
   advance(std::nullopt);
 }
 
@@ -50,13 +50,20 @@ void Stepper::on(const event::CommitFault& e) {
     return;
   }
   ++s_.counters.commit_faults;
+  if (e.code == Errc::refused || e.code == Errc::protocol) {
+    abort("session: " + e.what);  // no time and no space mends it
+    return;
+  }
   s_.retry_disk_ns = t_ + kDiskRetryNs;
-  add_reason(kDiskFull, "disk: " + e.what, shot_under_way());
+  const bool is_gone = e.code == Errc::device_gone;
+  s_.reasons &= ~(is_gone ? kDiskFull : kFolderGone);
+  add_reason(is_gone ? kFolderGone : kDiskFull, (is_gone ? "session: " : "disk: ") + e.what,
+             shot_under_way());
 }
 
 void Stepper::on(const event::DiskGood&) {
   s_.retry_disk_ns = kNever;
-  clear_reason(kDiskFull);
+  clear_reason(kDiskFull | kFolderGone);
 }
 
 void Stepper::on(const event::SessionFinished&) {

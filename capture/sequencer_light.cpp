@@ -93,11 +93,25 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
   const int shot = shot_under_way();
   leave_shot();
   s_.block.table.clear();  // what a fault has left of it is not known
-  if (code == Errc::refused || code == Errc::unsupported) {
-    abort("controller: " + what);
-    return;
-  }
   const bool was_connected = s_.is_light_connected;
+  if ((code == Errc::refused || code == Errc::unsupported) && is_shooting()) {
+    // Before the first light the word stands. Later it contradicts what the same controller
+    // took a moment ago: a stray answer would end a good run.
+    if (!s_.has_shown || ++s_.refusals >= kRefusalsToEnd) {
+      abort(s_.has_shown ? fmt::format("controller: {} ({} times in a row)", what, s_.refusals)
+                         : "controller: " + what);
+      return;
+    }
+    if (was_connected && s_.phase != Phase::suspended) {
+      s_.retry_held_ns = t_ + kHeldRetryNs;
+      s_.is_dark = false;  // what was lit before may be lit still
+      add_reason(kHeldBack,
+                 fmt::format("controller: {}: asked again ({} of {})", what, s_.refusals,
+                             kRefusalsToEnd - 1),
+                 shot);
+      return;
+    }
+  }
   // A busy one that is not even connected is not asked to show again but to connect again.
   if (code == Errc::device_busy && was_connected) {
     s_.retry_held_ns = t_ + kHeldRetryNs;

@@ -260,6 +260,8 @@ struct FrameCommitted {
   std::uint64_t frame = 0;
   int shot = 0;
 };
+/// device_gone: the session's folder is not there; refused, protocol: the session cannot take
+/// what is asked, ever; others: the disk.
 struct CommitFault {
   Errc code = Errc::io;
   std::string what;

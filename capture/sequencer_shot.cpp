@@ -24,6 +24,8 @@ void Stepper::on(const event::LightShown& e) {
     return;
   }
   s_.light_faults = 0;
+  s_.refusals = 0;
+  s_.has_shown = true;
   s_.receipt = e.receipt;
   s_.t_stable_ns = e.receipt.t_ack_ns + s_.plan->settle_ns;
   s_.step = t_ < s_.t_stable_ns ? ShotStep::settle : ShotStep::collect;

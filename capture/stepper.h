@@ -32,6 +32,7 @@ inline constexpr std::int64_t kPreviewNs = 60'000 * kMs;
 inline constexpr double kShotFrames = 8.0;   ///< frame times without a clean frame: shown again
 inline constexpr std::size_t kMaxEarly = 4;  ///< frames kept until the latch's answer is told
 inline constexpr int kLightFaultsToLose = 3;
+inline constexpr int kRefusalsToEnd = 4;  ///< a stray answer is not given four times in a row
 inline constexpr int kFailuresToRotate = 4;       ///< the next shot is tried first
 inline constexpr int kBlocksToSuspend = 6;        ///< in a row, without a proven frame
 inline constexpr int kFailuresToSuspend = 24;     ///< in a row, without a commit

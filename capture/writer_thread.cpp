@@ -43,25 +43,28 @@ std::string line_json(const action::LogEvent& line) {
 
 }  // namespace
 
-SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string& id) {
+FrameForm frame_form_of(const Rig& rig) {
   const CameraSpec& camera = rig.cameras.front();
+  return {.width = camera.frame_width,
+          .height = camera.active_rows,
+          .stored_height = camera.frame_height,
+          .channels = 1,
+          .sample = SampleType::u16,
+          .transfer =
+              pixel_use(camera) == PixelUse::measurement ? Transfer::linear : Transfer::unknown,
+          .bayer = camera.bayer,
+          .black_level = camera.noise.black_dn,
+          .white_level = static_cast<double>((1U << static_cast<unsigned>(camera.bits)) - 1U),
+          .clip_level = clip_level(camera)};
+}
+
+SessionInfo session_info_of(const Rig& rig, const Plan& plan, const std::string& id) {
   SessionInfo info;
   info.id = id;
   info.created = iso_now();
   info.plan_hash = plan.hash;
   info.rig_hash = rig.hash;
-  info.form = {
-      .width = camera.frame_width,
-      .height = camera.active_rows,
-      .stored_height = camera.frame_height,
-      .channels = 1,
-      .sample = SampleType::u16,
-      .transfer =
-          pixel_use(camera) == PixelUse::measurement ? Transfer::linear : Transfer::unknown,
-      .bayer = camera.bayer,
-      .black_level = camera.noise.black_dn,
-      .white_level = static_cast<double>((1U << static_cast<unsigned>(camera.bits)) - 1U),
-      .clip_level = clip_level(camera)};
+  info.form = frame_form_of(rig);
   for (const LightElement& light : light_elements(rig)) {
     SessionLight entry;
     entry.name = fmt::format("{}/{}/{}", rig.faces[static_cast<std::size_t>(light.face)].id,
@@ -220,9 +223,29 @@ Result<OpenSession> WriterThread::make_or_reopen(SessionOrder order) {
   return session;
 }
 
+bool WriterThread::is_folder_gone() const {
+  const auto is_missing = [](const std::filesystem::path& path) {
+    std::error_code error;
+    return std::filesystem::status(path, error).type() == std::filesystem::file_type::not_found;
+  };
+  return !folder_.empty() &&
+         (is_missing(folder_ / "start.json") || is_missing(folder_ / "frames"));
+}
+
+void WriterThread::report(const Fault& fault) {
+  if (is_folder_gone()) {
+    config_.send(event::CommitFault{
+        Errc::device_gone,
+        fmt::format("its folder {} was moved or deleted: put it back, or abort ({})",
+                    folder_.string(), fault.what)});
+  } else {
+    config_.send(event::CommitFault{fault.code, fault.what});
+  }
+}
+
 void WriterThread::get_stuck(const Fault& fault) {
   is_stuck_ = true;
-  config_.send(event::CommitFault{fault.code, fault.what});
+  report(fault);
 }
 
 void WriterThread::retry() {
@@ -315,7 +338,7 @@ void WriterThread::finish() {
   }
   const auto done = writer_->finish();
   if (!done) {
-    config_.send(event::CommitFault{done.error().code, done.error().what});
+    report(done.error());
     return;
   }
   std::error_code ignored;
@@ -364,8 +387,9 @@ void WriterThread::withdraw_waiting() {
 
 /// The mark's being there counts, not its text.
 void WriterThread::mark_aborted(const std::string& why) {
-  if (folder_.empty()) {
-    return;
+  std::error_code ignored;
+  if (folder_.empty() || std::filesystem::exists(folder_ / "session.json", ignored)) {
+    return;  // finished before the request came
   }
   const std::filesystem::path file = folder_ / kAbortMark;
   auto done = config_.storage->write(file, std::as_bytes(std::span(why)));

@@ -110,6 +110,9 @@ class WriterThread {
   void finish();
   void mark_aborted(const std::string& why);
   void get_stuck(const Fault& fault);
+  /// Says what the disk does not take; that the folder is gone, when it is.
+  void report(const Fault& fault);
+  [[nodiscard]] bool is_folder_gone() const;
   void log(const std::string& kind, const std::string& json);
   [[nodiscard]] SessionInfo new_session_info(const SessionOrder& order) const;
 
@@ -131,6 +134,8 @@ class WriterThread {
 /// In a session's folder: it was given up by a person, or for a reason that does not pass.
 inline constexpr const char* kAbortMark = "aborted.txt";
 
+/// Of the frames that a rig's camera delivers.
+[[nodiscard]] FrameForm frame_form_of(const Rig& rig);
 /// The session's lights, grid and form as a rig gives them.
 [[nodiscard]] SessionInfo session_info_of(const Rig& rig, const Plan& plan,
                                           const std::string& id);

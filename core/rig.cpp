@@ -307,6 +307,29 @@ void require_unique_ids(ConfigTable& root, std::string_view key, const std::vect
   }
 }
 
+/// "NAME" or "NAME:PORT", as a browser writes a page's address.
+std::vector<std::string> read_hosts(ConfigTable& http) {
+  std::vector<std::string> hosts = http.texts("allowed_hosts");
+  for (const std::string& host : hosts) {
+    const std::size_t colon = host.find(':');
+    const std::string name = host.substr(0, colon);
+    const std::string port = colon == std::string::npos ? "1" : host.substr(colon + 1);
+    const bool is_name =
+        !name.empty() &&
+        name.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789.-_") == std::string::npos;
+    const bool is_port = !port.empty() && port.size() <= 5 &&
+                         port.find_first_not_of("0123456789") == std::string::npos &&
+                         std::stoi(port) >= 1 && std::stoi(port) <= 65535;
+    if (!is_name || !is_port) {
+      http.problem("allowed_hosts", fmt::format("\"{}\" is no name of a host", host),
+                   "write the proxy's name in lower case, with :port unless it is 443, as in "
+                   "\"rig.example\" or \"rig.example:8443\"");
+      break;
+    }
+  }
+  return hosts;
+}
+
 Rig read_tables(ConfigTable& root) {
   Rig rig;
   rig.schema = static_cast<int>(root.integer("schema", {.min = 1, .max = 1}));
@@ -354,10 +377,16 @@ Rig read_tables(ConfigTable& root) {
     rig.http.port =
         static_cast<int>(http->integer_or("port", rig.http.port, {.min = 0, .max = 65535}));
     rig.http.token_file = http->text_or("token_file", "");
+    if (http->has("allowed_hosts")) {
+      rig.http.allowed_hosts = read_hosts(*http);
+    }
     const bool is_loopback = rig.http.address.starts_with("127.") || rig.http.address == "::1";
     if (!is_loopback && rig.http.token_file.empty()) {
       http->problem("address", "an address other than loopback needs a token",
                     "add token_file, or use 127.0.0.1");
+    }
+    if (!rig.http.allowed_hosts.empty() && rig.http.token_file.empty()) {
+      http->problem("allowed_hosts", "what a proxy lets in needs a token", "add token_file");
     }
   }
   root.finish();

@@ -144,7 +144,9 @@ struct StorageSpec {
 struct HttpSpec {
   std::string address = "127.0.0.1";
   int port = 8480;
-  std::string token_file;  ///< needed when the address is not loopback
+  std::string token_file;  ///< needed when the address is not loopback, or with allowed_hosts
+  /// "NAME" or "NAME:PORT" in lower case: how a proxy with TLS before the daemon is called.
+  std::vector<std::string> allowed_hosts;
 };
 
 struct Rig {

@@ -66,8 +66,13 @@ void RequestWorker::close() {
   if (thread_.joinable()) {
     thread_.join();
   }
-  for (Waiting& left : std::exchange(waiting_, {})) {  // nobody else touches it any more
-    left.job.done(overloaded());
+  std::deque<Waiting> left;
+  {
+    const std::lock_guard lock(mutex_);
+    left.swap(waiting_);
+  }
+  for (const Waiting& one : left) {
+    one.job.done(overloaded());
   }
 }
 

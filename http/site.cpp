@@ -1,6 +1,7 @@
 #include "http/site.h"
 
 #include <algorithm>
+#include <charconv>
 #include <utility>
 
 #include "http/json_text.h"
@@ -10,6 +11,25 @@ namespace haarlight {
 std::string HttpRequest::query_or(const std::string& name, std::string_view fallback) const {
   const auto it = query.find(name);
   return it == query.end() ? std::string(fallback) : it->second;
+}
+
+PageOfList page_of(const HttpRequest& request, std::size_t n) {
+  const auto number = [&request](const char* name, std::size_t fallback) {
+    const auto it = request.query.find(name);
+    if (it == request.query.end()) {
+      return fallback;
+    }
+    std::size_t value = 0;
+    const std::string& text = it->second;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (error != std::errc() || end != text.data() + text.size()) {
+      throw Error(std::string(name) + " is no whole number from 0: \"" + text + "\"",
+                  request.path, "write for example ?from=0&count=1000");
+    }
+    return value;
+  };
+  const std::size_t first = std::min(number("from", 0), n);
+  return {first, first + std::min(number("count", n), n - first)};
 }
 
 HttpResponse error_response(int status, std::string_view what, std::string_view where,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -29,6 +30,15 @@ struct HttpRequest {
   /// A query value, or `fallback`.
   [[nodiscard]] std::string query_or(const std::string& name, std::string_view fallback) const;
 };
+
+/// A part of a long list: [first, end).
+struct PageOfList {
+  std::size_t first = 0;
+  std::size_t end = 0;
+};
+/// ?from=N&count=N; without them the whole list, beyond its end nothing.
+/// @throws Error(bad_input)  not whole numbers from 0
+[[nodiscard]] PageOfList page_of(const HttpRequest& request, std::size_t n);
 
 struct HttpResponse {
   int status = 200;

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """Kills the real daemon (SIGKILL) at random moments of captures of a virtual rig, restarts it until
 each session is done, and compares every session with an undisturbed one: same plan hash and, for
-each shot, same lights, tag and pixel hash. Times, sequence numbers and attempts may differ.
+each shot, same lights, tag and pixel hash. Times, sequence numbers and attempts may differ. Equal
+pixels are a property of this set-up, not a promise of the daemon's: see --doubtful-us below, and
+capture/README.md, "What a crash may change".
 
     scripts/kill_test.py [--kills 50] [--seed 1] [--bin build/release/apps] [--rig RIG] [--scene S]
 

@@ -441,10 +441,65 @@ SessionWriter::~SessionWriter() = default;
 SessionWriter::SessionWriter(SessionWriter&&) noexcept = default;
 SessionWriter& SessionWriter::operator=(SessionWriter&&) noexcept = default;
 
+bool SessionWriter::discard_unmade(const fs::path& folder, Storage& storage) {
+  std::error_code error;
+  if (fs::symlink_status(folder, error).type() != fs::file_type::directory) {
+    return false;
+  }
+  std::vector<fs::path> made;
+  bool has_reserve = false;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    if (name == "frames" || name == "aside") {
+      continue;  // empty, or below they stay
+    }
+    const bool is_ours = name == kReserve || name == "rig.toml" || name == "plan.json" ||
+                         name.rfind(kJournal, 0) == 0 ||
+                         it->path().extension().string().rfind(".new", 0) == 0;
+    if (!is_ours) {
+      return false;
+    }
+    has_reserve = has_reserve || name == kReserve || name.rfind(kJournal, 0) == 0;
+    made.push_back(it->path());
+  }
+  const auto is_bare = [&](const char* name) {
+    std::error_code ignored;
+    return !fs::exists(folder / name, ignored) || fs::is_empty(folder / name, ignored);
+  };
+  if (error || !has_reserve || !is_bare("frames") || !is_bare("aside")) {
+    return false;
+  }
+  for (const fs::path& file : made) {
+    if (!storage.remove(file)) {
+      return false;
+    }
+  }
+  for (const fs::path& empty : {folder / "frames", folder / "aside", folder}) {
+    fs::remove(empty, error);  // refuses one that is not empty
+  }
+  return !fs::exists(folder, error);
+}
+
 Result<SessionWriter> SessionWriter::create(const fs::path& folder, const SessionInfo& info,
                                             const std::string& rig_toml,
                                             const std::string& plan_json,
                                             std::uint64_t reserve_bytes, Storage& storage) {
+  std::error_code ignored;
+  const bool is_new = !fs::exists(folder, ignored);
+  auto made = make(folder, info, rig_toml, plan_json, reserve_bytes, storage);
+  if (!made && is_new && !discard_unmade(folder, storage)) {
+    for (const fs::path& empty : {folder / "frames", folder / "aside", folder}) {
+      fs::remove(empty, ignored);
+    }
+  }
+  return made;
+}
+
+Result<SessionWriter> SessionWriter::make(const fs::path& folder, const SessionInfo& info,
+                                          const std::string& rig_toml,
+                                          const std::string& plan_json,
+                                          std::uint64_t reserve_bytes, Storage& storage) {
   HAARLIGHT_EXPECTS(info.frames.empty(), "a new session without frames");
   HAARLIGHT_EXPECTS(!info.id.empty(), "a session with an id");
   std::error_code ignored;

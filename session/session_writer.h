@@ -40,10 +40,15 @@ struct PendingFrame {
 class SessionWriter {
  public:
   /// Makes a new session folder: rig.toml, plan.json, empty journal, frames/, aside/; reserves
-  /// `reserve_bytes` on the disk. `info.frames` is empty.
+  /// `reserve_bytes` on the disk. `info.frames` is empty. On a Fault nothing is left of it.
   [[nodiscard]] static Result<SessionWriter> create(
       const std::filesystem::path& folder, const SessionInfo& info, const std::string& rig_toml,
       const std::string& plan_json, std::uint64_t reserve_bytes, Storage& storage);
+  /// Takes away what a create() that was stopped has left: a folder without start.json and
+  /// session.json in which nothing stands but what create() makes itself. A frame, or any other
+  /// file, keeps the folder as it is. create() does so itself when it fails.
+  /// @return it was one, and is gone
+  static bool discard_unmade(const std::filesystem::path& folder, Storage& storage);
   /// Opens an unfinished (or finished) session, recovers it, and goes on.
   [[nodiscard]] static Result<SessionWriter> reopen(const std::filesystem::path& folder,
                                                     Storage& storage);
@@ -94,6 +99,9 @@ class SessionWriter {
 
  private:
   struct Impl;
+  [[nodiscard]] static Result<SessionWriter> make(
+      const std::filesystem::path& folder, const SessionInfo& info, const std::string& rig_toml,
+      const std::string& plan_json, std::uint64_t reserve_bytes, Storage& storage);
   explicit SessionWriter(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };

@@ -6,6 +6,8 @@ import {bytes, duration, number} from './words.js';
 
 const byId = id => document.getElementById(id);
 const kTypingMs = 350;
+/** A newer dry run of this page takes the place of one that still waits. */
+const kClient = Math.random().toString(36).slice(2);
 
 /** Plans to begin with; {exposure} is the rig's own. */
 const kPresets = [
@@ -96,7 +98,7 @@ export class PlanPanel {
     const turn = ++this.asked;
     const problem = byId('plan-error');
     try {
-      const cost = await post('/v1/dry-run?name=plan', this.text.value);
+      const cost = await post(`/v1/dry-run?name=plan&client=${kClient}`, this.text.value);
       if (turn !== this.asked) {
         return;
       }

@@ -27,6 +27,8 @@ export const REASONS = {
   camera: ['The camera is lost.', 'Check its cable and its power.'],
   controller: ['The light controller is lost.', 'Check its cable, its power and the address in the rig file.'],
   disk: ['The disk takes no more frames.', 'Free some space, or mend the disk. No frame is lost.'],
+  session_folder: ['The session\'s folder was moved or deleted.',
+    'Put it back where it was, or abort.'],
   no_clean_frame: ['No clean frame arrives.',
     'Something delays the light or the frames: check the frame rate, the settle times and the exposure in the rig file.'],
   held_back: ['The controller holds the lights back.',
@@ -37,6 +39,10 @@ export const REASONS = {
 export function cureOf(reason, detail) {
   if (reason === 'held_back' && /interlock/i.test(detail)) {
     return ['The interlock is open.', 'Close the rig\'s door or cover; nothing is lit before.'];
+  }
+  if (reason === 'held_back' && /asked again/i.test(detail)) {
+    return ['The controller refuses what it took before.',
+      'It is asked again. If it stays so, look at its power, its cable and its own log.'];
   }
   if (reason === 'held_back' && /temperature|hot/i.test(detail)) {
     return ['The lights are too hot.', 'They cool down by themselves; is the fan running?'];

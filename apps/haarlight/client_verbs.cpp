@@ -14,6 +14,7 @@
 #include "apps/haarlight/verb.h"
 #include "capture/daemon_client.h"
 #include "core/files.h"
+#include "core/log.h"
 #include "core/progress.h"
 
 namespace haarlight {
@@ -67,6 +68,14 @@ void print_state(const Json& state) {
     fmt::print("  ({})", reason);
   }
   fmt::print("\n");
+  if (state.contains("unfinished") && state["unfinished"].is_array()) {
+    for (const Json& id : state["unfinished"]) {
+      if (id.is_string()) {
+        fmt::print("unfinished: {0}  (`haarlight capture --session {0}` goes on with it)\n",
+                   id.get<std::string>());
+      }
+    }
+  }
 }
 
 /// The state, or nothing while the daemon is away for less than half a minute.
@@ -131,6 +140,16 @@ Json follow(DaemonClient& client, const std::string& session, ProgressStyle styl
   }
 }
 
+/// The daemon goes on showing the session, and takes shots of it again, by a link in its place.
+void leave_link(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::create_directory_symlink(fs::absolute(to).lexically_normal(), from, error);
+  if (error) {
+    log_warning(fmt::format("the daemon does not see the session any more: no link {}: {}",
+                            from.string(), error.message()));
+  }
+}
+
 /// Moves a finished session to where it was asked for.
 void move_session(const fs::path& from, const fs::path& to) {
   std::error_code error;
@@ -139,6 +158,7 @@ void move_session(const fs::path& from, const fs::path& to) {
   }
   fs::rename(from, to, error);
   if (!error) {
+    leave_link(from, to);
     return;
   }
   // Another file system: copy under a temporary name, so that the result appears whole.
@@ -154,6 +174,7 @@ void move_session(const fs::path& from, const fs::path& to) {
                 "it is complete in " + from.string(), ExitCode::io);
   }
   fs::remove_all(from, error);
+  leave_link(from, to);
 }
 
 ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& common,
@@ -216,7 +237,8 @@ void add_capture(Command root, Invocation& invocation) {
   verb.option("PLAN", &arguments->plan, "Plan file, or a plan.json", {.type = "PLAN.toml"});
   verb.option("--session", &arguments->session, "Go on with this session of the daemon's",
               {.type = "ID"});
-  verb.option("-o", &arguments->output, "Move the finished session here", {.type = "SESSION"});
+  verb.option("-o", &arguments->output,
+              "Move the finished session here; the daemon keeps a link", {.type = "SESSION"});
   add_daemon_options(verb, arguments->address);
   verb.footer(
       "Prints the session's folder. Ending this command does not end the capture.\n"

@@ -3,6 +3,7 @@
 
 #include <set>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
@@ -77,6 +78,30 @@ RC_GTEST_PROP(PlanLimits, WhatTheHostAcceptsTheControllerShows, ()) {
   } else if (face.max_duty == 1.0) {
     RC_ASSERT(!is_shown);  // power is the same sum on both sides
   }
+}
+
+/// What is refused; made first, the second would take 17 GB and the third 5 GB.
+TEST(PlanLimits, ABoundlessPlanIsRefusedByArithmeticBeforeItIsMade) {
+  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
+  rig.faces[0].rows = rig.faces[0].cols = 256;
+  const auto refusal = [&rig](const PlanSettings& settings) -> std::string {
+    try {
+      return std::to_string(expand_plan(settings, rig).shots.size()) + " shots were made";
+    } catch (const Error& error) {
+      return error.what();
+    }
+  };
+  PlanSettings many;
+  many.exposures_us = {1000.0, 2000.0};
+  many.repeats = 10000;  // 1.3e9 shots
+  EXPECT_THAT(refusal(many), ::testing::HasSubstr("1.31e+09 shots"));
+  PlanSettings s_matrix;
+  s_matrix.patterns = PlanPatterns::s_matrix;
+  EXPECT_THAT(refusal(s_matrix), ::testing::HasSubstr("2.15e+09 lit lights"));
+  PlanSettings flats;
+  flats.lights = {0};
+  flats.flats = 10000;
+  EXPECT_THAT(refusal(flats), ::testing::HasSubstr("6.55e+08 lit lights"));
 }
 
 }  // namespace

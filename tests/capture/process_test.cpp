@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstdlib>
 #include <functional>
 #include <regex>
 #include <thread>
@@ -213,6 +214,36 @@ TEST_P(DaemonProcess, AskedToEndItDarkensAtOnce) {
   pid_ = -1;
   EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
   EXPECT_TRUE(served_->controller().lit().pattern->empty());
+}
+
+TEST_P(DaemonProcess, ASessionMovedByTheCommandIsShownAndTakenAgain) {
+  start();
+  write_file_atomically(folder_.path() / "p.toml",
+                        "schema = 1\nname = \"p\"\npatterns = \"one_at_a_time\"\n");
+  const std::string program = (std::filesystem::read_symlink("/proc/self/exe").parent_path() /
+                               "../../apps/haarlight" / "haarlight")
+                                  .string();
+  const auto command = [&](const std::string& arguments) {
+    return std::system(("cd " + folder_.path().string() + " && " + program + " " + arguments +
+                        " --daemon " + url_ + " >said-too.txt 2>&1")
+                           .c_str());
+  };
+  ASSERT_EQ(command("capture p.toml -o vase"), 0)
+      << read_file(folder_.path() / "said-too.txt", 1U << 20U);
+  const std::filesystem::path vase = folder_.path() / "vase";
+  ASSERT_TRUE(std::filesystem::exists(vase / "session.json"));
+  const std::string said = state();
+  const std::regex id(R"re("session":\s*"([^"]+)")re");
+  std::smatch match;
+  ASSERT_TRUE(std::regex_search(said, match, id)) << said;
+  EXPECT_EQ(DaemonClient({.url = url_}).get("/v1/sessions/" + match[1].str() + "/map").status,
+            200);
+  ASSERT_EQ(command("reshoot 3 5"), 0);
+  ASSERT_TRUE(wait_until([&] {
+    return std::filesystem::exists(vase / "frames/000003_a1.tif") &&
+           state().find(R"("phase":"done")") != std::string::npos;
+  })) << state();
+  expect_true_session(vase);
 }
 
 INSTANTIATE_TEST_SUITE_P(Modes, DaemonProcess,

@@ -335,14 +335,25 @@ TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
   EXPECT_EQ(show->tag, 1U);
 }
 
-TEST(Sequencer, ARefusedPatternEndsTheRunWithItsReason) {
+TEST(Sequencer, ARefusedPatternIsAskedForAgainAndEndsTheRunAtTheFourthTime) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   d.send(frame_at(9, 3'700'000));
   d.send(event::LightConfirmed{.frame = 9, .t_request_ns = 3'990'000, .tag = 1, .boot_id = 77});
+  for (int i = 1; i < 4; ++i) {
+    d.send(event::LightFault{d.state.job, Errc::refused, "power limit"});
+    ASSERT_EQ(d.state.phase, Phase::suspended) << i;
+    EXPECT_EQ(d.state.reasons, kHeldBack);
+    EXPECT_NE(d.find<action::LightsOff>(), nullptr) << "what was lit may be lit still";
+    d.send(event::LightDark{d.state.job});
+    d.t_ns += 1'100'000'000;
+    d.send(event::Tick{});
+    ASSERT_EQ(d.state.phase, Phase::running) << i;
+  }
   d.send(event::LightFault{d.state.job, Errc::refused, "power limit"});
   EXPECT_EQ(d.state.phase, Phase::aborting);
   EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("power limit"));
+  EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("4 times"));
 }
 
 TEST(Sequencer, AControllerThatSaysNotNowIsAskedAgainAfterASecond) {

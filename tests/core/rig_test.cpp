@@ -47,6 +47,25 @@ TEST(Rig, ReadsThePapersCube) {
   EXPECT_EQ(light_elements(rig).size(), 1024U);
 }
 
+TEST(Rig, AProxysNameIsReadAndNeedsAToken) {
+  const std::string hosts = "\nallowed_hosts = [\"rig.example\", \"lab-2.example:8443\"]";
+  const std::string token = "\ntoken_file = \"token\"";
+  const auto with_http = [](const std::string& more) {
+    return with(small_rig_text(), "[http]", "[http]" + more);
+  };
+  const Rig rig = parse_rig(with_http(hosts + token), "rig.toml");
+  EXPECT_THAT(rig.http.allowed_hosts,
+              ::testing::ElementsAre("rig.example", "lab-2.example:8443"));
+  EXPECT_THAT(message_of(with_http(hosts)), HasSubstr("needs a token"));
+  for (const char* bad : {"https://rig.example", "Rig.example", "rig.example/", "",
+                          "rig.example:", "rig.example:99999", "rig.example:0", "*"}) {
+    EXPECT_THAT(
+        message_of(with_http("\nallowed_hosts = [\"" + std::string(bad) + "\"]" + token)),
+        HasSubstr("is no name of a host"))
+        << bad;
+  }
+}
+
 TEST(Rig, NumbersSeveralFacesInFileOrder) {
   std::string text = small_rig_text();
   const std::size_t face = text.find("[[face]]");
