@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 
 #include "capture/frame_checks.h"
-#include "capture/preview_png.h"
 #include "session/clip_level.h"
 
 namespace haarlight {
@@ -19,8 +18,6 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kSlice{20};  // how long a command waits at most for a silent camera
 constexpr std::int64_t kSilenceNs = 500'000'000;  // beside exposure and frames: then it is lost
-constexpr std::int64_t kPreviewEveryNs = 100'000'000;
-constexpr int kPreviewWidth = 640;
 
 TriggerSource trigger_source(SyncMode sync) {
   switch (sync) {
@@ -95,11 +92,6 @@ void CameraThread::post(const action::TriggerCamera& command) {
   (void)commands_.try_push(command);  // lost: the shot times out and is shown again
 }
 
-std::optional<PreviewPicture> CameraThread::preview() const {
-  const std::lock_guard lock(preview_mutex_);
-  return preview_;
-}
-
 void CameraThread::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     const auto wait = !is_streaming_ ? milliseconds(250) : is_idle() ? kSlice : milliseconds(0);
@@ -130,6 +122,7 @@ void CameraThread::do_command(const Command& command) {
       return;
     }
     last_frame_ns_ = steady_now_ns();
+    tap_.forget();
     send_(event::CameraStarted{stream_, setup->exposure_us, setup->n_buffers});
   } else if (const auto* set = std::get_if<action::SetExposure>(&command)) {
     if (!is_streaming_) {
@@ -155,6 +148,7 @@ void CameraThread::do_command(const Command& command) {
     }
   } else {
     is_streaming_ = false;
+    tap_.forget();
     camera_->stop();
   }
 }
@@ -165,6 +159,7 @@ bool CameraThread::is_idle() const {
 
 void CameraThread::fault(const Fault& fault) {
   is_streaming_ = false;
+  tap_.forget();
   camera_->stop();
   send_(event::CameraFault{stream_, fault.code, fault.what});
 }
@@ -194,39 +189,13 @@ void CameraThread::take_frame() {
     const ImageView<const std::uint16_t> active(pixels.data(), spec_.active_rows,
                                                 pixels.width(), 1, pixels.row_stride());
     glance = glance_at(active, clip_dn_);
-    keep_preview(*frame);
   }
+  const bool is_looked_at = !pixels.is_empty() && tap_.is_wanted(last_frame_ns_);
   const std::uint64_t id = store_.put(*std::move(frame));
+  if (is_looked_at) {
+    tap_.offer(store_.get(id), spec_.active_rows, last_frame_ns_);
+  }
   send_(event::FrameArrived{id, stream_, info, glance.hash, glance.must_differ});
-}
-
-void CameraThread::keep_preview(const Frame& frame) {
-  if (last_frame_ns_ - last_preview_ns_ < kPreviewEveryNs) {
-    return;
-  }
-  last_preview_ns_ = last_frame_ns_;
-  const ImageView<const std::uint16_t> pixels = frame.pixels();
-  const int step = std::max(1, (pixels.width() + kPreviewWidth - 1) / kPreviewWidth);
-  PreviewPicture picture;
-  picture.sequence = frame.info().sequence;
-  picture.grey = Image<std::uint8_t>(spec_.active_rows / step, pixels.width() / step, 1);
-  const auto shift = static_cast<unsigned>(spec_.bits - 8);
-  std::size_t n_clipped = 0;
-  for (int y = 0; y < picture.grey.height(); ++y) {
-    for (int x = 0; x < picture.grey.width(); ++x) {
-      const std::uint16_t word = pixels(y * step, x * step);
-      picture.grey(y, x) = static_cast<std::uint8_t>(std::min(255, word >> shift));
-      n_clipped += word >= clip_dn_ ? 1 : 0;
-    }
-  }
-  picture.saturated_share =
-      static_cast<double>(n_clipped) /
-      static_cast<double>(std::max<std::size_t>(1, picture.grey.pixels().size()));
-  const ImageView<const std::uint16_t> active(pixels.data(), spec_.active_rows, pixels.width(),
-                                              1, pixels.row_stride());
-  picture.codes = make_preview_codes(active, spec_.noise.black_dn, clip_dn_, step);
-  const std::lock_guard lock(preview_mutex_);
-  preview_ = std::move(picture);
 }
 
 }  // namespace haarlight

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "capture/camera.h"
+#include "capture/frame_tap.h"
 #include "capture/sequencer.h"
 #include "capture/thread_pulse.h"
 #include "capture/work_queue.h"
@@ -33,14 +34,6 @@ class FrameStore {
   std::map<std::uint64_t, std::shared_ptr<const Frame>> frames_;
 };
 
-/// A small 8-bit copy of a recent frame, for people.
-struct PreviewPicture {
-  Image<std::uint8_t> grey;
-  Image<std::uint8_t> codes;  ///< with clipping marked, see capture/preview_png.h
-  std::uint64_t sequence = 0;
-  double saturated_share = 0.0;
-};
-
 class CameraThread {
  public:
   CameraThread(std::unique_ptr<Camera> camera, CameraSpec spec, FrameStore& store,
@@ -54,8 +47,8 @@ class CameraThread {
   void post(const action::SetExposure& command);
   void post(const action::TriggerCamera& command);
 
-  /// The newest, at most ten a second; nothing before the first frame. Thread-safe.
-  [[nodiscard]] std::optional<PreviewPicture> preview() const;
+  /// The newest frame for people who look, see capture/frame_tap.h. Thread-safe.
+  [[nodiscard]] FrameTap& tap() noexcept { return tap_; }
   [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
 
  private:
@@ -68,7 +61,6 @@ class CameraThread {
   /// No frame comes before our trigger: the command is waited for, not the camera.
   [[nodiscard]] bool is_idle() const;
   void fault(const Fault& fault);
-  void keep_preview(const Frame& frame);
 
   std::unique_ptr<Camera> camera_;
   CameraSpec spec_;
@@ -77,15 +69,13 @@ class CameraThread {
   std::function<void(EventBody)> send_;
   WorkQueue<Command> commands_{64};
   ThreadPulse pulse_{"camera"};
-  mutable std::mutex preview_mutex_;
-  std::optional<PreviewPicture> preview_;
+  FrameTap tap_;
   // Of the thread alone.
   bool is_streaming_ = false;
   std::uint64_t stream_ = 0;
   std::int64_t last_frame_ns_ = 0;
   bool is_frame_due_ = false;  ///< by itself, or by a trigger of ours
   SyncMode sync_ = SyncMode::free_run;
-  std::int64_t last_preview_ns_ = 0;
   std::jthread thread_;  // last: stops first
 };
 

@@ -190,8 +190,7 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
     return true;
   }
   if (all->empty()) {
-    return wrong("no light controller on USB",
-                 "plug it in and switch it on; `lsusb` shows what is there");
+    return wrong("no light controller on USB", controller_cure(spec));
   }
   std::string found = fmt::format("{}", fmt::join(there, ", "));
   if (!is_barred) {
@@ -255,6 +254,20 @@ std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Id
 
 }  // namespace
 
+std::string controller_cure(const ControllerSpec& spec) {
+  switch (spec.kind) {
+    case ControllerKind::modbus_tcp:
+      return "is it switched on and on this network? correct address; is a firewall between?";
+    case ControllerKind::modbus_rtu:
+      return "correct the baud rate or unit; are A and B of the RS-485 pair swapped? is "
+             "another "
+             "program using the line?";
+    case ControllerKind::usb:
+      return "plug it in and switch it on; `lsusb` shows what is there";
+  }
+  return {};
+}
+
 std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& options) {
   const ControllerSpec& spec = rig.controller;
   DoctorLine line{"controller", Finding::good,
@@ -309,13 +322,10 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
         if (cure.empty()) {
           cure = port_answers ? "the port is open, but no controller answers to this unit: "
                                 "correct unit, or is another device at this address?"
-                              : "is it switched on and on this network? correct address; is a "
-                                "firewall between?";
+                              : controller_cure(spec);
         }
       } else {
-        cure =
-            "correct the baud rate or unit; are A and B of the RS-485 pair swapped? is another "
-            "program using the line?";
+        cure = controller_cure(spec);
       }
       return wrong(id.error(), cure);
     }

@@ -102,6 +102,7 @@ class Daemon::Impl {
  public:
   explicit Impl(DaemonConfig config)
       : config_(std::move(config)),
+        watch_(config_.rig, steady_now_ns()),
         stream_(std::make_shared<EventStream>(
             EventStreamOptions{.replay = [this](std::int64_t after, std::size_t max) {
               return replay(after, max);
@@ -184,9 +185,10 @@ class Daemon::Impl {
     return shot_states_;
   }
   [[nodiscard]] int port() const { return server_ == nullptr ? 0 : server_->port(); }
-  [[nodiscard]] std::optional<PreviewPicture> preview() const { return camera_->preview(); }
+  [[nodiscard]] FrameTap& tap() const { return camera_->tap(); }
   [[nodiscard]] const DaemonConfig& config() const { return config_; }
   [[nodiscard]] const RunObserver& observer() const { return observer_; }
+  [[nodiscard]] RigWatch& watch() { return watch_; }
   [[nodiscard]] std::size_t n_frames_held() const { return store_.size(); }
   [[nodiscard]] std::uint64_t n_lines_dropped() const { return writer_->n_lines_dropped(); }
   [[nodiscard]] HttpCounters http_counters() const {
@@ -498,6 +500,7 @@ class Daemon::Impl {
       return;
     }
     OpenSession& opened = ready->session;
+    watch_.begin(ready->patterns);
     checker_of_session_ = std::move(ready->checker);
     observer_.begin(std::move(ready->kinds), opened.form, opened.next_attempt);
     run_ns_ = 0;
@@ -527,9 +530,11 @@ class Daemon::Impl {
       refuse_order(fmt::format("the daemon is busy: {}", to_string(state.phase)));
       return;
     }
+    auto lit = patterns_of(plan);
+    watch_.begin(lit);
     {
       const std::lock_guard lock(mutex_);
-      patterns_ = patterns_of(plan);
+      patterns_ = std::move(lit);
       published_.is_opening = false;
       published_.reason_text.clear();
     }
@@ -564,10 +569,12 @@ class Daemon::Impl {
     run_ns_ += state.phase == Phase::running ? now_ns - stepped_ns_ : 0;
     stepped_ns_ = now_ns;
     observer_.see(now_ns, body);
+    watch_.see(now_ns, body);
     StepResult result = step(std::move(state), TimedEvent{now_ns, std::move(body)});
     state = std::move(result.state);
     for (Action& action : result.actions) {
       observer_.see(now_ns, action);
+      watch_.see(now_ns, action);
       perform(std::move(action));
     }
     show(state);
@@ -740,6 +747,7 @@ class Daemon::Impl {
   ThreadPulse control_pulse_{"control"};
   ThreadPulse checker_pulse_{"checks"};
   RunObserver observer_;
+  RigWatch watch_;
 
   mutable std::mutex mutex_;
   DaemonState published_;
@@ -786,12 +794,16 @@ void Daemon::show_preview(std::vector<LightLevel> lit, double exposure_us) {
   impl_->show_preview(std::move(lit), exposure_us);
 }
 void Daemon::request(EventBody request) { impl_->receive(std::move(request)); }
-std::optional<PreviewPicture> Daemon::preview() const { return impl_->preview(); }
+std::shared_ptr<const TappedFrame> Daemon::newest_frame() const {
+  return impl_->tap().newest();
+}
+std::uint64_t Daemon::n_frames_shown() const { return impl_->tap().n_copied(); }
 const Rig& Daemon::rig() const { return impl_->config().rig; }
 Plan Daemon::expand(const std::string& plan_text, const std::string& name) const {
   return impl_->expand(plan_text, name);
 }
 const RunObserver& Daemon::observer() const { return impl_->observer(); }
+RigWatch& Daemon::watch() const { return impl_->watch(); }
 std::string Daemon::hanging_thread() const { return impl_->hanging_thread(); }
 
 void Daemon::put_lights_out() const {
@@ -847,6 +859,7 @@ std::string Daemon::metrics() const {
   count("table_mismatches_total", "Steps that showed another tag than the table's",
         c.table_mismatches);
   count("commits_total", "Frames committed", c.commits);
+  count("frames_shown_total", "Frames copied for people who look", n_frames_shown());
   count("event_lines_dropped_total", "Event lines lost to a slow disk",
         impl_->n_lines_dropped());
   count("http_requests_total", "Requests answered", impl_->http_counters().requests);

@@ -12,6 +12,7 @@
 
 #include "capture/camera_thread.h"
 #include "capture/plan.h"
+#include "capture/rig_watch.h"
 #include "capture/run_observer.h"
 #include "capture/sequencer.h"
 #include "core/rig.h"
@@ -101,20 +102,26 @@ class Daemon {
   /// Goes on with an unfinished session of the sessions folder.
   /// @throws Error  no such session; interrupted: a run is in progress
   [[nodiscard]] RunReceipt resume_session(const std::string& id);
-  /// Lights these and streams, for aiming and focusing: state() says is_preview, preview() has
-  /// the picture. Ends by an abort, by all-off, or by itself after a minute.
+  /// Lights these and streams, for aiming and focusing: state() says is_preview,
+  /// newest_frame() has the picture. Ends by an abort, by all-off, or by itself after a minute.
   /// @param exposure_us  0: the camera's own
   /// @throws Error  lights that the rig has not, too much power; interrupted: a run is in
   /// progress
   void show_preview(std::vector<LightLevel> lit, double exposure_us);
   /// One of the sequencer's requests: Pause, Resume, Abort, SafeOff, Reshoot.
   void request(EventBody request);
-  [[nodiscard]] std::optional<PreviewPicture> preview() const;
+  /// The camera's newest frame for people, see capture/frame_tap.h: nothing before the first
+  /// one that comes after somebody asked, and nothing while the camera rests.
+  [[nodiscard]] std::shared_ptr<const TappedFrame> newest_frame() const;
+  /// Frames that were copied for people so far.
+  [[nodiscard]] std::uint64_t n_frames_shown() const;
   [[nodiscard]] const Rig& rig() const;
   /// A plan as run() would take it. @throws Error  the plan's problems
   [[nodiscard]] Plan expand(const std::string& plan_text, const std::string& name) const;
   /// What is known of the run's shots.
   [[nodiscard]] const RunObserver& observer() const;
+  /// What is known of the devices.
+  [[nodiscard]] RigWatch& watch() const;
   /// Prometheus text.
   [[nodiscard]] std::string metrics() const;
 

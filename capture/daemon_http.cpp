@@ -12,7 +12,6 @@
 
 #include "capture/daemon.h"
 #include "capture/daemon_page.h"
-#include "capture/grey_jpeg.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/report.h"
@@ -26,7 +25,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr int kPreviewWidth = 640;
 constexpr std::size_t kMaxListed = 20;
 constexpr std::size_t kMaxPreviewLights = 100000;
 constexpr std::uintmax_t kMaxFrameFile = std::uintmax_t{1} << 28U;
@@ -161,29 +159,6 @@ std::optional<fs::path> newest_frame(const fs::path& session, int shot) {
   return found;
 }
 
-/// Sensor words of a stored frame as a small 8-bit picture, white = 255.
-std::string frame_preview(const fs::path& file, const FrameForm& form) {
-  const MappedFile mapped(file);
-  const FrameTiffHeader header = read_frame_tiff_header(mapped.bytes(), file.string());
-  if (header.sample != SampleType::u16 || header.channels != 1 || header.width != form.width) {
-    throw Error("the frame has another form than the session", file.string(),
-                "run haarlight verify");
-  }
-  const std::vector<std::byte> bytes =
-      read_frame_tiff_rows(mapped.bytes(), header, 0, form.height, file.string());
-  const ImageView<const std::uint16_t> words(
-      reinterpret_cast<const std::uint16_t*>(bytes.data()), form.height, form.width, 1);
-  const int step = std::max(1, (form.width + kPreviewWidth - 1) / kPreviewWidth);
-  Image<std::uint8_t> grey(std::max(1, form.height / step), std::max(1, form.width / step), 1);
-  for (int y = 0; y < grey.height(); ++y) {
-    for (int x = 0; x < grey.width(); ++x) {
-      const double value = 255.0 * words(y * step, x * step) / form.white_level;
-      grey(y, x) = static_cast<std::uint8_t>(std::clamp(value, 0.0, 255.0));
-    }
-  }
-  return encode_grey_jpeg(std::as_const(grey).view());
-}
-
 class Handlers {
  public:
   Handlers(Daemon& daemon, fs::path sessions)
@@ -260,27 +235,6 @@ class Handlers {
                           {"attempt", description.attempt},
                           {"file", fs::relative(file, folder).string()},
                           {"evidence", Json::parse(evidence_to_json(description.evidence))}});
-  }
-
-  [[nodiscard]] HttpResponse shot_preview(const HttpRequest& request) const {
-    const auto found = frame_of(request);
-    if (!found) {
-      return no_frame_yet();
-    }
-    return {.content_type = "image/jpeg",
-            .body = frame_preview(found->file, info_of(found->folder).form)};
-  }
-
-  [[nodiscard]] HttpResponse live_preview() const {
-    const auto picture = daemon_.preview();
-    if (!picture) {
-      return missing("the camera has delivered no frame yet", "start a run first");
-    }
-    return {.content_type = "image/jpeg",
-            .body = encode_grey_jpeg(picture->grey.view()),
-            .headers = {{"X-Frame-Sequence", std::to_string(picture->sequence)},
-                        {"X-Saturated-Share", fmt::format("{:.6f}", picture->saturated_share)},
-                        {"Cache-Control", "no-store"}}};
   }
 
   [[nodiscard]] HttpResponse run(const HttpRequest& request) const {
@@ -426,9 +380,6 @@ HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
   site.get("/v1/sessions/{id}", [h](const HttpRequest& r) { return h->session(r); });
   site.get("/v1/sessions/{id}/shots", [h](const HttpRequest& r) { return h->shots(r); });
   site.get("/v1/sessions/{id}/shots/{shot}", [h](const HttpRequest& r) { return h->shot(r); });
-  site.get("/v1/sessions/{id}/shots/{shot}/preview.jpg",
-           [h](const HttpRequest& r) { return h->shot_preview(r); });
-  site.get("/v1/preview.jpg", [h](const HttpRequest&) { return h->live_preview(); });
   const auto metrics = [&daemon](const HttpRequest&) {
     return HttpResponse{.content_type = "text/plain; version=0.0.4", .body = daemon.metrics()};
   };

@@ -12,9 +12,11 @@
 #include <nlohmann/json.hpp>
 
 #include "capture/daemon.h"
+#include "capture/daemon_view.h"
+#include "capture/device_report.h"
 #include "capture/frame_words.h"
-#include "capture/preview_png.h"
 #include "capture/run_observer.h"
+#include "capture/thread_pulse.h"
 #include "capture/writer_thread.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -210,7 +212,9 @@ class PageHandlers {
     return json_response(json);
   }
 
-  [[nodiscard]] HttpResponse frame_png(const HttpRequest& request) {
+  /// Of a shot's newest frame. @param make  from its rows and their scale
+  template <class Make>
+  [[nodiscard]] HttpResponse of_frame(const HttpRequest& request, const Make& make) {
     const auto session = session_of(request);
     const auto index = shot_of(request);
     int attempt = -1;
@@ -231,19 +235,52 @@ class PageHandlers {
         read_frame_tiff_rows(mapped.bytes(), header, 0, form.height, file->string());
     const ImageView<const std::uint16_t> words(
         reinterpret_cast<const std::uint16_t*>(bytes.data()), form.height, form.width, 1);
-    const Image<std::uint8_t> codes = make_preview_codes(
-        words, form.black_level, form.saturation_dn(), preview_step(form.width));
-    return png(codes.view());
+    return make(words, WordScale{.black_dn = form.black_level,
+                                 .clip_dn = form.saturation_dn(),
+                                 .white_dn = form.white_level,
+                                 .bayer = form.bayer,
+                                 .noise = daemon_.rig().cameras.front().noise});
   }
 
-  [[nodiscard]] HttpResponse live_png() const {
-    const auto picture = daemon_.preview();
-    if (!picture) {
-      return missing("the camera has delivered no frame yet", "start a preview or a run first");
+  [[nodiscard]] HttpResponse history(const HttpRequest& request) const {
+    const std::string span = request.query_or("span", "minutes");
+    if (span != "minutes" && span != "hours") {
+      throw Error(fmt::format("span = \"{}\" is not known", span), request.path,
+                  "write minutes or hours");
     }
-    HttpResponse response = png(picture->codes.view());
-    response.headers["X-Frame-Sequence"] = std::to_string(picture->sequence);
-    return response;
+    const RigHistory history = daemon_.watch().history(
+        steady_now_ns(), span == "hours" ? HistorySpan::hours : HistorySpan::minutes);
+    Json temperatures = Json::array();
+    for (const std::optional<double>& one : history.temperature_c) {
+      temperatures.push_back(one ? Json(*one) : Json(nullptr));
+    }
+    double max_duty = 0.0;
+    double max_watts = 0.0;
+    for (const Face& face : daemon_.rig().faces) {
+      max_duty = std::max(max_duty, face.max_duty);
+      max_watts += face.max_power.value();
+    }
+    return json_response({{"step_s", history.step_s},
+                          {"temperature_c", std::move(temperatures)},
+                          {"watts", history.watts},
+                          {"duty", history.duty},
+                          {"frames", history.frames},
+                          {"max_watts", max_watts},
+                          {"max_duty", max_duty}});
+  }
+
+  [[nodiscard]] HttpResponse devices() const {
+    Json lines = Json::array();
+    for (const DoctorLine& line :
+         report_devices(daemon_.rig(), sessions_, daemon_.watch().controller(),
+                        daemon_.watch().camera(), steady_now_ns())) {
+      lines.push_back({{"subject", line.subject},
+                       {"finding", std::string(to_string(line.finding))},
+                       {"expected", line.expected},
+                       {"found", line.found},
+                       {"cure", line.cure}});
+    }
+    return json_response({{"devices", std::move(lines)}});
   }
 
   [[nodiscard]] HttpResponse price(const HttpRequest& request) const {
@@ -267,13 +304,6 @@ class PageHandlers {
   }
 
  private:
-  static HttpResponse png(ImageView<const std::uint8_t> codes) {
-    return {.content_type = "image/png",
-            .body = encode_preview_png(codes),
-            .headers = {{"X-Saturated-Share", fmt::format("{:.6f}", saturated_share_of(codes))},
-                        {"Cache-Control", "no-store"}}};
-  }
-
   [[nodiscard]] fs::path folder_of(const HttpRequest& request) const {
     return sessions_ / request.captures.at("id");
   }
@@ -344,9 +374,21 @@ void add_page_routes(HttpSite& site, Daemon& daemon, const fs::path& sessions) {
   site.get("/v1/sessions/{id}/layout", [h](const HttpRequest& r) { return h->layout(r); });
   site.get("/v1/sessions/{id}/shots/{shot}/story",
            [h](const HttpRequest& r) { return h->story(r); });
-  site.get("/v1/sessions/{id}/shots/{shot}/frame.png",
-           [h](const HttpRequest& r) { return h->frame_png(r); });
-  site.get("/v1/preview.png", [h](const HttpRequest&) { return h->live_png(); });
+  site.get("/v1/sessions/{id}/shots/{shot}/frame.png", [h](const HttpRequest& r) {
+    return h->of_frame(r, [&r](auto words, const WordScale& scale) {
+      return png_response(words, scale, region_of(r, words.width(), words.height()));
+    });
+  });
+  site.get("/v1/sessions/{id}/shots/{shot}/preview.jpg",
+           [h](const HttpRequest& r) { return h->of_frame(r, jpeg_response); });
+  site.get("/v1/sessions/{id}/shots/{shot}/facts", [h](const HttpRequest& r) {
+    return h->of_frame(r, [&r](auto words, const WordScale& scale) {
+      return facts_response(words, scale, region_of(r, words.width(), words.height()));
+    });
+  });
+  site.get("/v1/history", [h](const HttpRequest& r) { return h->history(r); });
+  site.get("/v1/devices", [h](const HttpRequest&) { return h->devices(); });
+  add_view_routes(site, daemon);
   site.add({.method = "POST",
             .pattern = "/v1/dry-run",
             .handler = [h](const HttpRequest& r) { return h->price(r); },

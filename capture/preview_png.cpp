@@ -63,39 +63,56 @@ std::string palette() {
 
 }  // namespace
 
-int preview_step(int width) { return std::max(1, (width + kPreviewWidth - 1) / kPreviewWidth); }
+GreyCurve::GreyCurve(double black, double white)
+    : black_(black), scale_(kTableSize / (white - black)) {
+  HAARLIGHT_EXPECTS(black < white, "two levels");
+}
+
+std::uint8_t GreyCurve::operator()(double word) const {
+  const double place = std::clamp((word - black_) * scale_, 0.0, kTableSize - 1.0);
+  return code_table()[static_cast<std::size_t>(place)];
+}
+
+int preview_step(int width, int height, BayerPattern bayer) {
+  const int step = std::max(1, (std::max(width, height) + kPreviewWidth - 1) / kPreviewWidth);
+  return bayer == BayerPattern::none || step == 1 ? step : step + step % 2;
+}
 
 Image<std::uint8_t> make_preview_codes(ImageView<const std::uint16_t> words, double black,
                                        double white, int step) {
-  HAARLIGHT_EXPECTS(black < white && step >= 1, "a picture of step >= 1 between two levels");
-  const std::array<std::uint8_t, kTableSize>& table = code_table();
-  const double scale = kTableSize / (white - black);
-  Image<std::uint8_t> codes(std::max(1, words.height() / step),
-                            std::max(1, words.width() / step), 1);
-  std::vector<std::uint16_t> greatest(static_cast<std::size_t>(codes.width()));
+  HAARLIGHT_EXPECTS(step >= 1, "a picture of step >= 1");
+  const GreyCurve curve(black, white);
+  Image<std::uint8_t> codes((words.height() + step - 1) / step,
+                            (words.width() + step - 1) / step, 1);
+  const auto width = static_cast<std::size_t>(codes.width());
+  const auto block = static_cast<std::size_t>(step);
+  std::vector<std::uint16_t> greatest(width);
+  std::vector<std::uint64_t> sums(width);
   for (int y = 0; y < codes.height(); ++y) {
     std::fill(greatest.begin(), greatest.end(), std::uint16_t{0});
-    for (int row = y * step; row < std::min((y + 1) * step, words.height()); ++row) {
+    std::fill(sums.begin(), sums.end(), std::uint64_t{0});
+    const int end_row = std::min((y + 1) * step, words.height());
+    for (int row = y * step; row < end_row; ++row) {
       const auto line = words.row(row);
-      for (std::size_t x = 0; x < greatest.size(); ++x) {
-        const std::size_t first = x * static_cast<std::size_t>(step);
-        const std::size_t end = std::min(first + static_cast<std::size_t>(step), line.size());
-        for (std::size_t i = first; i < end; ++i) {
-          greatest[x] = std::max(greatest[x], line[i]);
+      for (std::size_t x = 0; x < width; ++x) {
+        const std::size_t end = std::min((x + 1) * block, line.size());
+        std::uint16_t most = greatest[x];
+        std::uint64_t sum = 0;
+        for (std::size_t i = x * block; i < end; ++i) {
+          most = std::max(most, line[i]);
+          sum += line[i];
         }
+        greatest[x] = most;
+        sums[x] += sum;
       }
     }
-    for (int x = 0; x < codes.width(); ++x) {
-      const std::uint16_t most = greatest[static_cast<std::size_t>(x)];
-      const double word = words(y * step, x * step);
-      if (most >= white) {
-        codes(y, x) = kCodeSaturated;
-      } else if (most <= black) {
-        codes(y, x) = kCodeBlack;
-      } else {
-        const double place = std::clamp((word - black) * scale, 0.0, kTableSize - 1.0);
-        codes(y, x) = table[static_cast<std::size_t>(place)];
-      }
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::size_t columns = std::min((x + 1) * block, words.row(0).size()) - x * block;
+      const double n = static_cast<double>(columns) * (end_row - y * step);
+      codes(y, static_cast<int>(x)) = greatest[x] >= white ? kCodeSaturated
+                                      : greatest[x] <= black
+                                          ? kCodeBlack
+                                          : curve(static_cast<double>(sums[x]) / n);
     }
   }
   return codes;

@@ -17,15 +17,29 @@ inline constexpr std::uint8_t kCodeWhitest = 253;
 inline constexpr std::uint8_t kCodeBlack = 254;
 inline constexpr std::uint8_t kCodeSaturated = 255;
 
-/// Every `step`-th pixel of sensor words as codes. A block of step x step words is saturated
-/// when one of its words is, and black when all are: no clipped pixel is overlooked.
+/// From black to white on the sRGB curve, as codes 0 .. kCodeWhitest.
+class GreyCurve {
+ public:
+  /// @pre black < white
+  GreyCurve(double black, double white);
+  [[nodiscard]] std::uint8_t operator()(double word) const;
+
+ private:
+  double black_;
+  double scale_;
+};
+
+/// Sensor words as a smaller picture of codes, each the mean of a block of step x step words;
+/// at the right and lower edge of what is left. A block is saturated when one of its words is,
+/// and black when all are: no clipped pixel is overlooked.
 /// @param black  words at or below it are black; @param white  words at or above: saturated
 /// @pre black < white, step >= 1
 [[nodiscard]] Image<std::uint8_t> make_preview_codes(ImageView<const std::uint16_t> words,
                                                      double black, double white, int step);
 
-/// The step that brings `width` down to at most 640 pixels.
-[[nodiscard]] int preview_step(int width);
+/// The step that brings the longer side down to at most 640 pixels; of a Bayer frame that is
+/// reduced an even one, so that each block holds every colour alike.
+[[nodiscard]] int preview_step(int width, int height, BayerPattern bayer);
 
 /// Share of codes that are saturated.
 [[nodiscard]] double saturated_share_of(ImageView<const std::uint8_t> codes);

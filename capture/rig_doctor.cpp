@@ -148,36 +148,34 @@ std::vector<DoctorLine> examine_daemon(const Rig& rig, const DoctorOptions& opti
   return {line};
 }
 
-std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
-                                       const DoctorOptions& options) {
-  const CameraSpec& spec = rig.cameras.at(static_cast<std::size_t>(camera));
-  DoctorLine line{"camera " + spec.id, Finding::good,
-                  fmt::format("{} on {}: {} x {} at {:g} fps",
-                              spec.kind == CameraKind::v4l2     ? "v4l2"
-                              : spec.kind == CameraKind::remote ? "remote"
-                                                                : "replay",
-                              spec.device, spec.frame_width, spec.frame_height, spec.fps),
-                  "", ""};
-  const auto wrong = [&line](std::string found, std::string cure) {
-    line.finding = Finding::wrong;
-    line.found = std::move(found);
-    line.cure = std::move(cure);
-    return std::vector<DoctorLine>{line};
+CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options) {
+  CameraPlace place{{"camera " + spec.id, Finding::good,
+                     fmt::format("{} on {}: {} x {} at {:g} fps",
+                                 spec.kind == CameraKind::v4l2     ? "v4l2"
+                                 : spec.kind == CameraKind::remote ? "remote"
+                                                                   : "replay",
+                                 spec.device, spec.frame_width, spec.frame_height, spec.fps),
+                     "", ""},
+                    spec.device};
+  const auto wrong = [&place](std::string found, std::string cure) {
+    place.line.finding = Finding::wrong;
+    place.line.found = std::move(found);
+    place.line.cure = std::move(cure);
+    return place;
   };
   std::error_code failed;
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
   const V4l2Places places{options.root / "dev", options.root / "sys"};
-  std::string node = spec.device;
   if (is_v4l2 && !spec.v4l2.serial.empty()) {
     // Under whatever node it has now.
-    line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
+    place.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
     const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, places);
     if (!found) {
       return wrong(found.error().what, fmt::format("plug it in, or correct serial; there {}",
                                                    cameras_there(list_v4l2_cameras(places))));
     }
-    node = found->node();
-  } else if (!fs::exists(node, failed)) {
+    place.node = found->node();
+  } else if (!fs::exists(place.node, failed)) {
     const std::vector<V4l2Description> others =
         is_v4l2 ? list_v4l2_cameras(places) : std::vector<V4l2Description>{};
     return wrong("no such device or socket",
@@ -190,12 +188,44 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
                      : "correct device: the folder of a session");
   }
   if (is_v4l2) {
-    if (const std::string problem = access_problem(node, "video"); !problem.empty()) {
-      return wrong(fmt::format("{} cannot be opened", node), problem);
+    if (const std::string problem = access_problem(place.node, "video"); !problem.empty()) {
+      return wrong(fmt::format("{} cannot be opened", place.node), problem);
     }
   } else if (spec.kind == CameraKind::remote && !fs::is_socket(spec.device, failed)) {
     return wrong("it is there, but it is no socket", "correct device");
   }
+  return place;
+}
+
+std::string camera_cure(const CameraSpec& spec, const Fault& fault) {
+  // A server that has a client already hangs up on the second one.
+  const bool is_held = fault.code == Errc::device_busy ||
+                       (fault.code == Errc::device_gone && spec.kind == CameraKind::remote &&
+                        fault.sys_errno != ECONNREFUSED) ||
+                       fault.what.find(fmt::format("errno {}", EBUSY)) != std::string::npos;
+  return is_held ? "another program has the camera: end it"
+         : fault.code == Errc::device_gone
+             ? "nobody listens any more: start the camera's program again"
+         : fault.code == Errc::refused ? "correct size, format or fps in [[camera]]"
+                                       : "plug it out and in again, then try once more";
+}
+
+std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
+                                       const DoctorOptions& options) {
+  const CameraSpec& spec = rig.cameras.at(static_cast<std::size_t>(camera));
+  CameraPlace place = find_camera(spec, options);
+  DoctorLine& line = place.line;
+  if (line.finding != Finding::good) {
+    return {line};
+  }
+  const auto wrong = [&line](std::string found, std::string cure) {
+    line.finding = Finding::wrong;
+    line.found = std::move(found);
+    line.cure = std::move(cure);
+    return std::vector<DoctorLine>{line};
+  };
+  const bool is_v4l2 = spec.kind == CameraKind::v4l2;
+  const V4l2Places places{options.root / "dev", options.root / "sys"};
   Result<std::unique_ptr<Camera>> device =
       is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(places))
               : make_camera(spec);
@@ -204,18 +234,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   }
   auto setup = (*device)->start(spec);
   if (!setup) {
-    const Fault& fault = setup.error();
-    // A server that has a client already hangs up on the second one.
-    const bool is_held = fault.code == Errc::device_busy ||
-                         (fault.code == Errc::device_gone && spec.kind == CameraKind::remote &&
-                          fault.sys_errno != ECONNREFUSED) ||
-                         fault.what.find(fmt::format("errno {}", EBUSY)) != std::string::npos;
-    return wrong(fault.what, is_held ? "another program has the camera: end it"
-                             : fault.code == Errc::device_gone
-                                 ? "nobody listens any more: start the camera's program again"
-                             : fault.code == Errc::refused
-                                 ? "correct size, format or fps in [[camera]]"
-                                 : "plug it out and in again, then try once more");
+    return wrong(setup.error().what, camera_cure(spec, setup.error()));
   }
   try {
     require_measured_camera(rig, spec.id, setup->identity);

@@ -63,6 +63,16 @@ struct DoctorOptions {
                                                          const DoctorOptions& options);
 [[nodiscard]] std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
                                                      const DoctorOptions& options);
+/// What can be seen of a camera without opening it: is it there, and may it be used?
+struct CameraPlace {
+  DoctorLine line;   ///< good, nothing found yet: go on with opening it
+  std::string node;  ///< where it is now
+};
+[[nodiscard]] CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options);
+/// What a person can do when the camera cannot be started.
+[[nodiscard]] std::string camera_cure(const CameraSpec& spec, const Fault& fault);
+/// What a person can do when the controller does not answer.
+[[nodiscard]] std::string controller_cure(const ControllerSpec& spec);
 [[nodiscard]] std::vector<DoctorLine> examine_storage(const Rig& rig,
                                                       const DoctorOptions& options);
 

@@ -2,29 +2,39 @@
 
 import {DaemonError, post, wordsOf} from './daemon.js';
 import {mayFlash} from './dialogs.js';
-import {Picture} from './picture.js';
+import {FrameView} from './frame_view.js';
 import {clock, parseLights} from './words.js';
 
 const byId = id => document.getElementById(id);
-const kEveryMs = 250;
-const kOldMs = 3000;  // the same frame for so long is no longer live
+const kEveryMs = 200;
+const kOldMs = 3000;  // a frame that came so long ago is no longer live...
+const kOldFrames = 3;  // ...unless the camera is as slow as that
+const kPaths = {picture: '/v1/preview.png', facts: '/v1/preview/facts'};
 
 export class LivePanel {
   constructor() {
-    this.picture = new Picture(byId('live-picture'), byId('live-clipping'), byId('live-gain'),
-                               byId('live-gain-text'));
+    this.view = new FrameView('live');
+    this.view.use(kPaths);
+    this.view.changed = () => this.fetch().catch(() => {});  // the link tells
+    this.view.maxAgeMs = kOldMs;
     this.nLights = 0;
     this.isShown = false;
     this.isOnline = false;
     this.streams = false;
-    this.sequence = '';
     this.since = 0;
     byId('live-form').onsubmit = event => {
       event.preventDefault();
       this.light();
     };
     byId('live-stop').onclick = () => this.stop();
+    this.blank('No picture yet. Light something, or start a run.');
     this.loop();
+  }
+
+  /** Of the rig file, as the daemon tells it. */
+  begin(rig) {
+    this.nLights = rig.lights;
+    this.view.maxAgeMs = Math.max(kOldMs, kOldFrames * 1000 / rig.cameras[0].fps);
   }
 
   show(isShown) {
@@ -33,6 +43,9 @@ export class LivePanel {
 
   /** @param streams  the camera should deliver frames in this phase */
   tell(isOnline, streams) {
+    if (streams && !this.streams) {
+      this.since = Date.now();
+    }
     this.isOnline = isOnline;
     this.streams = streams;
     if (!isOnline || !streams) {
@@ -42,13 +55,10 @@ export class LivePanel {
   }
 
   blank(words) {
-    byId('live-none').hidden = false;
-    byId('live-none').textContent = words;
+    byId('live-hint').hidden = false;
+    byId('live-hint').textContent = words;
     byId('live-facts').textContent = '';
-    this.sequence = '';
-    if (this.picture.pixels) {
-      this.picture.clear();
-    }
+    this.view.clear();
   }
 
   async loop() {
@@ -61,23 +71,20 @@ export class LivePanel {
   }
 
   async fetch() {
-    const response = await fetch('/v1/preview.png', {cache: 'no-store'});
-    if (!response.ok || !this.streams || !this.isOnline) {
+    const {view} = this;
+    const news = await view.update();
+    if (!this.streams || !this.isOnline) {
+      this.view.clear();
       return;
     }
-    const sequence = response.headers.get('X-Frame-Sequence');
-    if (sequence !== this.sequence) {
-      this.sequence = sequence;
+    if (news === 'new') {
       this.since = Date.now();
-      await this.picture.show(await response.blob());
-      const share = Number(response.headers.get('X-Saturated-Share'));
       byId('live-facts').textContent =
-        `Frame ${sequence} at ${clock(this.since)}. ` +
-        (share > 0 ? `${(100 * share).toFixed(2)} % saturated.` : 'Nothing is saturated.');
-      byId('live-none').hidden = true;
-    } else if (Date.now() - this.since > kOldMs) {
+        `Frame ${view.sequence} at ${clock(this.since)}. ` +
+        (view.saturated > 0 ? `${(100 * view.saturated).toFixed(2)} % saturated.` : 'Nothing is saturated.');
+      byId('live-hint').hidden = true;
+    } else if (news === 'old' || (news === 'none' && Date.now() - this.since > kOldMs)) {
       this.blank(`No new picture since ${clock(this.since)}.`);
-      this.sequence = sequence;
     }
   }
 

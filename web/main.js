@@ -6,11 +6,13 @@ import {askForToken, isSure, mayFlash} from './dialogs.js';
 import {LivePanel} from './live.js';
 import {GridMap, drawSign} from './map.js';
 import {PlanPanel} from './plan.js';
+import {RigPanel} from './rig.js';
 import {ShotPanel} from './shot.js';
 import {MARKS, PHASES, clock, cureOf, duration, markOf, moreUrgent, number} from './words.js';
 
 const byId = id => document.getElementById(id);
 const kMaxLog = 300;
+const kSmallMap = 4096;  // shots; a larger map is square, so that it fits the screen
 const kActive = ['preflight', 'running', 'suspended', 'paused', 'safe-off', 'aborting', 'finalise'];
 
 let rig = null;
@@ -20,6 +22,7 @@ let pickedSession = '';  // by the person; '' follows the daemon
 let layout = null;
 let marks = '';
 let isByLight = true;
+let lightShots = [];  // by light, from the layout
 let maps = [];
 let mapsKey = '';
 let currentStory = null;
@@ -41,24 +44,38 @@ function place(light) {
 }
 
 /** Shots of a light, where a shot lights one light only. */
-function shotsOf(light) {
-  const shots = [];
-  layout?.light.forEach((one, shot) => one === light && shots.push(shot));
-  return shots;
+const shotsOf = light => lightShots[light] || [];
+
+function findLightShots() {
+  lightShots = [];
+  layout?.light.forEach((light, shot) => {
+    if (light >= 0 && layout.kinds[shot] === 'l') {
+      (lightShots[light] ??= []).push(shot);
+    }
+  });
 }
 
 const hasSingleShots = () => layout !== null && layout.light.some(light => light >= 0);
 
-function lightLetters() {
-  const letters = Array(rig.lights).fill('.');
-  const seen = new Set();
-  layout?.light.forEach((light, shot) => {
-    if (light >= 0 && light < letters.length && layout.kinds[shot] === 'l') {
-      letters[light] = seen.has(light) ? moreUrgent(letters[light], marks[shot]) : marks[shot];
-      seen.add(light);
+const isDone = letter => letter === 'o' || letter === '?' || letter === 'r';
+
+/** Of each light: the mark that one should know of, and the share of its shots that is done. */
+function judgeLights() {
+  findLightShots();
+  lightLetters = '';
+  lightShares = Array(rig.lights).fill(0);
+  lightDone = Array(rig.lights).fill(0);
+  for (let light = 0; light < rig.lights; ++light) {
+    let letter = '.';
+    const shots = shotsOf(light);
+    for (const shot of shots) {
+      const one = marks[shot] ?? '.';
+      lightDone[light] += isDone(one) ? 1 : 0;
+      letter = one === '.' ? letter : letter === '.' ? one : moreUrgent(letter, one);
     }
-  });
-  return letters.join('');
+    lightLetters += letter;
+    lightShares[light] = shots.length > 0 ? lightDone[light] / shots.length : 0;
+  }
 }
 
 function describeShot(shot) {
@@ -71,10 +88,11 @@ function describeShot(shot) {
   return `shot ${shot}${kind}${what}: ${markOf(marks[shot]).name}`;
 }
 
-function describeLight(light, letters) {
-  const shots = shotsOf(light);
-  const more = shots.length > 1 ? `, ${shots.length} shots` : '';
-  return `${place(light)}: ${burning.has(light) ? 'lit' : markOf(letters[light] ?? '.').name}${more}`;
+function describeLight(light) {
+  const n = shotsOf(light).length;
+  const mark = markOf(lightLetters[light] ?? '.').name;
+  const more = n > 1 ? `, ${lightDone[light]} of its ${n} shots done` : '';
+  return `${place(light)}: ${burning.has(light) ? 'lit' : mark}${more}`;
 }
 
 function buildMaps() {
@@ -91,7 +109,7 @@ function buildMaps() {
   if (isByLight) {
     maps = rig.faces.map(face => {
       const name = rig.faces.length > 1 ? `Face ${face.id}` : face.id;
-      const describe = i => describeLight(face.first_light + i, lightLettersNow);
+      const describe = i => describeLight(face.first_light + i);
       return new GridMap({
         title: `${name}: ${face.rows} × ${face.cols} lights, row 0 at the top`,
         rows: face.rows, cols: face.cols, count: face.rows * face.cols, describe,
@@ -100,7 +118,8 @@ function buildMaps() {
       });
     });
   } else {
-    const cols = Math.max(1, Math.min(64, Math.ceil(Math.sqrt(nShots))));
+    const cols = Math.max(1, nShots <= kSmallMap ? Math.min(64, Math.ceil(Math.sqrt(nShots)))
+                                                 : Math.ceil(Math.sqrt(nShots)));
     maps = nShots === 0 ? [] : [new GridMap({
       title: `${number(nShots)} shots in the order of the plan`,
       rows: Math.ceil(nShots / cols), cols, count: nShots, describe: describeShot,
@@ -111,21 +130,24 @@ function buildMaps() {
   byId('maps').replaceChildren(...maps.map(map => map.root));
 }
 
-let lightLettersNow = '';
+let lightLetters = '';
+let lightShares = [];
+let lightDone = [];
 
 function drawMaps() {
   if (!rig) {
     return;
   }
   buildMaps();
-  lightLettersNow = lightLetters();
+  judgeLights();
   if (isByLight) {
     maps.forEach((map, f) => {
       const face = rig.faces[f];
       const end = face.first_light + map.count;
-      map.set(lightLettersNow.slice(face.first_light, end),
+      map.set(lightLetters.slice(face.first_light, end),
               new Set([...burning].filter(k => k >= face.first_light && k < end)
-                .map(k => k - face.first_light)));
+                .map(k => k - face.first_light)),
+              lightShares.slice(face.first_light, end));
     });
   } else {
     maps.forEach(map => map.set(marks));
@@ -165,7 +187,10 @@ function openLight(light) {
   byId('live-lights').value = String(light);
   const shots = shotsOf(light);
   if (shots.length > 0) {
-    openShots(shots);
+    // The one that gave the light its mark, else the newest that is done.
+    const first = shots.find(shot => marks[shot] === lightLetters[light] && !'.o'.includes(marks[shot])) ??
+      shots.findLast(shot => isDone(marks[shot])) ?? shots[0];
+    openShots(shots, first);
   } else {
     say(layout ? `${place(light)} has no shot of its own: the plan lights several together. See Shots.`
                : `${place(light)}: no run yet.`);
@@ -176,9 +201,9 @@ function openLight(light) {
   }
 }
 
-function openShots(shots) {
+function openShots(shots, first = shots[0]) {
   selectTab('shot');
-  shotPanel.choose(shownSession, shots);
+  shotPanel.choose(shownSession, shots, first);
 }
 
 function storyShown(story) {
@@ -309,6 +334,7 @@ function showState() {
   setText('run-message', !isSuspended && state.reason && phase !== 'running' ? state.reason : '');
   const streams = ['running', 'preflight', 'suspended'].includes(phase);
   livePanel.tell(true, streams);
+  rigPanel.tell(true);
   shotPanel.allow(howToReshoot());
   byId('old-session').hidden = pickedSession === '' || pickedSession === state.session;
   document.title = (phase === 'running' && hasRun ? `${Math.floor(100 * share)} % ` : '') +
@@ -359,7 +385,7 @@ async function begin() {
   rig = await get('/v1/rig');
   byId('rig-name').textContent = `· ${rig.name}`;
   byId('version').textContent = `haarlightd ${rig.version}`;
-  livePanel.nLights = rig.lights;
+  livePanel.begin(rig);
   planPanel.begin(rig);
 }
 
@@ -411,6 +437,7 @@ function lost(lastAnswer) {
   byId('run-left').textContent = '';
   byId('suspended').hidden = true;
   livePanel.tell(false, false);
+  rigPanel.tell(false);
   shotPanel.allow('');
 }
 
@@ -497,7 +524,17 @@ function showBy(isLight) {
   drawMaps();
 }
 
-const kTabs = ['shot', 'live', 'plan', 'log'];
+let isWide = false;  // the picture has most of the screen
+
+function widen() {
+  isWide = !isWide;
+  for (const button of document.querySelectorAll('button.wide-look')) {
+    button.setAttribute('aria-pressed', String(isWide));
+  }
+  document.body.classList.toggle('wide-look', isWide);
+}
+
+const kTabs = ['shot', 'live', 'plan', 'rig', 'log'];
 
 function selectTab(name) {
   for (const tab of kTabs) {
@@ -507,6 +544,8 @@ function selectTab(name) {
     byId(`panel-${tab}`).hidden = !is;
   }
   livePanel.show(name === 'live');
+  rigPanel.show(name === 'rig');
+  document.body.classList.toggle('wide-look', isWide && (name === 'live' || name === 'shot'));
 }
 
 function moveByArrows(ids, choose) {
@@ -551,6 +590,7 @@ function changeTheme() {
   localStorage.setItem('theme', root.dataset.theme);
   buildLegend();
   drawMaps();
+  rigPanel.draw();
 }
 
 // ---- begin ---------------------------------------------------------------------------------
@@ -565,6 +605,7 @@ const planPanel = new PlanPanel(receipt => {
   pickSession('');
   say(`The run ${receipt.session} begins: ${receipt.shots} shots.`);
 });
+const rigPanel = new RigPanel();
 const link = new Link({state: stateCame, event: eventCame, lost, found});
 
 byId('all-off').onclick = allOff;
@@ -577,8 +618,12 @@ byId('to-plan').onclick = () => {
   byId('plan-text').focus();
 };
 byId('theme').onclick = changeTheme;
+for (const button of document.querySelectorAll('button.wide-look')) {
+  button.onclick = widen;
+}
 byId('session').onchange = event => pickSession(event.target.value);
 moveByArrows(['by-light', 'by-shot'], i => showBy(i === 0));
+moveByArrows(['span-minutes', 'span-hours'], i => rigPanel.showSpan(i === 0 ? 'minutes' : 'hours'));
 moveByArrows(kTabs.map(tab => `tab-${tab}`), i => selectTab(kTabs[i]));
 document.addEventListener('keydown', keyPressed);
 matchMedia('(prefers-color-scheme: light)').addEventListener('change', () => {

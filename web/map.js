@@ -37,6 +37,7 @@ export class GridMap {
     Object.assign(this, options);
     this.letters = '.'.repeat(this.count);
     this.burning = new Set();  // lit as part of a pattern
+    this.shares = null;        // done of each cell's shots, 0 to 1; null: one shot a cell
     this.cursor = 0;
     this.selected = -1;
     this.hasFocus = false;
@@ -92,12 +93,14 @@ export class GridMap {
     this.root.remove();
   }
 
-  set(letters, burning = new Set()) {
+  set(letters, burning = new Set(), shares = null) {
     const same = letters === this.letters && burning.size === this.burning.size &&
-      [...burning].every(i => this.burning.has(i));
+      [...burning].every(i => this.burning.has(i)) && shares?.length === this.shares?.length &&
+      (shares === null || shares.every((share, i) => share === this.shares[i]));
     if (!same) {
       this.letters = letters;
       this.burning = burning;
+      this.shares = shares;
       this.draw();
       this.tell();
     }
@@ -199,8 +202,23 @@ export class GridMap {
     for (let i = 0; i < this.count; ++i) {
       const [x, y] = [i % this.cols * cell + inset, Math.floor(i / this.cols) * cell + inset];
       const mark = this.burning.has(i) ? markOf('*') : markOf(this.letters[i]);
-      context.fillStyle = colour(mark.colour);
-      context.fillRect(x, y, size, size);
+      const share = this.shares ? this.shares[i] : 1;
+      const isLoud = mark.letter !== 'o' && mark.letter !== '.';  // its colour says more than its share
+      if (share < 1 && !isLoud) {  // fills from below with its shots
+        context.fillStyle = colour('--m-pending');
+        context.fillRect(x, y, size, size);
+        const height = share > 0 ? Math.max(1, Math.round(share * size)) : 0;
+        context.fillStyle = colour('--m-committed');
+        context.fillRect(x, y + size - height, size, height);
+      } else {
+        context.fillStyle = colour(mark.colour);
+        context.fillRect(x, y, size, size);
+        if (share < 1 && share > 0) {
+          const height = Math.max(1, Math.round(share * size));
+          context.fillStyle = colour('--m-committed');
+          context.fillRect(x, y + size - height, Math.max(2, Math.round(size / 4)), height);
+        }
+      }
       if (mark.sign && size >= 7) {
         context.fillStyle = context.strokeStyle = colour(mark.letter === 'w' ? '--text' : '--m-mark');
         drawSign(context, mark.sign, x, y, size);

@@ -1,12 +1,12 @@
 // One shot: its frame, why it can be trusted, and the button that takes it again.
 
-import {get, getBlob, post, wordsOf} from './daemon.js';
+import {get, post, wordsOf} from './daemon.js';
 import {mayFlash} from './dialogs.js';
-import {Picture} from './picture.js';
+import {FrameView} from './frame_view.js';
 import {markOf} from './words.js';
 
 const byId = id => document.getElementById(id);
-const kManyChoices = 24;
+const kManyChoices = 12;  // shots of one light as buttons; beyond that a list
 const kReopenMs = 200;
 const kReopenTries = 100;
 
@@ -15,8 +15,7 @@ export class ShotPanel {
   constructor(place, shown) {
     this.place = place;
     this.shown = shown;
-    this.picture = new Picture(byId('shot-picture'), byId('shot-clipping'), byId('shot-gain'),
-                               byId('shot-gain-text'));
+    this.view = new FrameView('shot');
     this.session = '';
     this.shot = -1;
     this.letter = '';
@@ -24,28 +23,40 @@ export class ShotPanel {
     byId('reshoot').onclick = () => this.reshoot();
   }
 
-  /** Shows the first of `shots` of `session`, with buttons for the others. */
-  choose(session, shots) {
+  /** Shows `first` of `shots` of `session`, with a choice of the others. */
+  choose(session, shots, first = shots[0]) {
     this.session = session;
     const box = byId('shot-choice');
     box.hidden = shots.length < 2;
     box.replaceChildren();
-    for (const shot of shots.slice(0, kManyChoices)) {
-      const button = document.createElement('button');
-      button.type = 'button';
-      button.textContent = shot;
-      button.setAttribute('aria-label', `shot ${shot}`);
-      button.onclick = () => this.open(shot);
-      box.append(button);
+    if (shots.length > kManyChoices) {
+      const select = document.createElement('select');
+      select.setAttribute('aria-label', `One of the ${shots.length} shots of this light`);
+      select.append(...shots.map(shot => new Option(`shot ${shot}`, shot)));
+      select.onchange = () => this.open(Number(select.value));
+      box.append(select);
+    } else {
+      for (const shot of shots) {
+        const button = document.createElement('button');
+        button.type = 'button';
+        button.textContent = shot;
+        button.setAttribute('aria-label', `shot ${shot}`);
+        button.onclick = () => this.open(shot);
+        box.append(button);
+      }
     }
-    this.open(shots[0]);
+    this.open(first);
   }
 
   async open(shot) {
     this.shot = shot;
     this.letter = '';
-    for (const button of byId('shot-choice').children) {
-      button.setAttribute('aria-pressed', String(button.textContent === String(shot)));
+    for (const one of byId('shot-choice').children) {
+      if (one.tagName === 'SELECT') {
+        one.value = String(shot);
+      } else {
+        one.setAttribute('aria-pressed', String(one.textContent === String(shot)));
+      }
     }
     await this.refresh();
   }
@@ -80,18 +91,23 @@ export class ShotPanel {
     this.write(story);
     this.shown(story);
     if (story.words) {
+      this.view.use({picture: `${path}/frame.png`, facts: `${path}/facts`});
+      this.view.number = '';  // the same shot may have another frame now
       try {
-        const blob = await getBlob(`${path}/frame.png?attempt=${story.attempt}`);
+        const news = await this.view.update();
         if (turn === this.turn) {
-          await this.picture.show(blob);
-          this.picture.canvas.setAttribute('aria-label', `The frame of shot ${this.shot}`);
+          this.view.canvas.setAttribute('aria-label', `The frame of shot ${this.shot}`);
+          if (news === 'none') {
+            byId('shot-verdict').textContent += ' The frame cannot be shown: see the daemon\'s log.';
+          }
         }
       } catch (error) {
         byId('shot-verdict').textContent += ` The frame cannot be shown: ${wordsOf(error)}`;
       }
     } else {
-      this.picture.clear();
-      this.picture.canvas.setAttribute('aria-label', 'No frame yet');
+      this.view.use(null);
+      this.view.clear();
+      this.view.canvas.setAttribute('aria-label', 'No frame yet');
     }
   }
 

@@ -77,7 +77,7 @@ export function bytes(n) {
   return `${n < 10 && i > 0 ? n.toFixed(1) : Math.round(n)} ${steps[i]}`;
 }
 
-export const number = n => Number(n).toLocaleString('en').replaceAll(',', '\u2009');
+export const number = n => Number(n).toLocaleString('en').replaceAll(',', '\u202f');
 export const clock = ms => new Date(ms).toTimeString().slice(0, 8);
 
 /** "0-3 17" -> [0, 1, 2, 3, 17]; null when it is no list of lights. */

@@ -137,8 +137,12 @@ ExitCode run_preview(const LookArguments& arguments, const CommonOptions& common
   }
   fmt::print("lit for a minute; `haarlight abort` puts it out\n");
   if (!arguments.output.empty()) {
-    std::this_thread::sleep_for(4 * kPoll);  // previews are made ten times a second
-    const DaemonReply picture = client.get("/v1/preview.png");
+    // The first look makes the daemon copy a frame; a slow camera's comes later.
+    DaemonReply picture = client.get("/v1/preview.png");
+    for (int i = 0; i < kPreviewPolls && picture.status == 404; ++i) {
+      std::this_thread::sleep_for(kPoll);
+      picture = client.get("/v1/preview.png");
+    }
     DaemonClient::require_good(picture);
     write_file_atomically(arguments.output, std::string_view(picture.body));
     report.set_bytes(picture.body.size());

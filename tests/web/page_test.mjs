@@ -8,7 +8,7 @@ import fs from 'node:fs';
 import path from 'node:path';
 import {fileURLToPath} from 'node:url';
 import {Browser, Rig, Suite, expect, sleep, until} from './harness.mjs';
-import {takeImages} from './page_images.mjs';
+import {takeImages, takeSmallImages} from './page_images.mjs';
 import {allOffInReach, contrast, fitsThePhone, namesAndRoles, tabOrder} from './page_rules.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
@@ -186,8 +186,10 @@ await suite.test('everything by keyboard alone', async () => {
   }
   await page.locator('#tab-plan').focus();
   await page.keyboard.press('ArrowRight');
-  expect(await page.locator('#panel-log').isVisible(), 'arrow keys move over the tabs');
-  await page.locator('#tab-log').press('ArrowLeft');
+  expect(await page.locator('#panel-rig').isVisible(), 'arrow keys move over the tabs');
+  await page.keyboard.press('ArrowRight');
+  expect(await page.locator('#panel-log').isVisible(), 'and further');
+  await page.locator('#tab-plan').click();
   await page.locator('#plan-preset').focus();
   await page.keyboard.press('Q');  // "Quick"
   await until(async () => /quick/.test(await page.locator('#plan-text').inputValue()), 'the preset');
@@ -244,7 +246,7 @@ await suite.test('names, contrast in both schemes, nothing sticks out on a phone
       await clickCell(page, 1, 1);
     }
     await until(async () => /confirmed/.test(await textOf(page, '#shot-words')), 'the evidence');
-    for (const tab of ['shot', 'live', 'plan', 'log']) {
+    for (const tab of ['shot', 'live', 'plan', 'rig', 'log']) {
       await page.locator(`#tab-${tab}`).click();
       for (const rule of [namesAndRoles, contrast, allOffInReach, ...(name === 'phone' ? [fitsThePhone] : [])]) {
         const problems = await rule(page);
@@ -287,8 +289,133 @@ await suite.test('a preview warns, lights, marks clipping, and stores nothing', 
   await until(async () => /lights on/.test(await textOf(page, '#lights')), 'the lights to be told as on');
   await page.locator('#live-stop').click();
   await until(async () => (await rig.state()).lights === 'off', 'dark again');
-  await until(async () => /camera rests/.test(await textOf(page, '#live-none')), 'no stale picture');
+  await until(async () => /camera rests/.test(await textOf(page, '#live-hint')), 'no stale picture');
   expect(fs.readdirSync(path.join(rig.folder, 'sessions')).length === sessions, 'a preview stores nothing');
+});
+
+await suite.test('the live picture: a place pixel by pixel, its sharpness and histogram', async () => {
+  await idle(rig);
+  const page = await browser.page(rig.url);
+  const asked = [];
+  page.on('request', request => asked.push(request.url()));
+  await page.locator('#live-lights').evaluate(input => {
+    input.value = '0-63';
+  });
+  await fetch(`${rig.url}/v1/preview`, {method: 'POST', body: JSON.stringify({lights: [27, 28], exposure_us: 200})});
+  await until(async () => (await rig.state()).is_preview, 'light');
+  await sleep(600);
+  expect(!asked.some(url => url.includes('/preview')), 'no picture is asked for before somebody looks');
+  await page.locator('#tab-live').click();
+  await until(async () => /Frame \d+ at/.test(await textOf(page, '#live-facts')), 'a picture');
+  expect(/All 64 × 48 pixels/.test(await textOf(page, '#live-place')), await textOf(page, '#live-place'));
+  expect(await page.locator('#live-zoom [aria-checked="true"]').innerText() === 'Whole', 'the whole at first');
+  await page.locator('#live-zoom button', {hasText: '8:1'}).click();
+  const place = () => page.locator('#live-place').innerText();
+  const columns = text => Number(/Columns (\d+)–/.exec(text)?.[1]);
+  await until(async () => /Columns/.test(await place()), 'a crop');
+  const first = await place();
+  const size = await page.locator('#live-picture').evaluate(canvas => [canvas.width, canvas.clientWidth]);
+  expect(size[0] < 64 && Math.abs(size[1] - 8 * size[0]) <= 1, `8 screen pixels a sensor pixel: ${size}`);
+  await page.locator('#live-frame').focus();
+  await page.keyboard.press('ArrowLeft');
+  await until(async () => columns(await place()) < columns(first), 'the crop to move by a key');
+  const left = columns(await place());
+  const box = await page.locator('#live-frame').boundingBox();
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.down();
+  await page.mouse.move(box.x + box.width / 2 - 40, box.y + box.height / 2, {steps: 4});
+  await page.mouse.up();
+  await until(async () => columns(await place()) === left + 5, `5 pixels further: ${await place()}`);
+  await page.keyboard.press('0');
+  await until(async () => /All 64/.test(await place()), 'the whole again');
+  await until(async () => Number(await textOf(page, '#live-sharp-value')) > 0, 'a sharpness');
+  await until(async () => /best so far [\d.]+/.test(await textOf(page, '#live-sharp-best')), 'the best so far');
+  expect(/All: mean [\d\u202f]+, .* % saturated/.test(await textOf(page, '#live-counts')), 'the counts in words');
+  expect(/clipping from/.test(await textOf(page, '#live-axis')), 'the clip level is named');
+  const ink = () => page.locator('#live-histogram').evaluate(canvas => {
+    const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    return data.reduce((n, v, i) => n + (i % 4 === 3 && v > 0 ? 1 : 0), 0);
+  });
+  const logarithmic = await ink();
+  await page.locator('#live-log').uncheck();
+  await until(async () => await ink() < 0.8 * logarithmic, 'linear counts stand lower');
+  // Sharpness does not follow the exposure; a longer one only needs to stay below clipping.
+  const sharpness = async () => (await (await fetch(`${rig.url}/v1/preview/facts`)).json()).sharpness;
+  const short = await sharpness();
+  await fetch(`${rig.url}/v1/abort`, {method: 'POST'});
+  await idle(rig);
+  await fetch(`${rig.url}/v1/preview`, {method: 'POST', body: JSON.stringify({lights: [27, 28], exposure_us: 100})});
+  await until(async () => (await rig.state()).step === 'collect', 'light');
+  await sleep(700);
+  const half = await sharpness();
+  expect(short.share_used === 1, `nothing is saturated: ${short.share_used}`);
+  expect(half.level_dn < 0.7 * short.level_dn, `half the light: ${half.level_dn} of ${short.level_dn}`);
+  expect(Math.abs(half.value / short.value - 1) < 0.05, `the same sharpness: ${half.value}, ${short.value}`);
+  await fetch(`${rig.url}/v1/abort`, {method: 'POST'});
+  return `${short.value.toFixed(3)} and ${half.value.toFixed(3)} at half the exposure`;
+});
+
+await suite.test('with repeats every light fills with its shots', async () => {
+  await idle(rig);
+  const page = await browser.page(rig.url);
+  await startPlan(page, 'schema = 1\nname = "bracket"\npatterns = "one_at_a_time"\nrepeats = 30\norder = "bit_reversed"\n');
+  await until(async () => (await rig.state()).committed > 100, 'some shots', 60);
+  await page.locator('#pause').click();
+  await until(async () => await phaseOf(page) === 'paused', 'the pause');
+  const {committed, session} = await rig.state();
+  await sleep(1500);
+  await page.locator('.grid').focus();
+  await page.keyboard.press('Home');
+  const words = await until(async () => {
+    const text = await page.locator('#map-readout').textContent();
+    return /of its 30 shots done/.test(text) && text;
+  }, 'the share of a light in words');
+  const marks = (await (await fetch(`${rig.url}/v1/sessions/${session}/map`)).json()).marks;
+  expect(marks.length === 1920, 'thirty shots a light');
+  const greens = await page.locator('.face canvas').evaluate(canvas => {
+    const colour = getComputedStyle(document.documentElement).getPropertyValue('--m-committed').trim();
+    const probe = document.createElement('canvas').getContext('2d');
+    probe.fillStyle = colour;
+    probe.fillRect(0, 0, 1, 1);
+    const [r, g, b] = probe.getImageData(0, 0, 1, 1).data;
+    const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    let n = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      n += data[i] === r && data[i + 1] === g && data[i + 2] === b ? 1 : 0;
+    }
+    return n / (canvas.width * canvas.height);
+  });
+  const share = committed / 1920;
+  expect(Math.abs(greens - 0.88 * 0.88 * share) < 0.05, `${greens} of the map is filled, ${share} is done`);
+  await clickCell(page, 0, 0);
+  await page.locator('#shot-choice select').waitFor();
+  expect(await page.locator('#shot-choice option').count() === 30, 'a choice of all its shots');
+  await picture(page, 'brackets');
+  await idle(rig);
+  return words;
+});
+
+await suite.test('the devices, their cures and their past', async () => {
+  await idle(rig);
+  const page = await browser.page(rig.url, {}, [/status of 404/]);
+  await page.locator('#tab-rig').click();
+  const devices = () => textOf(page, '#devices');
+  await until(async () => /controller/.test(await devices()) && /camera main/.test(await devices()), 'the devices');
+  expect(/rests|delivers/.test(await devices()) && /GB free/.test(await devices()), `found: ${await devices()}`);
+  await until(async () => /Power of the lights/.test(await textOf(page, '#charts')), 'the charts');
+  await startPlan(page, kLong);
+  await page.locator('#tab-rig').click();
+  await until(async () => /Temperature of the controller\s*\d+\.\d °C/.test(await textOf(page, '#charts')), 'a temperature');
+  await until(async () => /[1-9]\d* \/s/.test(await textOf(page, '#charts')), 'frames a second');
+  await until(async () => /delivers frames/.test(await devices()), 'a camera at work');
+  rig.signal('sim', 'SIGSTOP');
+  await until(async () => await page.locator('#devices .wrong').count() > 0, 'a lost device');
+  const words = await page.locator('#devices .wrong .cure').first().innerText();
+  expect(/switched on|cable/.test(words), `the cure: ${words}`);
+  rig.signal('sim', 'SIGCONT');
+  await until(async () => await page.locator('#devices .wrong').count() === 0, 'it to be good again', 60);
+  await idle(rig);
+  return words;
 });
 
 await suite.test('a suspended run says why and what to do, and goes on', async () => {
@@ -318,12 +445,12 @@ await suite.test('a killed daemon: a banner, nothing old shown as live, and reco
   const page = await browser.page(rig.url, {}, [/ERR_CONNECTION|ERR_INCOMPLETE|ERR_EMPTY|Failed to load/]);
   await until(async () => await phaseOf(page) === 'running', 'a run');
   await page.locator('#tab-live').click();
-  await page.locator('#live-none').waitFor({state: 'hidden'});
+  await page.locator('#live-hint').waitFor({state: 'hidden'});
   const begun = Date.now();
   rig.signal('daemon', 'SIGKILL');
   await until(async () => /Connection lost/.test(await textOf(page, '#lost')), 'the banner', 5);
   const ms = Date.now() - begun;
-  expect(await page.locator('#live-none').isVisible(), 'no live picture without a daemon');
+  expect(await page.locator('#live-hint').isVisible(), 'no live picture without a daemon');
   expect(await phaseOf(page) === 'lost', 'the phase is not told as known');
   expect(/not known/.test(await textOf(page, '#lights')), 'the lights are not told as known');
   expect(await textOf(page, '#run-left') === '', 'no time left is told');
@@ -513,7 +640,9 @@ await odd.end();
 
 if (option('--images')) {
   await suite.test('pictures for the documents', async () => {
-    await takeImages(browser, programs, cache, source, path.resolve(option('--images')));
+    const to = path.resolve(option('--images'));
+    await takeSmallImages(browser, programs, cache, source, to);
+    await takeImages(browser, programs, cache, source, to);
   });
 }
 
