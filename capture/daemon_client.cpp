@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -102,7 +103,11 @@ void DaemonClient::require_good(const DaemonReply& reply) {
   if (reply.status < 400) {
     return;
   }
-  const auto json = nlohmann::json::parse(reply.body, nullptr, false);
+  nlohmann::json json;
+  try {
+    json = parse_json<nlohmann::json>(reply.body, "haarlightd");
+  } catch (const Error&) {  // a proxy's page: the status alone is told
+  }
   const auto error =
       json.is_object() ? json.value("error", nlohmann::json()) : nlohmann::json();
   const auto text = [&error](const char* key, const std::string& fallback) {

@@ -15,6 +15,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/report.h"
+#include "core/text_limits.h"
 #include "session/evidence.h"
 #include "session/frame_tiff.h"
 
@@ -52,7 +53,7 @@ Json body_of(const HttpRequest& request) {
   if (request.body.find_first_not_of(" \t\r\n") == std::string::npos) {
     return Json::object();
   }
-  Json json = Json::parse(request.body, nullptr, false);
+  Json json = parse_json<Json>(request.body, request.path);
   if (!json.is_object()) {
     throw Error("the body is not a JSON object", request.path, "see docs/http-api.md");
   }

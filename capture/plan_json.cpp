@@ -12,6 +12,7 @@
 #include "capture/plan.h"
 #include "core/error.h"
 #include "core/files.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -261,10 +262,7 @@ std::string plan_to_json(const Plan& plan) {
 }
 
 Plan plan_from_json(const std::string& json, const std::string& where) {
-  Json parsed = Json::parse(json, nullptr, false);
-  if (parsed.is_discarded()) {
-    refuse("not JSON", where);
-  }
+  const Json parsed = parse_json<Json>(json, where);
   Plan plan = read_body(parsed, where);
   plan.hash = content_hash(body_of(plan).dump());
   if (field<std::string>(parsed, "hash", where, "the plan") != plan.hash) {

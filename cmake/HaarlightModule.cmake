@@ -12,8 +12,8 @@
 #   where the program's tests share what is dear to make.
 #
 # haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
-#   With HAARLIGHT_FUZZ a libFuzzer program, and a test that runs it over the corpus once; in other
-#   builds nothing.
+#   With HAARLIGHT_FUZZ a libFuzzer program, and a test that runs it over the corpus once, with the
+#   limits of scripts/run_fuzzers: 256 KiB of input, 2 GiB of memory, 10 s; in other builds nothing.
 #
 # The targets unit_tests and slow_tests build what the labels ask for.
 
@@ -84,7 +84,8 @@ function(haarlight_add_fuzzer)
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings)
   target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
   add_test(NAME ${ARG_NAME}.corpus
-           COMMAND ${ARG_NAME} -runs=0 ${CMAKE_CURRENT_SOURCE_DIR}/${ARG_CORPUS})
+           COMMAND ${ARG_NAME} -runs=0 -max_len=262144 -rss_limit_mb=2048 -timeout=10
+                   ${CMAKE_CURRENT_SOURCE_DIR}/${ARG_CORPUS})
   set_tests_properties(${ARG_NAME}.corpus PROPERTIES LABELS unit)
   add_dependencies(unit_tests ${ARG_NAME})
 endfunction()

@@ -10,12 +10,13 @@
 #include <toml++/toml.h>
 
 #include "core/error.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
 namespace {
 
-constexpr std::uintmax_t kMaxConfigBytes = 16U << 20U;
+constexpr std::size_t kMaxProblems = 100;  // more are no help to a person
 
 struct Problem {
   std::string where;
@@ -46,6 +47,10 @@ std::string nearest_word(std::string_view word, const std::vector<std::string>& 
   std::string best;
   std::size_t best_distance = 4;
   for (const std::string& candidate : candidates) {
+    if (std::max(word.size(), candidate.size()) - std::min(word.size(), candidate.size()) >=
+        best_distance) {
+      continue;  // a word of megabytes
+    }
     const std::size_t distance = edit_distance(word, candidate);
     if (distance < best_distance) {
       best_distance = distance;
@@ -58,7 +63,8 @@ std::string nearest_word(std::string_view word, const std::vector<std::string>& 
 struct ConfigTable::Document {
   std::string name;
   toml::table root;
-  std::vector<Problem> problems;
+  std::vector<Problem> problems;  ///< the first of them
+  std::size_t n_problems = 0;
   std::vector<std::shared_ptr<Node>> opened;
 };
 
@@ -79,7 +85,7 @@ ConfigTable ConfigTable::parse_file(const std::filesystem::path& path) {
   if (ec) {
     throw Error("cannot read: " + ec.message(), path.string(), "check the name and its rights");
   }
-  if (size > kMaxConfigBytes) {
+  if (size > kMaxTomlBytes) {
     throw Error("larger than 16 MiB", path.string(), "is this really a TOML file?");
   }
   std::ifstream in(path, std::ios::binary);
@@ -92,6 +98,7 @@ ConfigTable ConfigTable::parse_file(const std::filesystem::path& path) {
 }
 
 ConfigTable ConfigTable::parse_text(std::string_view text, const std::string& name) {
+  require_toml_limits(text, name);
   auto document = std::make_shared<Document>();
   document->name = name;
   try {
@@ -142,7 +149,9 @@ std::string ConfigTable::where(std::string_view key) const {
 }
 
 void ConfigTable::problem(std::string_view key, std::string what, std::string cure) {
-  document_->problems.push_back({where(key), std::move(what), std::move(cure)});
+  if (++document_->n_problems <= kMaxProblems) {
+    document_->problems.push_back({where(key), std::move(what), std::move(cure)});
+  }
 }
 
 namespace {
@@ -221,7 +230,7 @@ std::string ConfigTable::text(std::string_view key) {
   return found->ref<std::string>();
 }
 
-std::vector<double> ConfigTable::numbers(std::string_view key, std::size_t count) {
+std::vector<double> ConfigTable::numbers(std::string_view key, std::size_t count, Range range) {
   node_->known.emplace(key);
   std::vector<double> values;
   const toml::node* found = node_->table->get(key);
@@ -245,7 +254,18 @@ std::vector<double> ConfigTable::numbers(std::string_view key, std::size_t count
             "write [number, ...]");
     values.assign(std::max<std::size_t>(count, 1), 0.0);
   }
+  require_range(key, values, range);
   return values;
+}
+
+void ConfigTable::require_range(std::string_view key, const std::vector<double>& values,
+                                Range range) {
+  const auto outside = std::find_if(values.begin(), values.end(),
+                                    [&](double x) { return x < range.min || x > range.max; });
+  if (outside != values.end()) {
+    problem(key, fmt::format("{}{} holds {}, out of range", node_->path, key, *outside),
+            "write numbers " + describe(range));
+  }
 }
 
 std::vector<std::string> ConfigTable::texts(std::string_view key) {
@@ -269,7 +289,7 @@ std::vector<std::string> ConfigTable::texts(std::string_view key) {
 }
 
 std::vector<double> ConfigTable::matrix(std::string_view key, std::size_t rows,
-                                        std::size_t cols) {
+                                        std::size_t cols, Range range) {
   node_->known.emplace(key);
   std::vector<double> values;
   const toml::node* found = node_->table->get(key);
@@ -296,21 +316,22 @@ std::vector<double> ConfigTable::matrix(std::string_view key, std::size_t rows,
                       : fmt::format("write {} rows of {} numbers, [[...], ...]", rows, cols));
     values.assign(rows * cols, 0.0);
   }
+  require_range(key, values, range);
   return values;
 }
 
 std::size_t ConfigTable::choice(std::string_view key,
                                 const std::vector<std::string_view>& words) {
-  const std::size_t n_problems = document_->problems.size();
+  const std::size_t n_problems = document_->n_problems;
   const std::string word = text(key);
   const auto found = std::find(words.begin(), words.end(), word);
   if (found != words.end()) {
     return static_cast<std::size_t>(found - words.begin());
   }
-  if (document_->problems.size() == n_problems) {
+  if (document_->n_problems == n_problems) {
     problem(key, fmt::format("{}{} = \"{}\" is not known", node_->path, key, word),
             "write one of " + list_words(words));
-  } else {
+  } else if (n_problems < kMaxProblems) {
     document_->problems.back().cure = "write one of " + list_words(words);
   }
   return 0;
@@ -346,9 +367,9 @@ bool ConfigTable::flag_or(std::string_view key, bool fallback) {
 }
 
 std::vector<double> ConfigTable::numbers_or(std::string_view key,
-                                            const std::vector<double>& fallback) {
+                                            const std::vector<double>& fallback, Range range) {
   node_->known.emplace(key);
-  return has(key) ? numbers(key, fallback.size()) : fallback;
+  return has(key) ? numbers(key, fallback.size(), range) : fallback;
 }
 
 std::size_t ConfigTable::choice_or(std::string_view key,
@@ -403,6 +424,9 @@ void ConfigTable::finish() {
       if (node->known.find(key.str()) != node->known.end()) {
         continue;
       }
+      if (++document_->n_problems > kMaxProblems) {
+        continue;
+      }
       const std::string near = nearest_word(key.str(), known);
       document_->problems.push_back(
           {fmt::format("{}:{}", document_->name, key.source().begin.line),
@@ -418,12 +442,17 @@ void ConfigTable::finish() {
     return;
   }
   const std::vector<Problem> problems = std::move(document_->problems);
+  const std::size_t n_problems = document_->n_problems;
   document_->problems.clear();
+  document_->n_problems = 0;
   std::string what = problems.front().what;
   std::string cure = problems.front().cure;
   for (std::size_t i = 1; i < problems.size(); ++i) {
     cure += fmt::format("\n{}: {}\n  cure: {}", problems[i].where, problems[i].what,
                         problems[i].cure);
+  }
+  if (n_problems > problems.size()) {
+    cure += fmt::format("\nand {} more", n_problems - problems.size());
   }
   throw Error(std::move(what), problems.front().where, std::move(cure));
 }

@@ -31,7 +31,7 @@ struct Range {
 /// The reading calls return the value, or record a problem and return a harmless stand-in.
 class ConfigTable {
  public:
-  /// @throws Error  not readable, over 16 MiB, or not TOML: with file:line:column
+  /// @throws Error  not readable, beyond core/text_limits.h, or not TOML: with file:line:column
   [[nodiscard]] static ConfigTable parse_file(const std::filesystem::path& path);
   [[nodiscard]] static ConfigTable parse_text(std::string_view text, const std::string& name);
 
@@ -47,11 +47,12 @@ class ConfigTable {
   std::int64_t integer(std::string_view key, Range range = {});
   std::string text(std::string_view key);
   /// Exactly `count` numbers, or any count from 1 up when `count` is 0.
-  std::vector<double> numbers(std::string_view key, std::size_t count);
+  std::vector<double> numbers(std::string_view key, std::size_t count, Range range = {});
   std::vector<std::string> texts(std::string_view key);
   /// Rows of numbers, `rows` x `cols`, returned row by row; any number of rows when `rows` is
   /// 0.
-  std::vector<double> matrix(std::string_view key, std::size_t rows, std::size_t cols);
+  std::vector<double> matrix(std::string_view key, std::size_t rows, std::size_t cols,
+                             Range range = {});
   /// One of the listed words; the index is returned.
   std::size_t choice(std::string_view key, const std::vector<std::string_view>& words);
 
@@ -60,7 +61,8 @@ class ConfigTable {
   std::int64_t integer_or(std::string_view key, std::int64_t fallback, Range range = {});
   std::string text_or(std::string_view key, std::string_view fallback);
   bool flag_or(std::string_view key, bool fallback);
-  std::vector<double> numbers_or(std::string_view key, const std::vector<double>& fallback);
+  std::vector<double> numbers_or(std::string_view key, const std::vector<double>& fallback,
+                                 Range range = {});
   std::size_t choice_or(std::string_view key, const std::vector<std::string_view>& words,
                         std::size_t fallback);
 
@@ -75,13 +77,14 @@ class ConfigTable {
   void problem(std::string_view key, std::string what, std::string cure);
 
   /// Reports unknown keys of every table of this file that was opened.
-  /// @throws Error  listing all problems, the first one's place as `where`
+  /// @throws Error  listing the first 100 problems, the first one's place as `where`
   void finish();
 
  private:
   struct Document;
   struct Node;
   ConfigTable(std::shared_ptr<Document> document, std::shared_ptr<Node> node);
+  void require_range(std::string_view key, const std::vector<double>& values, Range range);
   std::shared_ptr<Document> document_;
   std::shared_ptr<Node> node_;
 };

@@ -1,6 +1,7 @@
 #include "core/image_io.h"
 
-#include <array>
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -11,6 +12,7 @@
 #include <fmt/format.h>
 
 #include "core/files.h"
+#include "core/picture_claim.h"
 
 #if defined(HAARLIGHT_TSAN)
 // OpenImageIO's pool starts its threads, to end them at once, before it hears that it shall
@@ -28,7 +30,11 @@ namespace {
 const bool kHasNoPools = OIIO::attribute("threads", 1) && OIIO::attribute("exr_threads", -1);
 #endif
 
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28U;
+constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 28U;
+constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 17U;
+constexpr std::uint64_t kSmall = std::uint64_t{1} << 20U;  // bytes; headers of small pictures
+
+std::atomic<std::uint64_t> most_memory = std::uint64_t{4} << 30U;
 
 /// The formats we read, by their first bytes; empty when it is none of them.
 std::string format_by_magic(std::span<const std::byte> bytes) {
@@ -112,7 +118,31 @@ bool has_png_end(std::span<const std::byte> bytes) {
   throw Error(what, path.string(), cure);
 }
 
+/// @param channels  that will be kept
+void require_claim(const PictureClaim& claim, std::uint64_t channels, std::uint64_t file_bytes,
+                   const std::filesystem::path& path) {
+  if (claim.width < 1 || claim.height < 1 || claim.width > kMaxSide ||
+      claim.height > kMaxSide || claim.width * claim.height > kMaxPixels) {
+    refuse(fmt::format("{} x {} pixels", claim.width, claim.height), path,
+           "a picture must have from 1 to 2^28 pixels, 2^17 a side");
+  }
+  if (claim.raw_bytes > kSmall && claim.raw_bytes / claim.most_per_byte > file_bytes) {
+    refuse(fmt::format("it claims {} x {} pixels, which its {} bytes cannot hold", claim.width,
+                       claim.height, file_bytes),
+           path, "the file is damaged: replace it");
+  }
+  const std::uint64_t needed =
+      claim.width * claim.height * channels * sizeof(float) + claim.raw_bytes;
+  if (needed > most_memory) {
+    refuse(fmt::format("{} x {} pixels take {} MB of memory, more than the {} MB allowed",
+                       claim.width, claim.height, needed >> 20U, most_memory.load() >> 20U),
+           path, "give a smaller picture, or more by --memory");
+  }
+}
+
 }  // namespace
+
+void limit_picture_memory(std::uint64_t bytes) noexcept { most_memory = bytes; }
 
 PictureFile read_picture(const std::filesystem::path& path) {
   const MappedFile mapped(path);
@@ -124,6 +154,14 @@ PictureFile read_picture(const std::filesystem::path& path) {
   if ((format == "jpeg" && jpeg_end(mapped.bytes()) == 0) ||
       (format == "png" && !has_png_end(mapped.bytes()))) {
     refuse("ends before the picture does", path, "the file was cut: copy it again");
+  }
+  const std::uint64_t file_bytes = mapped.bytes().size();
+  const PictureClaim claim = picture_claim(format, mapped.bytes());
+  if (claim.is_cut) {
+    refuse("ends before its header does", path, "the file was cut or damaged: copy it again");
+  }
+  if (format == "openexr" || claim.width * claim.height != 0) {
+    require_claim(claim, 1, file_bytes, path);
   }
   const std::unique_ptr<OIIO::ImageInput> input = OIIO::ImageInput::create(format);
   if (!input) {
@@ -137,15 +175,21 @@ PictureFile read_picture(const std::filesystem::path& path) {
   if (!input->open(path.string(), spec, wanted)) {
     refuse("cannot be decoded: " + input->geterror(), path, "the file is damaged: replace it");
   }
-  if (spec.width < 1 || spec.height < 1 || spec.depth > 1 ||
-      static_cast<std::int64_t>(spec.width) * spec.height > kMaxPixels) {
-    refuse(fmt::format("{} x {} pixels", spec.width, spec.height), path,
-           "a picture must have from 1 to 2^28 pixels and one layer");
+  if (spec.depth > 1 || spec.width < 1 || spec.height < 1) {
+    refuse(fmt::format("{} x {} pixels, {} layers", spec.width, spec.height, spec.depth), path,
+           "a picture must have pixels and one layer");
   }
   if (spec.nchannels < 1 || spec.nchannels > 64) {
     refuse(fmt::format("{} channels", spec.nchannels), path, "give a grey or an RGB picture");
   }
   const int channels = spec.nchannels >= 3 ? 3 : 1;
+  const std::uint64_t tile_pixels =
+      std::uint64_t(spec.tile_width) * std::uint64_t(spec.tile_height);
+  require_claim(
+      {static_cast<std::uint64_t>(spec.width), static_cast<std::uint64_t>(spec.height),
+       std::max<std::uint64_t>(spec.image_bytes(true), tile_pixels * spec.pixel_bytes(true)),
+       claim.most_per_byte},
+      static_cast<std::uint64_t>(channels), file_bytes, path);
   PictureFile picture;
   picture.is_floating = spec.format.is_floating_point();
   picture.bits_per_sample = static_cast<int>(spec.format.basesize()) * 8;

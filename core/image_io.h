@@ -27,9 +27,14 @@ struct PictureFile {
 };
 
 /// Reads a picture without changing its transfer. Alpha is dropped.
-/// @throws Error  names the file and what is wrong: not a picture, truncated, too large
-///                (more than 2^28 pixels), no colour channels.
+/// @throws Error  names the file and what is wrong: not a picture, truncated, too large (more
+///                than 2^28 pixels, or the limit below), a size that its bytes cannot hold, no
+///                colour channels. Sizes are looked at before memory is taken for them.
 [[nodiscard]] PictureFile read_picture(const std::filesystem::path& path);
+
+/// The most memory that a picture may take from now on, bytes; 4 GiB until then. For main,
+/// which knows --memory.
+void limit_picture_memory(std::uint64_t bytes) noexcept;
 
 /// Reads a picture as linear light: sRGB-coded files are decoded, floats are taken as they are.
 /// @throws Error  as read_picture; also names the first pixel that is NaN or infinite.

@@ -134,7 +134,7 @@ MeasuredLights read_light_table(ConfigTable& t) {
 }
 
 Eigen::Vector3d read_vector(ConfigTable& t, std::string_view key) {
-  const std::vector<double> x = t.numbers(key, 3);
+  const std::vector<double> x = t.numbers(key, 3, {.min = -1e6, .max = 1e6});
   return {x[0], x[1], x[2]};
 }
 

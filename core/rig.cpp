@@ -3,15 +3,19 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <set>
 
+#include <arpa/inet.h>
 #include <fmt/format.h>
 
 #include "core/config_table.h"
+#include "core/controller_address.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
 #include "core/measured_rig.h"
 #include "core/pixel_format.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -25,10 +29,12 @@ constexpr std::array<std::string_view, 2> kShutterWords{"rolling", "global"};
 constexpr std::array<std::string_view, 5> kBayerWords{"none", "rggb", "bggr", "grbg", "gbrg"};
 constexpr std::array<std::string_view, 3> kCameraWords{"v4l2", "remote", "replay"};
 constexpr std::array<std::string_view, 3> kControllerWords{"modbus_tcp", "modbus_rtu", "usb"};
-constexpr std::uintmax_t kMaxRigText = 16U << 20U;
+constexpr std::uintmax_t kMaxRigText = kMaxTomlBytes;
 constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
 constexpr double kMaxLengthMm = 1e6;
+constexpr Range kPlace{.min = -kMaxLengthMm, .max = kMaxLengthMm};
+constexpr double kMaxFramePixels = 0x1p28;  // as a picture (core/image_io.h)
 // USB cameras need one or two frames, sensors behind a pipeline up to three.
 constexpr int kUsualExposureDelay = 3;
 
@@ -38,7 +44,7 @@ std::vector<std::string_view> words(const std::array<std::string_view, N>& list)
 }
 
 Eigen::Vector3d vector3(ConfigTable& table, std::string_view key) {
-  const std::vector<double> x = table.numbers(key, 3);
+  const std::vector<double> x = table.numbers(key, 3, kPlace);
   return {x[0], x[1], x[2]};
 }
 
@@ -73,7 +79,7 @@ Face read_face(ConfigTable& t) {
   face.rows = static_cast<int>(t.integer("rows", {.min = 1, .max = 256}));
   face.cols = static_cast<int>(t.integer("cols", {.min = 1, .max = 256}));
   face.pitch_mm = t.number("pitch", {.min = 1e-3, .max = kMaxLengthMm});
-  const std::vector<double> emitter = t.numbers("emitter", 2);
+  const std::vector<double> emitter = t.numbers("emitter", 2, kPlace);
   face.emitter_w_mm = emitter[0];
   face.emitter_h_mm = emitter[1];
   if (!(emitter[0] > 0.0 && emitter[1] > 0.0) ||
@@ -117,7 +123,7 @@ ShadowPlane read_plane(ConfigTable& t) {
     t.problem("origin", "the origin does not lie on the plane n.x + d = 0",
               "correct origin or d");
   }
-  const std::vector<double> extent = t.numbers("extent", 2);
+  const std::vector<double> extent = t.numbers("extent", 2, kPlace);
   plane.extent_u_mm = extent[0];
   plane.extent_v_mm = extent[1];
   plane.texel_mm = t.number("texel", {.min = 1e-3, .max = kMaxLengthMm});
@@ -268,12 +274,15 @@ CameraSpec read_camera(ConfigTable& t) {
   camera.device = t.text("device");
   camera.format = t.text_or("format", "Y16 ");
   const std::vector<double> size = t.numbers("size", 2);
-  camera.frame_width = static_cast<int>(size[0]);
-  camera.frame_height = static_cast<int>(size[1]);
   if (!(size[0] >= 1 && size[1] >= 1 && size[0] <= 65536 && size[1] <= 65536) ||
-      size[0] != std::floor(size[0]) || size[1] != std::floor(size[1])) {
-    t.problem("size", "not a frame size", "write size = [width, height] in pixels");
+      size[0] != std::floor(size[0]) || size[1] != std::floor(size[1]) ||
+      size[0] * size[1] > kMaxFramePixels) {
+    t.problem("size", "not a frame size",
+              "write size = [width, height] in pixels: up to 65536 each, 2^28 in all");
     camera.frame_width = camera.frame_height = 1;
+  } else {
+    camera.frame_width = static_cast<int>(size[0]);
+    camera.frame_height = static_cast<int>(size[1]);
   }
   camera.active_rows = static_cast<int>(
       t.integer_or("active_area", camera.frame_height,
@@ -296,7 +305,7 @@ CameraSpec read_camera(ConfigTable& t) {
         "read_us", "read_us is 0, but the stamp means the end of the frame",
         "a readout is never free: measure it, or divide the frame period by two for a start");
   }
-  const std::vector<double> k = t.matrix("K", 3, 3);
+  const std::vector<double> k = t.matrix("K", 3, 3, {.min = -1e9, .max = 1e9});
   camera.model.width = camera.frame_width;
   camera.model.height = camera.active_rows;
   camera.model.fx = k[0];
@@ -308,11 +317,12 @@ CameraSpec read_camera(ConfigTable& t) {
     t.problem("K", "K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with positive fx, fy",
               "write the focal lengths and the principal point in pixels");
   }
-  const std::vector<double> dist = t.numbers_or("dist", {0, 0, 0, 0, 0});
+  const std::vector<double> dist =
+      t.numbers_or("dist", {0, 0, 0, 0, 0}, {.min = -1e3, .max = 1e3});
   for (int i = 0; i < 5; ++i) {
     camera.model.distortion[i] = dist[static_cast<std::size_t>(i)];
   }
-  const std::vector<double> pose = t.matrix("world_from_cam", 3, 4);
+  const std::vector<double> pose = t.matrix("world_from_cam", 3, 4, kPlace);
   Eigen::Matrix3d rotation;
   for (int row = 0; row < 3; ++row) {
     for (int col = 0; col < 3; ++col) {
@@ -342,10 +352,29 @@ CameraSpec read_camera(ConfigTable& t) {
   return camera;
 }
 
+void require_address(ConfigTable& t, const ControllerSpec& controller) {
+  std::string fault;
+  if (controller.kind == ControllerKind::modbus_tcp) {
+    if (const auto address = parse_tcp_address(controller.address); !address) {
+      fault = address.error().what;
+    }
+  } else if (controller.kind == ControllerKind::modbus_rtu) {
+    if (const auto address = parse_serial_address(controller.address); !address) {
+      fault = address.error().what;
+    }
+  }
+  if (!fault.empty()) {
+    t.problem("address", fault, "write it in this form (docs/controllers.md)");
+  }
+}
+
 ControllerSpec read_controller(ConfigTable& t) {
   ControllerSpec controller;
   controller.kind = static_cast<ControllerKind>(t.choice("kind", words(kControllerWords)));
   controller.address = t.text("address");
+  if (t.has("address")) {
+    require_address(t, controller);
+  }
   controller.unit = static_cast<int>(t.integer_or("unit", 1, {.min = 1, .max = 247}));
   controller.profile = t.text_or("profile", "haarlight");
   controller.lease =
@@ -363,12 +392,11 @@ ControllerSpec read_controller(ConfigTable& t) {
 
 template <class T>
 void require_unique_ids(ConfigTable& root, std::string_view key, const std::vector<T>& items) {
-  for (std::size_t i = 0; i < items.size(); ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      if (items[i].id == items[j].id) {
-        root.problem(key, fmt::format("two of [[{}]] have the id \"{}\"", key, items[i].id),
-                     "give each its own id");
-      }
+  std::set<std::string_view> ids;
+  for (const T& item : items) {
+    if (!ids.insert(item.id).second) {
+      root.problem(key, fmt::format("two of [[{}]] have the id \"{}\"", key, item.id),
+                   "give each its own id");
     }
   }
 }
@@ -396,6 +424,18 @@ std::vector<std::string> read_hosts(ConfigTable& http) {
   return hosts;
 }
 
+/// int, as all that counts lights does.
+void require_few_lights(ConfigTable& root, const std::vector<Face>& faces) {
+  std::int64_t n_lights = 0;
+  for (const Face& face : faces) {
+    n_lights += face.n_lights();
+  }
+  if (n_lights > kMaxLights) {
+    root.problem("face", fmt::format("{} lights, more than {}", n_lights, kMaxLights),
+                 "split the rig");
+  }
+}
+
 Rig read_tables(ConfigTable& root) {
   Rig rig;
   rig.schema = static_cast<int>(root.integer("schema", {.min = 1, .max = 1}));
@@ -408,6 +448,10 @@ Rig read_tables(ConfigTable& root) {
     rig.planes.push_back(read_plane(table));
   }
   for (ConfigTable& table : root.tables("camera")) {
+    if (rig.cameras.size() == 1) {
+      table.problem("id", "a second camera: haarlight captures with one",
+                    "remove this [[camera]]; capture with it by a rig file of its own");
+    }
     rig.cameras.push_back(read_camera(table));
   }
   require_unique_ids(root, "face", rig.faces);
@@ -419,10 +463,7 @@ Rig read_tables(ConfigTable& root) {
   if (rig.cameras.empty()) {
     root.problem("camera", "a rig needs at least one camera", "add [[camera]]");
   }
-  if (rig.n_lights() > kMaxLights) {
-    root.problem("face", fmt::format("{} lights, more than {}", rig.n_lights(), kMaxLights),
-                 "split the rig");
-  }
+  require_few_lights(root, rig.faces);
   if (auto controller = root.table("controller")) {
     rig.controller = read_controller(*controller);
   } else {
@@ -448,6 +489,12 @@ Rig read_tables(ConfigTable& root) {
     rig.http.token_file = http->text_or("token_file", "");
     if (http->has("allowed_hosts")) {
       rig.http.allowed_hosts = read_hosts(*http);
+    }
+    in6_addr parsed{};
+    if (::inet_pton(AF_INET, rig.http.address.c_str(), &parsed) != 1 &&
+        ::inet_pton(AF_INET6, rig.http.address.c_str(), &parsed) != 1) {
+      http->problem("address", fmt::format("\"{}\" is no IP address", rig.http.address),
+                    "write one in numbers, for example 127.0.0.1 or ::1");
     }
     const bool is_loopback = rig.http.address.starts_with("127.") || rig.http.address == "::1";
     if (!is_loopback && rig.http.token_file.empty()) {

@@ -4,32 +4,13 @@
 #include <memory>
 #include <string>
 
+#include "core/controller_address.h"
 #include "firmware_iface/register_bus.h"
 
 /// @file
 /// Modbus TCP and RTU over libmodbus, whose own error recovery stays off.
 
 namespace haarlight {
-
-struct TcpAddress {
-  std::string host;     ///< name, IPv4 or IPv6 address
-  std::string service;  ///< port number
-};
-
-enum class Parity : char { none = 'N', even = 'E', odd = 'O' };
-
-struct SerialAddress {
-  std::string device;
-  int baud = 115200;
-  int data_bits = 8;
-  Parity parity = Parity::even;  ///< Modbus's default
-  int stop_bits = 1;
-};
-
-/// "host:port", "[::1]:port". Fault unsupported: not of that form.
-[[nodiscard]] Result<TcpAddress> parse_tcp_address(const std::string& text);
-/// "/dev/...:baud" or "/dev/...:baud:8E1"; the device may contain colons (by-path).
-[[nodiscard]] Result<SerialAddress> parse_serial_address(const std::string& text);
 
 struct ModbusTiming {
   /// From the end of a request on the wire to the beginning of its answer. Time for the bytes

@@ -15,12 +15,16 @@ namespace {
 
 using Eigen::Vector3d;
 
+constexpr double kMaxLength = 1e9;
+constexpr Range kPlace{.min = -kMaxLength, .max = kMaxLength};
+constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // some 5 GB with its ray tree
+
 Vector3d to_vector(const std::vector<double>& values) {
   return {values[0], values[1], values[2]};
 }
 
 Vector3d vector_or(ConfigTable& table, std::string_view key, const Vector3d& fallback) {
-  return to_vector(table.numbers_or(key, {fallback.x(), fallback.y(), fallback.z()}));
+  return to_vector(table.numbers_or(key, {fallback.x(), fallback.y(), fallback.z()}, kPlace));
 }
 
 class SceneReader {
@@ -38,22 +42,25 @@ class SceneReader {
       read_mesh(table);
     }
     for (ConfigTable& table : root_.tables("sphere")) {
-      const Vector3d centre = to_vector(table.numbers("centre", 3));
-      const double radius = table.number("radius", {.min = 1e-6});
+      const Vector3d centre = to_vector(table.numbers("centre", 3, kPlace));
+      const double radius = table.number("radius", {.min = 1e-6, .max = kMaxLength});
       const auto subdivisions =
           static_cast<int>(table.integer_or("subdivisions", 5, {.min = 0, .max = 8}));
-      add(make_sphere(centre, radius, subdivisions, material_of(table)));
+      const int material = material_of(table);
+      if (has_room(table, std::size_t{20} << static_cast<unsigned>(2 * subdivisions))) {
+        add(make_sphere(centre, radius, subdivisions, material));
+      }
     }
     for (ConfigTable& table : root_.tables("box")) {
-      const Vector3d low = to_vector(table.numbers("low", 3));
-      const Vector3d high = to_vector(table.numbers("high", 3));
+      const Vector3d low = to_vector(table.numbers("low", 3, kPlace));
+      const Vector3d high = to_vector(table.numbers("high", 3, kPlace));
       if (!((high - low).minCoeff() > 0.0)) {
         table.problem("high", "a box without volume", "every number of high must exceed low's");
       }
       add(make_box(low, high, material_of(table)));
     }
     for (ConfigTable& table : root_.tables("quad")) {
-      const std::vector<double> c = table.matrix("corners", 4, 3);
+      const std::vector<double> c = table.matrix("corners", 4, 3, kPlace);
       add(make_quad({c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]},
                     {c[9], c[10], c[11]}, material_of(table)));
     }
@@ -69,6 +76,19 @@ class SceneReader {
   }
 
  private:
+  /// Room for that many more triangles; else a problem at `table`, once.
+  bool has_room(ConfigTable& table, std::size_t n_triangles) {
+    if (n_triangles <= kMaxTriangles - n_triangles_) {
+      n_triangles_ += n_triangles;
+      return true;
+    }
+    if (!is_full_) {
+      table.problem("", "more than 2^26 triangles in the scene",
+                    "use fewer subdivisions or simpler meshes");
+    }
+    is_full_ = true;
+    return false;
+  }
   void add(Mesh mesh) { file_.scene.meshes.push_back(std::move(mesh)); }
 
   void read_material(ConfigTable& table) {
@@ -119,7 +139,7 @@ class SceneReader {
     const int material = table.has("material") ? material_of(table) : -1;
     const Vector3d translate = vector_or(table, "translate", Vector3d::Zero());
     const double scale = table.number_or("scale", 1.0, {.min = 1e-9, .max = 1e9});
-    const double turn_deg = table.number_or("rotate_z_deg", 0.0);
+    const double turn_deg = table.number_or("rotate_z_deg", 0.0, {.min = -1e6, .max = 1e6});
     if (name.empty()) {
       return;
     }
@@ -136,6 +156,13 @@ class SceneReader {
     } catch (const Error& error) {
       table.problem("file", fmt::format("{} ({})", error.problem(), error.where()),
                     error.cure());
+      return;
+    }
+    std::size_t n_triangles = 0;
+    for (const Mesh& mesh : added.meshes) {
+      n_triangles += mesh.triangles.size();
+    }
+    if (!has_room(table, n_triangles)) {
       return;
     }
     const Eigen::Matrix3d turn =
@@ -172,8 +199,8 @@ class SceneReader {
     camera.width = static_cast<int>(size[0]);
     camera.height = static_cast<int>(size[1]);
     if (table.has("eye")) {
-      const Vector3d eye = to_vector(table.numbers("eye", 3));
-      const Vector3d target = to_vector(table.numbers("target", 3));
+      const Vector3d eye = to_vector(table.numbers("eye", 3, kPlace));
+      const Vector3d target = to_vector(table.numbers("target", 3, kPlace));
       const Vector3d up = vector_or(table, "up", Vector3d::UnitZ());
       const double fov_deg = table.number("fov_y_deg", {.min = 1e-3, .max = 179.0});
       if ((target - eye).cross(up).norm() < 1e-9 * (target - eye).norm() * up.norm()) {
@@ -186,8 +213,8 @@ class SceneReader {
       camera.cx = 0.5 * camera.width;
       camera.cy = 0.5 * camera.height;
     } else {
-      const std::vector<double> k = table.matrix("K", 3, 3);
-      const std::vector<double> pose = table.matrix("world_from_cam", 3, 4);
+      const std::vector<double> k = table.matrix("K", 3, 3, {.min = -1e9, .max = 1e9});
+      const std::vector<double> pose = table.matrix("world_from_cam", 3, 4, kPlace);
       camera.fx = k[0];
       camera.fy = k[4];
       camera.cx = k[2];
@@ -210,7 +237,7 @@ class SceneReader {
       }
     }
     if (table.has("dist")) {
-      const std::vector<double> dist = table.numbers("dist", 5);
+      const std::vector<double> dist = table.numbers("dist", 5, {.min = -1e3, .max = 1e3});
       for (int i = 0; i < 5; ++i) {
         camera.distortion[i] = dist[static_cast<std::size_t>(i)];
       }
@@ -222,6 +249,8 @@ class SceneReader {
   std::filesystem::path folder_;
   ConfigTable root_;
   SceneFile file_;
+  std::size_t n_triangles_ = 0;  ///< of file_, spheres' rounded up; not boxes and quads
+  bool is_full_ = false;
 };
 
 }  // namespace

@@ -59,6 +59,9 @@ CPP_ONLY = {
     r"openssl/": ["core/sha256.cpp"],
 }
 
+# A JSON text goes through parse_json, which limits its depth; what we wrote ourselves need not.
+FREE_PARSE = re.compile(r"[jJ]son::(parse|accept|sax_parse)\((?!evidence_to_json\()")
+
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
@@ -88,6 +91,10 @@ def problems_of(path: pathlib.Path) -> list[str]:
                 found.append(f"{name}:{number}: <{header}> belongs in a .cpp file")
             elif files is not None and name not in files:
                 found.append(f"{name}:{number}: only {', '.join(files)} may include <{header}>")
+    if room not in ("tests", "bench"):
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if FREE_PARSE.search(line) and name != "core/text_limits.h":
+                found.append(f"{name}:{number}: JSON is read by parse_json (core/text_limits.h)")
     if path.suffix == ".cpp" and (ROOT / own).exists() and first != own:
         found.append(f"{name}: its first include is not \"{own}\"")
     return found

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -30,16 +31,7 @@ JsonValue::JsonValue(std::shared_ptr<const Document> document, const void* node,
     : document_(std::move(document)), node_(node), place_(std::move(place)) {}
 
 JsonValue JsonValue::parse(std::string_view text, const std::string& where) {
-  std::shared_ptr<const Document> document;
-  try {
-    document = std::make_shared<const Document>(Json::parse(text.begin(), text.end()));
-  } catch (const Json::parse_error& error) {
-    throw Error("not JSON: broken at byte " + std::to_string(error.byte), where,
-                "the file is damaged or cut short: take it from a backup, or make it again");
-  } catch (const Json::exception& error) {  // numbers out of range
-    throw Error(std::string("not JSON: ") + error.what(), where,
-                "the file is damaged: take it from a backup, or make it again");
-  }
+  auto document = std::make_shared<const Document>(parse_json<Json>(text, where));
   const void* root = &document->root;
   return {std::move(document), root, where};
 }

@@ -18,7 +18,7 @@ namespace haarlight {
 class JsonValue {
  public:
   /// @param where  the file's name, for messages
-  /// @throws Error  not JSON (with the byte), or over 1 GiB
+  /// @throws Error  not JSON (with the byte), or beyond core/text_limits.h
   [[nodiscard]] static JsonValue parse(std::string_view text, const std::string& where);
 
   [[nodiscard]] bool has(std::string_view key) const;

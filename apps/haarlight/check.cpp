@@ -11,8 +11,11 @@
 #include "apps/haarlight/verb.h"
 #include "capture/plan.h"
 #include "core/files.h"
+#include "core/measured_rig.h"
 #include "core/rig.h"
-#include "relight/basis/basis_file.h"
+#include "core/text_limits.h"
+#include "firmware_iface/controller_profile.h"
+#include "relight/basis/basis_check.h"
 #include "relight/light/cubemap.h"
 #include "render/scene.h"
 #include "sim/fault_script.h"
@@ -29,6 +32,25 @@ struct CheckArguments {
 std::string describe(const Rig& rig) {
   return fmt::format("{} lights on {} faces, {} planes, {} cameras", rig.n_lights(),
                      rig.faces.size(), rig.planes.size(), rig.cameras.size());
+}
+
+/// The profile that the rig's controller needs, read as the daemon will.
+void check_profile(const Rig& rig) {
+  if (rig.controller.profile == "haarlight") {
+    return;
+  }
+  const std::filesystem::path file = find_controller_profile(rig.controller.profile, rig.file);
+  if (file.empty()) {
+    throw Error(fmt::format("controller profile \"{}\": no such file", rig.controller.profile),
+                rig.file.string(),
+                "put it beside the rig file or in profiles/, or correct profile =");
+  }
+  const ControllerProfile profile = read_controller_profile(file);
+  if (rig.n_lights() > profile.channels) {
+    throw Error(fmt::format("{} lights, but a {} has {} channels", rig.n_lights(), profile.name,
+                            profile.channels),
+                rig.file.string(), "correct the faces, or choose another profile");
+  }
 }
 
 /// Alone a plan is held to the ranges of its keys; after a rig also to its lights and power.
@@ -62,7 +84,16 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
   switch (kind) {
     case FileKind::rig:
       rig = read_rig(file);
+      check_profile(*rig);
       return describe(*rig);
+    case FileKind::measured: {
+      const MeasuredRig measured = parse_measured(read_file(file, kMaxTomlBytes), file);
+      return fmt::format("of {}; name its rig to hold it to that", measured.date);
+    }
+    case FileKind::profile: {
+      const ControllerProfile profile = read_controller_profile(file);
+      return fmt::format("{}, {} channels", profile.name, profile.channels);
+    }
     case FileKind::plan:
     case FileKind::shot_list:
       return check_plan(file, kind, rig);
@@ -81,6 +112,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
     }
     case FileKind::basis: {
       const BasisFile basis = BasisFile::open(file);
+      check_basis(basis);
       const StackDims& dims = basis.header().dims;
       return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
                          dims.height, dims.n_lights, basis.header().reached.relative_l2);
@@ -124,13 +156,16 @@ void add_check(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<CheckArguments>();
   Command verb = root.add_verb("check", "Check input files and list every problem in them");
   verb.option("FILE", &arguments->files,
-              "Rig, plan, plan.json, scene, fault script, environment, basis file",
+              "Rig, measured values, controller profile, plan, plan.json, scene, fault script, "
+              "environment, basis file",
               {.type = "FILE...", .is_required = true});
-  verb.option(
-      "--as", &arguments->kind, "Take them for this kind of file",
-      {.type = "rig|plan|shot-list|scene|faults|environment|basis", .shows_default = true});
+  verb.option("--as", &arguments->kind, "Take them for this kind of file",
+              {.type = "rig|measured|profile|plan|shot-list|scene|faults|environment|basis",
+               .shows_default = true});
   verb.footer(
-      "A plan that stands after a rig is held to that rig's lights and power, too.\n"
+      "A plan that stands after a rig is held to that rig's lights and power, too. A rig is "
+      "read\n"
+      "with its measured values and its controller's profile, a basis file whole.\n"
       "Exit code 65 when a file is bad; the others are checked all the same.\n"
       "Examples:\n"
       "  haarlight check configs/rigs/cube32.toml configs/plans/one_at_a_time.toml\n"

@@ -16,6 +16,7 @@
 #include "core/files.h"
 #include "core/log.h"
 #include "core/progress.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -47,7 +48,7 @@ int number_of(const Json& json, const char* key) {
 /// @throws Error  what the daemon's error says, or no JSON
 Json parse_reply(const DaemonReply& reply) {
   DaemonClient::require_good(reply);
-  Json json = Json::parse(reply.body, nullptr, false);
+  Json json = parse_json<Json>(reply.body, "haarlightd");
   if (!json.is_object()) {
     refuse_answer();
   }

@@ -19,7 +19,8 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kHead = 4096;  // bytes in which a file says what it is
 
-constexpr std::array<std::string_view, 7> kWords{"rig",    "plan",        "shot-list", "scene",
+constexpr std::array<std::string_view, 9> kWords{"rig",    "measured",    "profile",
+                                                 "plan",   "shot-list",   "scene",
                                                  "faults", "environment", "basis"};
 
 struct KindKeys {
@@ -31,6 +32,9 @@ const std::vector<KindKeys>& kinds_of_toml() {
   static const std::vector<KindKeys> kKinds{
       {FileKind::rig,
        {"face", "plane", "controller", "sync", "storage", "http", "object_centre"}},
+      {FileKind::measured, {"measured"}},
+      {FileKind::profile,
+       {"source", "channels", "channel", "connect", "before", "latch", "identity"}},
       {FileKind::plan,
        {"patterns", "pattern", "order", "level", "lights", "bin", "exposures_us", "repeats",
         "darks_every", "darks_every_c", "sentinel_every", "sentinel_light", "reserve_mb",
@@ -54,10 +58,10 @@ FileKind recognise_toml(const fs::path& path) {
     }
   }
   if (most == 0) {
-    throw Error(
-        "its keys are those of no kind of file", path.string(),
-        "a rig has [[face]], a plan patterns = ..., a scene [[mesh]] or [[box]], a fault "
-        "script [frames] or [[bus]]; say which with --as");
+    throw Error("its keys are those of no kind of file", path.string(),
+                "a rig has [[face]], a profile [channel], a plan patterns = ..., a scene "
+                "[[mesh]] or [[box]], a fault "
+                "script [frames] or [[bus]]; say which with --as");
   }
   return best;
 }

@@ -8,7 +8,17 @@
 
 namespace haarlight {
 
-enum class FileKind { rig, plan, shot_list, scene, faults, environment, basis };
+enum class FileKind {
+  rig,
+  measured,
+  profile,
+  plan,
+  shot_list,
+  scene,
+  faults,
+  environment,
+  basis
+};
 
 [[nodiscard]] std::string_view to_string(FileKind kind) noexcept;
 /// @throws Error(usage)  not one of to_string()'s words

@@ -12,6 +12,7 @@
 #include "apps/haarlight/daemon_address.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -37,7 +38,7 @@ struct LookArguments {
 /// @throws Error  what the daemon's error says, or no JSON
 Json parse_reply(const DaemonReply& reply) {
   DaemonClient::require_good(reply);
-  Json json = Json::parse(reply.body, nullptr, false);
+  Json json = parse_json<Json>(reply.body, "haarlightd");
   if (!json.is_object()) {
     refuse_answer();
   }

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "apps/haarlight/verb.h"
+#include "core/image_io.h"
 
 namespace haarlight {
 
@@ -93,6 +94,7 @@ void finish_verb(Command verb, Invocation& invocation, RunVerb run) {
   verb.on_chosen([name = verb.name(), run = std::move(run), &invocation] {
     invocation.command = name;
     invocation.run = [run, &invocation](Report& report) {
+      limit_picture_memory(invocation.common.memory_bytes);
       return run(invocation.common, report);
     };
   });

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -117,9 +118,35 @@ std::span<const std::byte> checked_part(std::span<const std::byte> bytes,
   }
   const auto found = bytes.subspan(offset, size);
   if (block_checksum(found) != checksum) {
-    throw_damaged(fmt::format("the {} is damaged (checksum)", what), name);
+    throw_damaged(
+        fmt::format("the {} is damaged (checksum): {} bytes from byte {}", what, size, offset),
+        name);
   }
   return found;
+}
+
+/// Every byte belongs to one part, and so is under its checksum.
+void require_no_loose_bytes(const Preamble& preamble, const std::vector<BlockEntry>& index,
+                            const std::string& name) {
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> parts = {{0, kPreambleBytes}};
+  for (const auto* part : {&preamble.header, &preamble.index, &preamble.tables}) {
+    parts.emplace_back((*part)[0], (*part)[1]);
+  }
+  for (const BlockEntry& block : index) {
+    parts.emplace_back(block.offset, block.bytes);
+  }
+  std::erase_if(parts, [](const auto& part) { return part.second == 0; });
+  std::sort(parts.begin(), parts.end());
+  parts.emplace_back(preamble.file_bytes, 0);
+  std::uint64_t end = 0;
+  for (const auto& [offset, size] : parts) {
+    if (offset != end) {
+      throw_damaged(offset > end ? fmt::format("bytes {} to {} belong to nothing", end, offset)
+                                 : fmt::format("two parts share byte {}", offset),
+                    name);
+    }
+    end = offset + size;
+  }
 }
 
 std::size_t table_values(const BasisHeader& header) {
@@ -239,6 +266,7 @@ void BasisFile::parse() {
       throw_damaged("a block lies outside the file", name_);
     }
   }
+  require_no_loose_bytes(preamble, index_, name_);
 
   const auto tables = checked_part(bytes_, preamble.tables, "table part", name_);
   tables_ = tables_from_floats(
@@ -277,8 +305,9 @@ const BlockEntry& BasisFile::entry(int i_tile, int channel, int block) const {
 }
 
 std::string BasisFile::block_name(int i_tile, int channel, int block) const {
-  return fmt::format("{}, tile {}, channel {}, {}", name_, i_tile, channel,
-                     block == 0 ? "pixels" : fmt::format("group {}", block - 1));
+  return fmt::format("{}, tile {}, channel {}, {} (from byte {})", name_, i_tile, channel,
+                     block == 0 ? "pixels" : fmt::format("group {}", block - 1),
+                     entry(i_tile, channel, block).offset);
 }
 
 std::span<const std::byte> BasisFile::block_bytes(int i_tile, int channel, int block) const {

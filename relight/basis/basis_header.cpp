@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/text_limits.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/tile_plate.h"
 
@@ -245,10 +246,7 @@ std::string basis_header_to_json(const BasisHeader& header) {
 }
 
 BasisHeader basis_header_from_json(const std::string& text, const std::string& where) {
-  const json root = json::parse(text, nullptr, false);
-  if (root.is_discarded()) {
-    throw_bad("the header is not JSON", where);
-  }
+  const json root = parse_json<json>(text, where + ", header");
   const Fields top(root, "", where);
   BasisHeader header;
   header.program = top.text("program");

@@ -10,12 +10,15 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
 namespace {
 
 using nlohmann::json;
+
+constexpr std::uintmax_t kMaxWeightBytes = std::uintmax_t{64} << 20U;  // 3 * 24576 numbers
 
 void add_word(std::string_view word, Eigen::MatrixXd& weights) {
   const auto n_lights = weights.rows();
@@ -75,11 +78,7 @@ Eigen::MatrixXd weights_from_words(const std::vector<std::string>& words, int n_
 }
 
 Eigen::MatrixXd weights_from_json(const std::filesystem::path& file, int n_lights) {
-  const json root = json::parse(read_file(file), nullptr, false);
-  if (root.is_discarded()) {
-    throw Error("the weights are not JSON", file.string(),
-                "write a list of one number, or [r, g, b], a light");
-  }
+  const json root = parse_json<json>(read_file(file, kMaxWeightBytes), file.string());
   std::vector<double> numbers;
   flatten(root, 0, numbers, file.string());
   const auto n = static_cast<int>(numbers.size());

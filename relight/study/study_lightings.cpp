@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/random.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -103,7 +104,8 @@ std::vector<StudyLighting> lightings_from_json(const std::filesystem::path& file
                                                int n_lights) {
   std::vector<StudyLighting> all;
   try {
-    const nlohmann::ordered_json root = nlohmann::ordered_json::parse(read_file(file));
+    const nlohmann::ordered_json root =
+        parse_json<nlohmann::ordered_json>(read_file(file, kMaxJsonBytes), file.string());
     if (!root.is_object() || root.empty()) {
       throw Error("no lightings", file.string(), "write {\"name\": [a number a light], ...}");
     }

@@ -1,5 +1,6 @@
 #include "core/image_io.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -11,6 +12,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/random.h"
+#include "core/report.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {
@@ -125,6 +127,47 @@ TEST(ReadPicture, RefusesTruncatedFiles) {
       write_file_atomically(folder / name, std::string_view(bytes).substr(0, n));
       EXPECT_THROW((void)read_picture(folder / name), Error) << name << " cut at " << share;
     }
+  }
+}
+
+/// Every seed of the fuzzer whose header claims a picture that its bytes cannot hold.
+TEST(ReadPicture, RefusesClaimsThatTheBytesCannotHold) {
+  int n_claims = 0;
+  for (const auto& entry :
+       std::filesystem::directory_iterator(HAARLIGHT_SOURCE_DIR "/tests/core/corpus/picture")) {
+    const std::string name = entry.path().stem().string();
+    if (!name.starts_with("claims") && name != "window") {
+      continue;
+    }
+    ++n_claims;
+    EXPECT_THAT(
+        message_of(entry.path()),
+        ::testing::AnyOf(HasSubstr("bytes cannot hold"), HasSubstr("2^28 pixels"),
+                         HasSubstr("cannot be decoded"), HasSubstr("ends before its header")))
+        << entry.path();
+  }
+  EXPECT_GE(n_claims, 10);
+  EXPECT_LT(peak_memory_bytes(), std::size_t{512} << 20U);
+}
+
+TEST(ReadPicture, HoldsTheMemoryLimit) {
+  const TemporaryFolder folder;
+  write_image(folder / "a.tif", noise_image(256, 256, 3, 1.0F).view());
+  limit_picture_memory(std::uint64_t{1} << 20U);
+  EXPECT_THAT(message_of(folder / "a.tif"),
+              HasSubstr("give a smaller picture, or more by --memory"));
+  limit_picture_memory(std::uint64_t{4} << 30U);
+  EXPECT_NO_THROW((void)read_picture(folder / "a.tif"));
+}
+
+/// A picture of one grey is the smallest that a good file can be.
+TEST(ReadPicture, TakesGreyPicturesHoweverSmallTheirFiles) {
+  const TemporaryFolder folder;
+  Image<float> grey(1024, 2048, 3);
+  std::fill(grey.pixels().begin(), grey.pixels().end(), 0.5F);
+  for (const std::string name : {"a.exr", "a.png", "a.tif"}) {
+    write_image(folder / name, grey.view());
+    EXPECT_NO_THROW((void)read_picture(folder / name)) << name;
   }
 }
 

@@ -1,5 +1,6 @@
 #include "core/rig.h"
 
+#include <algorithm>
 #include <functional>
 
 #include <gmock/gmock.h>
@@ -8,6 +9,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/measured_rig.h"
+#include "tests/absurd_numbers.h"
 
 namespace haarlight {
 namespace {
@@ -108,6 +110,19 @@ TEST(Rig, NamesWhatIsWrong) {
       {"[controller]", "[controler]", "[controller] is missing"},
       {"pitch = 120.0", "pitch = nan", "pitch = nan is out of range"},
       {"id = \"main\"", "id = 7", "id is not a text"},
+      {"127.0.0.1:1503", "127.0.0.1:99999", "expected host:port, port 1 to 65535"},
+      {"127.0.0.1:1503", "127.0.0.1:0", "expected host:port"},
+      {"127.0.0.1:1503", "127.0.0.1:-5", "expected host:port"},
+      {"127.0.0.1:1503", "127.0.0.1:1e3", "expected host:port"},
+      {"127.0.0.1:1503", "127.0.0.1", "expected host:port"},
+      {"127.0.0.1:1503", "", "expected host:port"},
+      {"kind = \"modbus_tcp\"\naddress = \"127.0.0.1:1503\"",
+       "kind = \"modbus_rtu\"\naddress = \"/dev/ttyUSB0:99999999\"", "300 to 4000000 baud"},
+      {"kind = \"modbus_tcp\"\naddress = \"127.0.0.1:1503\"",
+       "kind = \"modbus_rtu\"\naddress = \"/dev/ttyUSB0:115200:9N1\"", "expected /dev/"},
+      {"port = 8", "port = 99999 # 8", "port = 99999 is out of range"},
+      {"address = \"127.0.0.1\"\nport", "address = \"localhost\"\nport", "no IP address"},
+      {"size = [64, 56]", "size = [65536, 65536]", "not a frame size"},
   };
   for (const BrokenRig& broken : cases) {
     const std::string message = message_of(with(small_rig_text(), broken.from, broken.to));
@@ -115,6 +130,45 @@ TEST(Rig, NamesWhatIsWrong) {
     EXPECT_THAT(message, HasSubstr("rig.toml:"));
     EXPECT_THAT(message, HasSubstr("cure: "));
   }
+}
+
+TEST(Rig, RefusesASecondCameraAtItsLine) {
+  std::string text = small_rig_text();
+  const std::size_t camera = text.find("[[camera]]");
+  const std::size_t controller = text.find("[controller]");
+  ASSERT_LT(camera, controller);
+  const std::string second =
+      with(text.substr(camera, controller - camera), "id = \"main\"", "id = \"side\"");
+  const std::string message = message_of(text.insert(controller, second));
+  EXPECT_THAT(message, HasSubstr("a second camera: haarlight captures with one"));
+  EXPECT_THAT(message, HasSubstr("cure: remove this [[camera]]"));
+  const auto line =
+      2 +
+      std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(controller), '\n');
+  EXPECT_THAT(message, HasSubstr("rig.toml:" + std::to_string(line) + ": a second"));
+}
+
+TEST(Rig, RefusesAbsurdNumbersWhereverTheyStand) {
+  const auto parse = [](const std::string& text) { (void)parse_rig(text, "rig.toml"); };
+  testing::expect_absurd_numbers_refused(small_rig_text(), parse);
+  for (const char* name : {"cube32", "strobe60"}) {
+    testing::expect_absurd_numbers_refused(
+        read_file(HAARLIGHT_SOURCE_DIR "/configs/rigs/" + std::string(name) + ".toml"), parse);
+  }
+}
+
+TEST(Rig, CountsLightsWithoutOverflow) {
+  std::string text = small_rig_text();
+  const std::size_t face = text.find("[[face]]");
+  const std::string one = text.substr(face, text.find("[[plane]]") - face);
+  std::string many;
+  for (int i = 0; i < 33000; ++i) {  // 33000 * 65536 is 2^31 and more
+    std::string next = one;
+    next = with(next, "\"top\"", "\"f" + std::to_string(i) + "\"");
+    next = with(with(next, "rows = 8", "rows = 256"), "cols = 8", "cols = 256");
+    many += next.substr(0, next.find("\n\n") + 1);
+  }
+  EXPECT_THAT(message_of(with(text, one, many + "\n")), HasSubstr("lights, more than 24576"));
 }
 
 TEST(Rig, RefusesAnEndOfFrameStampWithoutAReadout) {

@@ -7,6 +7,7 @@
 
 #include "http/json_text.h"
 #include "http/parse.h"
+#include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);

@@ -2,6 +2,7 @@
 /// Fuzz target: an OBJ file either reads as a sound scene or throws Error.
 
 #include "tests/render/mesh_fuzz.h"
+#include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   haarlight::test::read_or_refuse(

@@ -8,6 +8,7 @@
 #include "capture/plan.h"
 #include "core/error.h"
 #include "core/rig.h"
+#include "tests/repeating_mutator.h"
 
 namespace {
 

@@ -44,7 +44,7 @@ void sign(std::vector<std::byte>& bytes) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  constexpr int kMostLights = 4096;
+  constexpr std::size_t kMostValues = std::size_t{1} << 24U;  // of a tile: 128 MB and more
   std::vector<std::byte> bytes(size);
   if (size > 0) {
     std::memcpy(bytes.data(), data, size);
@@ -52,7 +52,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   sign(bytes);
   try {
     const BasisFile basis = BasisFile::from_bytes(bytes, "fuzz");
-    if (basis.n_tiles() > 64 || basis.header().dims.n_lights > kMostLights) {
+    const auto side = static_cast<std::size_t>(basis.header().tile);
+    if (basis.n_tiles() > 64 ||
+        side * side * static_cast<std::size_t>(basis.header().dims.n_lights) > kMostValues) {
       return 0;
     }
     for (int t = 0; t < basis.n_tiles(); ++t) {

@@ -6,6 +6,7 @@
 
 #include "core/error.h"
 #include "session/light_file.h"
+#include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using haarlight::LightPlaces;

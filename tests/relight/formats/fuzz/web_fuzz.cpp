@@ -8,6 +8,7 @@
 
 #include "relight/formats/web_folder.h"
 #include "tests/relight/formats/fuzz/reflectance_fuzz.h"
+#include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view bytes(reinterpret_cast<const char*>(data), size);

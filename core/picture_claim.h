@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+/// @file
+/// What a picture file says of its own size, read from its header before a decoder sees it:
+/// decoders take memory for what a header claims.
+
+namespace haarlight {
+
+struct PictureClaim {
+  std::uint64_t width = 0;  ///< 0: the header does not say so where we look
+  std::uint64_t height = 0;
+  /// Bytes of the pixels before compression; of the largest piece a decoder works on, where
+  /// that is more.
+  std::uint64_t raw_bytes = 0;
+  /// The most bytes that a byte of the file can stand for.
+  std::uint64_t most_per_byte = 2000;
+  bool is_cut = false;  ///< the file ends within its header (OpenEXR)
+};
+
+/// @param format  "jpeg", "png", "openexr", "hdr" or "targa"; of others nothing is known, nor
+/// of
+///                TIFF, whose header OpenImageIO reads without taking memory
+[[nodiscard]] PictureClaim picture_claim(std::string_view format,
+                                         std::span<const std::byte> bytes);
+
+}  // namespace haarlight

@@ -1,0 +1,22 @@
+/// @file
+/// Any bytes as a controller's profile: a profile whose addresses are addresses, or an Error.
+
+#include <cstdint>
+#include <string>
+
+#include "core/error.h"
+#include "firmware_iface/controller_profile.h"
+#include "tests/repeating_mutator.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  try {
+    const haarlight::ControllerProfile profile =
+        haarlight::parse_controller_profile(std::string(data, data + size), "fuzz.toml");
+    HAARLIGHT_EXPECTS(profile.channels >= 1 && profile.channel.per_request >= 1 &&
+                          profile.channel.first + profile.channels <= 65536,
+                      "channels with addresses");
+    (void)haarlight::missing_promises(profile);
+  } catch (const haarlight::Error&) {  // NOLINT(bugprone-empty-catch): refused
+  }
+  return 0;
+}
