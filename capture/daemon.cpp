@@ -444,7 +444,8 @@ class Daemon::Impl {
       return;
     }
     auto shown = patterns_of(*opened->plan);
-    checker_of_session_ = std::make_shared<FrameChecker>(*opened->plan, opened->form);
+    checker_of_session_ = std::make_shared<FrameChecker>(
+        *opened->plan, opened->form, light_layout(config_.rig, config_.rig.cameras.front()));
     observer_.begin(kinds_of(*opened->plan), opened->form, opened->next_attempt);
     run_ns_ = 0;
     n_commits_before_ = state.counters.commits;
@@ -628,7 +629,8 @@ class Daemon::Impl {
         }
       }
       receive(event::FrameChecked{c.frame, c.shot, std::move(c.evidence),
-                                  std::move(finding.problem), finding.verdict});
+                                  std::move(finding.problem), finding.verdict,
+                                  std::move(finding.doubted), std::move(finding.note)});
     }
   }
 

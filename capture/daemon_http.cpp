@@ -62,12 +62,13 @@ Json body_of(const HttpRequest& request) {
 
 Json state_json(const DaemonState& s) {
   Json reasons = Json::array();
-  constexpr std::array<std::pair<std::uint32_t, const char*>, 5> kReasons{
+  constexpr std::array<std::pair<std::uint32_t, const char*>, 6> kReasons{
       {{kCameraLost, "camera"},
        {kControllerLost, "controller"},
        {kDiskFull, "disk"},
        {kNoEvidence, "no_clean_frame"},
-       {kHeldBack, "held_back"}}};
+       {kHeldBack, "held_back"},
+       {kWrongLight, "wrong_light"}}};
   for (const auto& [bit, word] : kReasons) {
     if ((s.reasons & bit) != 0) {
       reasons.push_back(word);

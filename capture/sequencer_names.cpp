@@ -76,6 +76,7 @@ std::string reasons_text(std::uint32_t reasons) {
   add(kDiskFull, "disk");
   add(kNoEvidence, "no clean frame");
   add(kHeldBack, "held back");
+  add(kWrongLight, "wrong light");
   return text;
 }
 

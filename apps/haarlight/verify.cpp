@@ -19,6 +19,8 @@ ExitCode run_verify(const std::string& folder, const CommonOptions& common, Repo
   report.add_reached("shots", std::int64_t{found.n_shots});
   report.add_reached("good_frames", std::int64_t{found.n_frames});
   report.add_reached("suspect_frames", std::int64_t{found.n_suspect});
+  report.add_reached("light_by_word", std::int64_t{found.n_by_word});
+  report.add_reached("light_by_picture", std::int64_t{found.n_by_picture});
   report.add_reached("problems", static_cast<std::int64_t>(found.problems.size()));
   report.add_reached("least_margin_us", found.least_margin_us);
   for (const std::string& problem : found.problems) {
@@ -35,6 +37,12 @@ ExitCode run_verify(const std::string& folder, const CommonOptions& common, Repo
           : std::string(", evidence asserted");
   fmt::print("{}: {} of {} frames hold, {} problems{}\n", folder, found.n_frames, found.n_shots,
              found.problems.size(), margin);
+  if (found.n_by_word + found.n_by_picture > 0) {
+    fmt::print(
+        "{}: light proved by controller, clock and picture: {} frames; by controller and "
+        "clock alone: {}\n",
+        folder, found.n_by_picture, found.n_by_word);
+  }
   return found.is_good() ? ExitCode::done : ExitCode::target_missed;
 }
 
