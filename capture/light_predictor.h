@@ -15,7 +15,7 @@
 /// that were seen so far. Pictures are sums of lights, and neighbouring lights look alike: at
 /// point i light k gives x_k, a Gaussian process over its face,
 ///
-///     E x = 0,  cov(x_a, x_b) = s_i^2 (c + m(|a - b|)),  m Matern 3/2 [Rasmussen06, 4.17]
+///     E x = 0,  cov(x_a, x_b) = s_i^2 (c + m(|a - b|)),  m Matern 3/2
 ///
 /// (c: the mean is not known beforehand), and a frame of drives p is y = p'x + noise of
 /// variance s_i^2 rho. Each frame is one step of recursive least squares, which can be taken
