@@ -296,7 +296,9 @@ class Daemon::Impl {
     out.session = *std::move(opened);
     out.plan = sequencer_plan(config_.rig, *out.session.plan);
     out.patterns = patterns_of(*out.session.plan);
-    out.checker = std::make_shared<FrameChecker>(*out.session.plan, out.session.form);
+    out.checker =
+        std::make_shared<FrameChecker>(*out.session.plan, out.session.form,
+                                       light_layout(config_.rig, config_.rig.cameras.front()));
     out.kinds = kinds_of(*out.session.plan);
     return out;
   }
@@ -694,7 +696,8 @@ class Daemon::Impl {
         }
       }
       receive(event::FrameChecked{c.frame, c.shot, std::move(c.evidence),
-                                  std::move(finding.problem), finding.verdict});
+                                  std::move(finding.problem), finding.verdict,
+                                  std::move(finding.doubted), std::move(finding.note)});
     }
   }
 

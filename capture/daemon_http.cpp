@@ -68,13 +68,14 @@ std::vector<std::string> first_of(const std::vector<std::string>& list) {
 
 Json state_json(const DaemonState& s) {
   Json reasons = Json::array();
-  constexpr std::array<std::pair<std::uint32_t, const char*>, 6> kReasons{
+  constexpr std::array<std::pair<std::uint32_t, const char*>, 7> kReasons{
       {{kCameraLost, "camera"},
        {kControllerLost, "controller"},
        {kDiskFull, "disk"},
        {kNoEvidence, "no_clean_frame"},
        {kHeldBack, "held_back"},
-       {kFolderGone, "session_folder"}}};
+       {kFolderGone, "session_folder"},
+       {kWrongLight, "wrong_light"}}};
   for (const auto& [bit, word] : kReasons) {
     if ((s.reasons & bit) != 0) {
       reasons.push_back(word);

@@ -48,7 +48,7 @@ bool is_lit(ShotKind kind) { return kind != ShotKind::dark; }
 
 }  // namespace
 
-FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form)
+FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form, const LightLayout& layout)
     : form_(form), limits_(plan.limits), dark_dn_(form.black_level) {
   std::map<std::vector<std::pair<int, int>>, std::vector<int>> shots_of;
   for (const Shot& shot : plan.shots) {
@@ -79,6 +79,9 @@ FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form)
   }
   const std::size_t share = references_.empty() ? 0 : kAllSamples / references_.size();
   n_samples_ = std::clamp<std::size_t>(share, kLeastSamples, kMaxSamples);
+  if (!layout.faces.empty()) {
+    proof_.emplace(plan, layout, form);
+  }
 }
 
 FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active,
@@ -87,16 +90,40 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
                     "a shot of the plan");
   describe_pixels<std::uint16_t>(active, form_, evidence);
   FrameFinding finding = judge(shot, active, evidence);
+  if (proof_ && finding.verdict == FrameVerdict::good) {
+    judge_light(shot, active, evidence, finding);
+  }
   evidence.verdict = finding.verdict;
   int& n_refused = refused_[shot];
   const bool is_last = n_refused + 1 >= limits_.attempts;
   if (finding.verdict == FrameVerdict::good) {
     learn(shot, active, evidence);
-  } else if (is_last && finding.verdict != FrameVerdict::no_picture) {
+  } else if (is_last && finding.verdict != FrameVerdict::no_picture &&
+             finding.verdict != FrameVerdict::wrong_light) {
     finding.problem.clear();
   }
   n_refused = finding.is_taken() ? 0 : n_refused + 1;
   return finding;
+}
+
+void FrameChecker::judge_light(int shot, ImageView<const std::uint16_t> active,
+                               FrameEvidence& evidence, FrameFinding& finding) {
+  PictureFinding picture = proof_->judge(shot, active, evidence);
+  evidence.is_picture_proved = picture.kind == PictureFinding::Kind::proved;
+  if (picture.kind != PictureFinding::Kind::unpredicted) {
+    evidence.picture_own_sigma = picture.own_sigma;
+  }
+  if (picture.other >= 0) {
+    evidence.picture_other = picture.other;
+    evidence.picture_other_sigma = picture.other_sigma;
+    evidence.picture_discrimination_sigma = picture.discrimination_sigma;
+  }
+  if (picture.kind == PictureFinding::Kind::wrong || picture.is_suspect) {
+    finding.verdict = FrameVerdict::wrong_light;
+    finding.problem = std::move(picture.problem);
+  }
+  finding.doubted = std::move(picture.doubted);
+  finding.note = std::move(picture.note);
 }
 
 FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,

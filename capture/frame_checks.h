@@ -2,9 +2,11 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "capture/picture_proof.h"
 #include "capture/plan.h"
 #include "core/image.h"
 #include "session/evidence.h"
@@ -26,7 +28,9 @@ struct FrameGlance {
 /// What the checks found.
 struct FrameFinding {
   FrameVerdict verdict = FrameVerdict::good;
-  std::string problem;  ///< in words; empty: the frame is taken
+  std::string problem;       ///< in words; empty: the frame is taken
+  std::vector<int> doubted;  ///< earlier shots that it contradicts: to be taken again
+  std::string note;          ///< for the log
   [[nodiscard]] bool is_taken() const { return problem.empty(); }
 };
 
@@ -41,13 +45,17 @@ struct FrameFinding {
 /// frames, at least 1 % of the range and less than 0.9 of the clip level (chosen by themselves,
 /// samples near 1 % would be those whose noise was high in v0); d the last dark frame's mean,
 /// or the black level. Fewer than 64 such samples prove nothing and pass.
+///
+/// A frame that passes is held against what the session predicts for its light
+/// (capture/picture_proof.h).
 class FrameChecker {
  public:
-  FrameChecker(const Plan& plan, const FrameForm& form);
+  /// @param layout  of the rig; without faces: no proof by light
+  FrameChecker(const Plan& plan, const FrameForm& form, const LightLayout& layout = {});
 
   /// Completes the evidence (least, greatest and mean word, saturated and black shares, hash,
   /// verdict) and judges. The last attempt that the plan allows is taken whatever its verdict,
-  /// except one without a picture.
+  /// except one without a picture and one of another light.
   /// @param shot  of the plan
   [[nodiscard]] FrameFinding check(int shot, ImageView<const std::uint16_t> active,
                                    FrameEvidence& evidence);
@@ -65,6 +73,9 @@ class FrameChecker {
   [[nodiscard]] FrameFinding judge_level(const Reference& reference,
                                          const std::vector<std::uint16_t>& samples,
                                          const FrameEvidence& evidence) const;
+  /// Judges by the picture what has passed everything else.
+  void judge_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
+                   FrameFinding& finding);
   void learn(int shot, ImageView<const std::uint16_t> active, const FrameEvidence& evidence);
 
   FrameForm form_;
@@ -77,6 +88,7 @@ class FrameChecker {
   double longest_us_ = 0.0;
   double dark_dn_ = 0.0;
   std::size_t n_samples_ = 0;
+  std::optional<PictureProof> proof_;
 };
 
 }  // namespace haarlight

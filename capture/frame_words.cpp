@@ -63,6 +63,28 @@ std::string light_words(const FrameEvidence& e) {
       e.tag);
 }
 
+std::string picture_words(const FrameEvidence& e) {
+  if (e.verdict == FrameVerdict::wrong_light) {
+    return fmt::format("The picture looks like that of shot {}, not like its own light.",
+                       e.picture_other);
+  }
+  if (!e.picture_own_sigma) {
+    return "Nothing of this session predicted the picture: its light rests on the "
+           "controller's word and the clock.";
+  }
+  if (e.picture_other < 0) {
+    return "No other pattern was near enough to compare the picture with.";
+  }
+  const std::string distances = fmt::format(
+      "{:.1f} sigma from its own prediction, {:.1f} from that of shot {}, the "
+      "nearest other; the two lie {:.1f} apart",
+      *e.picture_own_sigma, e.picture_other_sigma.value_or(0.0), e.picture_other,
+      e.picture_discrimination_sigma.value_or(0.0));
+  return e.is_picture_proved
+             ? fmt::format("The picture itself proves the light: {}.", distances)
+             : fmt::format("The picture cannot tell the light from another: {}.", distances);
+}
+
 std::string time_words(const FrameEvidence& e) {
   if (e.t_exposure_start_ns == 0 || e.t_stable_ns == 0) {
     return "No times were recorded.";
@@ -136,6 +158,9 @@ std::string doubt_of(const FrameEvidence& evidence, const FrameForm& form, ShotK
 std::vector<std::string> describe_evidence(const FrameEvidence& evidence,
                                            const FrameForm& form) {
   std::vector<std::string> words{light_words(evidence)};
+  if (evidence.kind == EvidenceKind::measured) {
+    words.push_back(picture_words(evidence));
+  }
   if (evidence.kind != EvidenceKind::asserted) {
     words.push_back(time_words(evidence));
     words.push_back(number_words(evidence));

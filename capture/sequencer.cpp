@@ -36,6 +36,9 @@ void Stepper::on(const event::Tick&) {
   if (due(s_.retry_held_ns)) {
     clear_reason(kHeldBack);
   }
+  if (due(s_.retry_wrong_light_ns)) {
+    clear_reason(kWrongLight);
+  }
   if (due(s_.trigger_ns) && s_.phase == Phase::running && s_.current >= 0) {
     s_.triggered_ns = std::min(s_.triggered_ns, t_);
     out_.emplace_back(action::TriggerCamera{});
@@ -86,6 +89,8 @@ void Stepper::on(const event::Run& run) {
   s_.failures = 0;
   s_.refusals = 0;
   s_.has_shown = false;
+  s_.wrong_lights.clear();
+  s_.doubted.clear();
   if (s_.phase == Phase::safe_off) {
     log("state", "safe-off: the run waits for a person");
   } else {
@@ -136,8 +141,20 @@ void Stepper::on(const event::Reshoot& reshoot) {
       s_.phase == Phase::finalise) {
     return;
   }
+  if (!withdraw(reshoot.shots)) {
+    return;
+  }
+  if (s_.phase == Phase::done) {
+    s_.is_finished = false;
+    preflight();
+  } else {
+    advance(std::nullopt);
+  }
+}
+
+bool Stepper::withdraw(const std::vector<int>& shots) {
   std::vector<int> withdrawn;
-  for (const int shot : reshoot.shots) {
+  for (const int shot : shots) {
     if (shot < 0 || shot >= static_cast<int>(s_.shots.size()) ||
         shot_state(shot) != ShotState::committed) {
       continue;
@@ -148,24 +165,34 @@ void Stepper::on(const event::Reshoot& reshoot) {
     withdrawn.push_back(shot);
   }
   if (withdrawn.empty()) {
-    return;
+    return false;
   }
   out_.emplace_back(action::WithdrawShots{std::move(withdrawn)});
-  if (s_.phase == Phase::done) {
-    s_.is_finished = false;
-    preflight();
-  } else {
-    advance(std::nullopt);
+  return true;
+}
+
+void Stepper::withdraw_doubted() {
+  std::vector<int> shots;
+  for (const int shot : s_.doubted) {
+    if (shot_state(shot) == ShotState::committed) {
+      shots.push_back(shot);
+    }
   }
+  for (const int shot : shots) {
+    s_.doubted.erase(shot);
+    ++s_.counters.frames_doubted;
+    log("retry", "its picture is contradicted by later ones", shot);
+  }
+  withdraw(shots);
 }
 
 void Stepper::close_step() {
   if (s_.phase == Phase::aborting) {
     finish_abort();
   }
-  s_.deadline_ns =
-      std::min({s_.retry_light_ns, s_.retry_camera_ns, s_.retry_disk_ns, s_.retry_evidence_ns,
-                s_.retry_held_ns, s_.shot_deadline_ns, s_.trigger_ns, s_.abort_deadline_ns});
+  s_.deadline_ns = std::min({s_.retry_light_ns, s_.retry_camera_ns, s_.retry_disk_ns,
+                             s_.retry_evidence_ns, s_.retry_held_ns, s_.retry_wrong_light_ns,
+                             s_.shot_deadline_ns, s_.trigger_ns, s_.abort_deadline_ns});
 }
 
 std::vector<SequencerState::Held>::iterator Stepper::find_held(std::uint64_t frame) {
@@ -347,7 +374,9 @@ void Stepper::finish_abort() {
   s_.reasons = 0;
   s_.failures = 0;
   s_.retry_light_ns = s_.retry_camera_ns = s_.retry_disk_ns = s_.retry_evidence_ns =
-      s_.retry_held_ns = kNever;
+      s_.retry_held_ns = s_.retry_wrong_light_ns = kNever;
+  s_.wrong_lights.clear();
+  s_.doubted.clear();
   s_.abort_deadline_ns = kNever;
   enter(Phase::idle, "aborted");
 }

@@ -4,8 +4,10 @@
 #include <cstdint>
 #include <deque>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <variant>
 #include <vector>
@@ -60,6 +62,8 @@ inline constexpr std::uint32_t kNoEvidence = 1U << 3U;
 inline constexpr std::uint32_t kHeldBack = 1U << 4U;
 /// The session's folder was moved or deleted: looked for every second.
 inline constexpr std::uint32_t kFolderGone = 1U << 5U;
+/// Twice in a row a shot's picture was not that of its light: tried again every ten seconds.
+inline constexpr std::uint32_t kWrongLight = 1U << 6U;
 /// "camera, disk"
 [[nodiscard]] std::string reasons_text(std::uint32_t reasons);
 
@@ -82,6 +86,8 @@ struct SequencerCounters {
   std::uint64_t duplicates = 0;
   std::uint64_t wrong_exposure = 0;
   std::uint64_t checks_failed = 0;
+  std::uint64_t wrong_lights = 0;     ///< of these: the picture of another pattern
+  std::uint64_t frames_doubted = 0;   ///< committed, then contradicted by later pictures
   std::uint64_t confirms_failed = 0;  ///< the light changed by itself
   std::uint64_t retries = 0;          ///< shots shown again
   std::uint64_t shot_timeouts = 0;
@@ -125,8 +131,10 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   };
   /// Frames that came before the latch's read-back was told; judged when it is.
   std::vector<Stamped> early;
-  int failures = 0;                          ///< shots tried in a row without a commit
-  std::optional<double> temperature_c;       ///< the controller's, newest
+  std::map<int, int> wrong_lights;      ///< pictures of another light, in a row, by shot
+  std::set<int> doubted;                ///< shots to be taken again once they are committed
+  int failures = 0;                     ///< shots tried in a row without a commit
+  std::optional<double> temperature_c;  ///< the controller's, newest
   std::optional<double> dark_temperature_c;  ///< at the newest dark frame
 
   // The light. At most one job matters: the newest.
@@ -211,6 +219,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   std::int64_t retry_disk_ns = kNever;
   std::int64_t retry_evidence_ns = kNever;
   std::int64_t retry_held_ns = kNever;
+  std::int64_t retry_wrong_light_ns = kNever;
   std::int64_t abort_deadline_ns = kNever;
 
   SequencerCounters counters;

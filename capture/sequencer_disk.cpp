@@ -14,7 +14,13 @@ void Stepper::on(const event::FrameChecked& e) {
   if (it == s_.held.end()) {
     return;
   }
+  if (!e.note.empty()) {
+    log("light", e.note, e.shot);
+  }
+  s_.doubted.insert(e.doubted.begin(), e.doubted.end());
+  withdraw_doubted();
   if (e.problem.empty()) {
+    s_.wrong_lights.erase(it->shot);
     if (shot_state(it->shot) == ShotState::checking) {
       shot_state(it->shot) = ShotState::committing;
       out_.emplace_back(action::CommitFrame{it->frame, it->shot, it->attempt, e.evidence});
@@ -26,6 +32,19 @@ void Stepper::on(const event::FrameChecked& e) {
   s_.held.erase(it);
   drop(e.frame);
   retry(shot, e.problem);
+  if (e.verdict == FrameVerdict::wrong_light) {
+    ++s_.counters.wrong_lights;
+    if (++s_.wrong_lights[shot] >= kWrongLightsToSuspend && s_.phase == Phase::running) {
+      s_.wrong_lights.erase(shot);
+      s_.retry_wrong_light_ns = t_ + kWrongLightRetryNs;
+      add_reason(kWrongLight,
+                 fmt::format("twice in a row not the picture of its light: {}. Does the "
+                             "controller act late, or is an LED wired to another's place? "
+                             "Tried again in 10 s",
+                             e.problem),
+                 shot);
+    }
+  }
   advance(std::nullopt);
 }
 
@@ -42,6 +61,7 @@ void Stepper::on(const event::FrameCommitted& e) {
   drop(e.frame);
   s_.retry_disk_ns = kNever;
   clear_reason(kDiskFull | kFolderGone);
+  withdraw_doubted();
   advance(std::nullopt);
 }
 

@@ -257,6 +257,8 @@ struct FrameChecked {
   FrameEvidence evidence;                     ///< completed
   std::string problem;                        ///< empty: good
   FrameVerdict verdict = FrameVerdict::good;  ///< which kind of problem
+  std::vector<int> doubted{};  ///< earlier shots that this picture contradicts: taken again
+  std::string note{};          ///< for the log
 };
 struct FrameCommitted {
   std::uint64_t frame = 0;

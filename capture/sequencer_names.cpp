@@ -77,6 +77,7 @@ std::string reasons_text(std::uint32_t reasons) {
   add(kNoEvidence, "no clean frame");
   add(kHeldBack, "held back");
   add(kFolderGone, "session folder");
+  add(kWrongLight, "wrong light");
   return text;
 }
 

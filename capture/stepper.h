@@ -24,6 +24,8 @@ inline constexpr std::int64_t kLastBackoffNs = 2000 * kMs;
 inline constexpr std::int64_t kDiskRetryNs = 1000 * kMs;
 inline constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
 inline constexpr std::int64_t kHeldRetryNs = 1000 * kMs;
+inline constexpr std::int64_t kWrongLightRetryNs = 10'000 * kMs;
+inline constexpr int kWrongLightsToSuspend = 2;  ///< of one shot, in a row
 /// An abort is promised within 200 ms; the rest is for the threads and the answer.
 inline constexpr std::int64_t kAbortLimitNs = 150 * kMs;
 /// Beside the frames: late delivery, a busy host.
@@ -118,6 +120,11 @@ class Stepper {
   /// the limit is over: then what waits is forgotten, as nothing of it was promised.
   void finish_abort();
   void release_all_frames();
+  /// Shots that are committed are pending again, and their frames withdrawn.
+  /// @return  whether there was one
+  bool withdraw(const std::vector<int>& shots);
+  /// Those of the doubted shots that are committed by now.
+  void withdraw_doubted();
 
   // sequencer_shot.cpp
   void begin_shot(std::optional<ConfirmRequest> confirm);

@@ -14,7 +14,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::array<std::string_view, 34> kFields = {"kind",
+constexpr std::array<std::string_view, 38> kFields = {"kind",
                                                       "pattern_id",
                                                       "tag",
                                                       "tag_echo",
@@ -47,12 +47,19 @@ constexpr std::array<std::string_view, 34> kFields = {"kind",
                                                       "black_share",
                                                       "pixel_hash",
                                                       "verdict",
-                                                      "temperature_c"};
+                                                      "temperature_c",
+                                                      "picture_own_sigma",
+                                                      "picture_other_sigma",
+                                                      "picture_discrimination_sigma",
+                                                      "picture_other"};
 
-constexpr std::array<std::string_view, 2> kProofWords = {"tag", "read_back"};
+// Bit 0: FrameEvidence::is_read_back, bit 1: is_picture_proved.
+constexpr std::array<std::string_view, 4> kProofWords = {"tag", "read_back", "tag+picture",
+                                                         "read_back+picture"};
 
 constexpr std::int64_t kMin64 = std::numeric_limits<std::int64_t>::min();
 constexpr std::int64_t kMax64 = std::numeric_limits<std::int64_t>::max();
+constexpr double kMostSigma = 1e12;
 constexpr std::int64_t kMaxU32 = std::numeric_limits<std::uint32_t>::max();
 
 std::vector<std::string_view> sync_words() {
@@ -68,6 +75,19 @@ std::vector<std::string_view> meaning_words() {
 double finite(double value) {
   HAARLIGHT_EXPECTS(std::isfinite(value), "evidence in finite numbers");
   return value;
+}
+
+nlohmann::ordered_json number_or_null(const std::optional<double>& value) {
+  return value ? nlohmann::ordered_json(finite(*value)) : nlohmann::ordered_json(nullptr);
+}
+
+/// Nothing: missing, as in older sessions, or null.
+std::optional<double> find_number(const JsonValue& value, const char* name, double least,
+                                  double most) {
+  if (!value.has(name) || value[name].dump() == "null") {
+    return std::nullopt;
+  }
+  return value[name].number(least, most);
 }
 
 }  // namespace
@@ -92,7 +112,8 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["pattern_id"] = e.pattern_id;
   json["tag"] = e.tag;
   json["tag_echo"] = e.tag_echo;
-  json["light_proof"] = kProofWords[e.is_read_back ? 1 : 0];
+  json["light_proof"] =
+      kProofWords[(e.is_read_back ? 1U : 0U) + (e.is_picture_proved ? 2U : 0U)];
   json["t_command_ns"] = e.t_command_ns;
   json["t_ack_ns"] = e.t_ack_ns;
   json["t_shown_ns"] = nullptr;
@@ -124,10 +145,11 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["black_share"] = finite(e.black_share);
   json["pixel_hash"] = e.pixel_hash;
   json["verdict"] = to_string(e.verdict);
-  json["temperature_c"] = nullptr;
-  if (e.temperature_c) {
-    json["temperature_c"] = finite(*e.temperature_c);
-  }
+  json["temperature_c"] = number_or_null(e.temperature_c);
+  json["picture_own_sigma"] = number_or_null(e.picture_own_sigma);
+  json["picture_other_sigma"] = number_or_null(e.picture_other_sigma);
+  json["picture_discrimination_sigma"] = number_or_null(e.picture_discrimination_sigma);
+  json["picture_other"] = e.picture_other;
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
@@ -142,7 +164,9 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   e.tag = static_cast<std::uint32_t>(value["tag"].integer(0, kMaxU32));
   e.tag_echo = static_cast<std::uint32_t>(value["tag_echo"].integer(0, kMaxU32));
   if (value.has("light_proof")) {  // older sessions have only known tags
-    e.is_read_back = value["light_proof"].choice({kProofWords.begin(), kProofWords.end()}) == 1;
+    const auto proof = value["light_proof"].choice({kProofWords.begin(), kProofWords.end()});
+    e.is_read_back = proof % 2 == 1;
+    e.is_picture_proved = proof >= 2;
   }
   e.t_command_ns = value["t_command_ns"].integer(kMin64, kMax64);
   e.t_ack_ns = value["t_ack_ns"].integer(kMin64, kMax64);
@@ -178,8 +202,14 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   if (value.has("verdict")) {  // sessions of version 0.1 have neither
     e.verdict = static_cast<FrameVerdict>(value["verdict"].choice(frame_verdict_words()));
   }
-  if (value.has("temperature_c") && value["temperature_c"].dump() != "null") {
-    e.temperature_c = value["temperature_c"].number(-300.0, 2000.0);
+  e.temperature_c = find_number(value, "temperature_c", -300.0, 2000.0);
+  e.picture_own_sigma = find_number(value, "picture_own_sigma", 0.0, kMostSigma);
+  e.picture_other_sigma = find_number(value, "picture_other_sigma", 0.0, kMostSigma);
+  e.picture_discrimination_sigma =
+      find_number(value, "picture_discrimination_sigma", 0.0, kMostSigma);
+  if (value.has("picture_other")) {
+    e.picture_other =
+        static_cast<int>(value["picture_other"].integer(-1, std::numeric_limits<int>::max()));
   }
   return e;
 }

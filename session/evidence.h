@@ -59,6 +59,15 @@ struct FrameEvidence {
   /// so.
   FrameVerdict verdict = FrameVerdict::good;
   std::optional<double> temperature_c;  ///< the controller's, read after the exposure
+  /// The frame's own pixels beside what the session predicted for its pattern: nearer to it
+  /// than to every other by more than 5 sigma (docs/numerics/light-proof.md). False: no such
+  /// proof, which is not a disproof: those are taken again.
+  bool is_picture_proved = false;
+  // Distances in sigma; nothing: there was no prediction.
+  std::optional<double> picture_own_sigma;             ///< to its own prediction
+  std::optional<double> picture_other_sigma;           ///< to the nearest other one
+  std::optional<double> picture_discrimination_sigma;  ///< between the two
+  int picture_other = -1;  ///< a shot of that other pattern; -1: none
 
   friend bool operator==(const FrameEvidence&, const FrameEvidence&) = default;
 };

@@ -3,8 +3,9 @@
 namespace haarlight {
 
 const std::vector<std::string_view>& frame_verdict_words() {
-  static const std::vector<std::string_view> kWords = {
-      "good", "no_picture", "saturated", "too_dark", "wrong_level", "stale", "duplicate"};
+  static const std::vector<std::string_view> kWords = {"good",      "no_picture",  "saturated",
+                                                       "too_dark",  "wrong_level", "stale",
+                                                       "duplicate", "wrong_light"};
   return kWords;
 }
 

@@ -18,6 +18,7 @@ enum class FrameVerdict : std::uint8_t {
   wrong_level,  ///< not the level that another exposure of the same pattern predicts
   stale,        ///< a new frame number with the pixels of a frame before
   duplicate,    ///< the same frame delivered twice
+  wrong_light,  ///< the picture of another pattern, or a mixture with the one before
 };
 
 [[nodiscard]] std::string_view to_string(FrameVerdict verdict) noexcept;

@@ -150,6 +150,9 @@ void check_strays(const fs::path& folder, const SessionInfo& info, VerifyReport&
 /// Attempts that the pixel checks refused, and frames that were taken in spite of them.
 void note_verdicts(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
   for (const FrameRecord& frame : info.frames) {
+    if (frame.evidence.kind != EvidenceKind::asserted) {
+      ++(frame.evidence.is_picture_proved ? report.n_by_picture : report.n_by_word);
+    }
     if (frame.evidence.verdict != FrameVerdict::good) {
       ++report.n_suspect;
       report.notes.push_back(fmt::format("{}: {} after attempt {}", frame.file,

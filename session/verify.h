@@ -17,8 +17,10 @@ namespace haarlight {
 
 struct VerifyReport {
   int n_shots = 0;
-  int n_frames = 0;   ///< frames that were read and hold
-  int n_suspect = 0;  ///< committed frames whose verdict is not good
+  int n_frames = 0;      ///< frames that were read and hold
+  int n_by_word = 0;     ///< measured frames whose light rests on controller and clock alone
+  int n_by_picture = 0;  ///< and those whose own pixels prove it besides
+  int n_suspect = 0;     ///< committed frames whose verdict is not good
   double least_margin_us = std::numeric_limits<double>::infinity();  ///< of measured frames
   std::string root;       ///< of session.json, as it stands there; empty: it has none
   std::string signed_by;  ///< what ssh-keygen says of a signer that is allowed

@@ -22,6 +22,8 @@ ExitCode run_verify(const std::string& folder, const std::string& signers,
   report.add_reached("shots", std::int64_t{found.n_shots});
   report.add_reached("good_frames", std::int64_t{found.n_frames});
   report.add_reached("suspect_frames", std::int64_t{found.n_suspect});
+  report.add_reached("light_by_word", std::int64_t{found.n_by_word});
+  report.add_reached("light_by_picture", std::int64_t{found.n_by_picture});
   report.add_reached("problems", static_cast<std::int64_t>(found.problems.size()));
   report.add_reached("least_margin_us", found.least_margin_us);
   for (const std::string& problem : found.problems) {
@@ -41,6 +43,12 @@ ExitCode run_verify(const std::string& folder, const std::string& signers,
   if (!found.root.empty()) {
     fmt::print("root {}{}{}\n", found.root, found.signed_by.empty() ? "" : "\n",
                found.signed_by);
+  }
+  if (found.n_by_word + found.n_by_picture > 0) {
+    fmt::print(
+        "{}: light proved by controller, clock and picture: {} frames; by controller and "
+        "clock alone: {}\n",
+        folder, found.n_by_picture, found.n_by_word);
   }
   return found.is_good() ? ExitCode::done : ExitCode::target_missed;
 }

@@ -1,0 +1,639 @@
+#include "capture/picture_proof.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr int kSide = 8;             // points across and down
+constexpr int kMostBlock = 16;       // pixels of a block's side
+constexpr double kNearer = 5.0;      // sigma
+constexpr double kModelTol = 3e-3;   // relative error of a block that no noise explains
+constexpr double kRepeatTol = 1e-3;  // the same from one frame to the next
+constexpr double kRepeats =
+    3.0;  // mean square of z up to which two frames are the same picture
+// Successive pictures of which it is known how much they differ, before one that does not is
+// suspect; sums of many lights differ less evenly.
+constexpr int kFewDifferences = 3;
+constexpr int kManyDifferences = 32;
+constexpr double kLeastShare = 0.03;  // of another pattern in a mixture
+constexpr double kFits = 4.0;         // mean square of z up to which a prediction fits
+constexpr double kDisagrees = 9.0;    // beyond: not the picture of the earlier frame
+constexpr int kMoved = 4;             // such frames in a row: the scene is another
+constexpr double kHuber = 2.0;
+constexpr double kDirect = 4.0;       // v up to this many rho: this pattern itself was seen
+constexpr double kKnown = 0.5;        // v of a light beyond which nothing is said of it
+constexpr double kDark = 0.1;         // of the predicted light: none
+constexpr double kDarkBefore = 0.75;  // the same after a dark frame
+constexpr std::size_t kRecent = 12;   // patterns that a controller may be late by
+constexpr std::size_t kMostLearned = 16384;  // shots of the second look: 34 MB
+constexpr int kMostDoubted = 64;             // of one second look
+constexpr int kLeastPoints = 8;
+constexpr std::int64_t kPauseNs = 1'000'000'000;
+constexpr double kLit = 2500.0;  // chi square of a picture that is not dark: 50 sigma
+constexpr double kMostKappa2 = 400.0;
+constexpr double kKappaRate = 0.02;  // of its square, a frame
+
+/// y = b_1 mu + b_2 c by least squares with Huber's weights.
+struct ShareFit {
+  double share = 0.0;  ///< of c
+  double sigma = 1.0;  ///< of the share; infinite when mu and c are alike
+  double gain = 1.0;
+  double rest = 0.0;  ///< robust mean square of what remains, 1: noise
+};
+
+/// The square below which this share of the points' z^2 lies, over that of a normal z: 1 for
+/// noise alone.
+double robust_square(const PointValues& z2, const Eigen::Array<bool, kProofPoints, 1>& counts,
+                     bool is_everywhere = false) {
+  std::array<double, kProofPoints> values{};
+  std::size_t n = 0;
+  for (int i = 0; i < kProofPoints; ++i) {
+    if (counts[i]) {
+      values[n++] = z2[i];
+    }
+  }
+  if (n == 0) {
+    return 0.0;
+  }
+  const auto rank = static_cast<std::ptrdiff_t>(is_everywhere ? n - 1 - n / 10 : n / 2);
+  std::nth_element(values.begin(), values.begin() + rank,
+                   values.begin() + static_cast<std::ptrdiff_t>(n));
+  return values[static_cast<std::size_t>(rank)] / (is_everywhere ? 2.706 : 0.4549);
+}
+
+PointValues huber_weights(const PointValues& r, const PointValues& inverse_variance) {
+  const PointValues z = (r.square() * inverse_variance).sqrt();
+  return inverse_variance * (kHuber / z.max(kHuber));
+}
+
+ShareFit fit_share(const PointValues& y, const PointValues& mu, const PointValues& c,
+                   const PointValues& inverse_variance,
+                   const Eigen::Array<bool, kProofPoints, 1>& counts, int n_iterations) {
+  ShareFit fit;
+  PointValues w = inverse_variance;
+  double b1 = 1.0;
+  double b2 = 0.0;
+  double s2 = 0.0;
+  for (int i = 0; i < n_iterations; ++i) {
+    const double mm = (w * mu * mu).sum();
+    const double mc = (w * mu * c).sum();
+    const double cc = (w * c * c).sum();
+    const double my = (w * mu * y).sum();
+    const double cy = (w * c * y).sum();
+    const double det = mm * cc - mc * mc;
+    if (!(det > 1e-9 * mm * cc)) {
+      fit.sigma = std::numeric_limits<double>::infinity();
+      return fit;
+    }
+    b1 = (cc * my - mc * cy) / det;
+    b2 = (mm * cy - mc * my) / det;
+    s2 = mm / det;
+    w = huber_weights(y - b1 * mu - b2 * c, inverse_variance);
+  }
+  fit.gain = b1 + b2;
+  fit.share = b2 / std::max(b1 + b2, 1e-3);
+  fit.sigma = std::sqrt(s2);
+  fit.rest = robust_square((y - b1 * mu - b2 * c).square() * inverse_variance, counts);
+  return fit;
+}
+
+/// y = g mu.
+double fit_gain(const PointValues& y, const PointValues& mu,
+                const PointValues& inverse_variance) {
+  PointValues w = inverse_variance;
+  double g = 1.0;
+  for (int i = 0; i < 4; ++i) {
+    g = (w * mu * y).sum() / std::max((w * mu * mu).sum(), 1e-300);
+    w = huber_weights(y - g * mu, inverse_variance);
+  }
+  return g;
+}
+
+/// With what the points' drift adds to their noise.
+PointValues variance_of(const PointSamples& y, double tolerance) {
+  return y.noise + (tolerance * y.mean).square();
+}
+
+/// Distance with each point's share of it capped at 4 sigma.
+double distance(const PointValues& r, const PointValues& inverse_variance) {
+  return std::sqrt((r.square() * inverse_variance).min(16.0).sum());
+}
+
+struct Block {
+  int y0 = 0;
+  int x0 = 0;
+  int height = 0;
+  int width = 0;
+};
+
+/// Even in place and size, so that a mosaic's colours have equal shares.
+Block block_at(int i, int height, int width) {
+  const auto part = [](int k, int size, int& at, int& length) {
+    const int begin = k * size / kSide;
+    const int cell = (k + 1) * size / kSide - begin;
+    length = std::max(1, std::min(kMostBlock, cell) & ~1);
+    at = (begin + (cell - length) / 2) & ~1;
+    length = std::min(length, size - at);
+  };
+  Block block;
+  part(i / kSide, height, block.y0, block.height);
+  part(i % kSide, width, block.x0, block.width);
+  return block;
+}
+
+}  // namespace
+
+LightLayout light_layout(const Rig& rig, const CameraSpec& camera) {
+  LightLayout layout;
+  for (const Face& face : rig.faces) {
+    layout.faces.push_back({face.rows, face.cols});
+  }
+  layout.noise = camera.noise;
+  return layout;
+}
+
+PointValues block_means(ImageView<const std::uint16_t> active) {
+  PointValues means;
+  for (int i = 0; i < kProofPoints; ++i) {
+    const Block block = block_at(i, active.height(), active.width());
+    double sum = 0.0;
+    for (int y = block.y0; y < block.y0 + block.height; ++y) {
+      for (int x = block.x0; x < block.x0 + block.width; ++x) {
+        sum += active(y, x);
+      }
+    }
+    means[i] = sum / (static_cast<double>(block.height) * block.width);
+  }
+  return means;
+}
+
+PointSamples sample_points(ImageView<const std::uint16_t> active, const FrameForm& form,
+                           const SensorNoise& noise, const PointValues& dark_dn,
+                           double exposure_us, double gain_db) {
+  PointSamples out;
+  const double gain = std::pow(10.0, gain_db / 20.0);
+  const double scale = exposure_us * gain;
+  const double dn_per_e = gain / noise.gain_e_per_dn;
+  const PointValues means = block_means(active);
+  for (int i = 0; i < kProofPoints; ++i) {
+    const Block block = block_at(i, active.height(), active.width());
+    bool is_good = true;
+    for (int y = block.y0; y < block.y0 + block.height; ++y) {
+      for (int x = block.x0; x < block.x0 + block.width; ++x) {
+        is_good = is_good && active(y, x) < form.saturation_dn();
+      }
+    }
+    const double signal = means[i] - dark_dn[i];
+    const double n = static_cast<double>(block.height) * block.width;
+    const double read = noise.read_e * dn_per_e;
+    const double one = std::max(signal, 0.0) * dn_per_e + 2.0 * read * read + 1.0 / 6.0;
+    out.mean[i] = signal / scale;
+    out.noise[i] = one / (n * scale * scale);
+    out.is_good[i] = is_good;
+  }
+  return out;
+}
+
+PictureProof::PictureProof(const Plan& plan, const LightLayout& layout, const FrameForm& form)
+    : layout_(layout), form_(form), dark_dn_(PointValues::Constant(form.black_level)) {
+  int n_lights = 0;
+  for (const FaceGrid& face : layout.faces) {
+    n_lights += face.n_lights();
+  }
+  HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a place for each light of the plan");
+  shot_of_light_.assign(static_cast<std::size_t>(n_lights), -1);
+  is_looked_at_.assign(plan.shots.size(), false);
+  std::map<std::vector<std::pair<int, int>>, int> index;
+  for (const Shot& shot : plan.shots) {
+    std::vector<std::pair<int, int>> key;
+    Pattern pattern;
+    for (const LightLevel& light : shot.lit) {
+      if (light.level > 0) {
+        key.emplace_back(light.light, light.level);
+        pattern.lit.emplace_back(light.light, light.level / 65535.0);
+      }
+    }
+    if (shot.kind == ShotKind::dark || key.empty()) {
+      pattern_of_.push_back(-1);
+      continue;
+    }
+    ++n_lit_shots_;
+    const auto [it, is_new] = index.emplace(std::move(key), static_cast<int>(patterns_.size()));
+    if (is_new) {
+      pattern.is_single = pattern.lit.size() == 1;
+      if (pattern.is_single) {
+        shot_of_light_[static_cast<std::size_t>(pattern.lit[0].first)] = shot.index;
+      }
+      patterns_.push_back(std::move(pattern));
+    }
+    patterns_[static_cast<std::size_t>(it->second)].shots.push_back(shot.index);
+    pattern_of_.push_back(it->second);
+  }
+}
+
+std::string PictureProof::pattern_words(int shot) const {
+  const int p = pattern_of_[static_cast<std::size_t>(shot)];
+  if (p < 0) {
+    return "darkness";
+  }
+  const Pattern& pattern = patterns_[static_cast<std::size_t>(p)];
+  return pattern.is_single ? fmt::format("light {}", pattern.lit[0].first)
+                           : fmt::format("the pattern of shot {}", shot);
+}
+
+std::vector<PictureProof::Other> PictureProof::others_of(int shot) const {
+  const int own = pattern_of_[static_cast<std::size_t>(shot)];
+  std::vector<Other> others;
+  for (const Shown& shown : recent_) {
+    if (pattern_of_[static_cast<std::size_t>(shown.shot)] != own) {
+      others.push_back({shown.shot, shown.samples.mean, true});
+    }
+  }
+  for (int next = shot + 1; next <= shot + 2; ++next) {
+    if (next >= static_cast<int>(pattern_of_.size())) {
+      break;
+    }
+    const int p = pattern_of_[static_cast<std::size_t>(next)];
+    if (p < 0 || p == own || patterns_[static_cast<std::size_t>(p)].is_single) {
+      continue;  // single lights are all looked at besides
+    }
+    const auto next_one = predictor_->predict(patterns_[static_cast<std::size_t>(p)].lit);
+    if (next_one.spread <
+        kKnown * static_cast<double>(patterns_[static_cast<std::size_t>(p)].lit.size())) {
+      others.push_back({next, next_one.mean, false});
+    }
+  }
+  return others;
+}
+
+PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
+                                     const LightPredictor::Prediction& own,
+                                     const std::vector<Other>& others, bool is_direct,
+                                     Fit& own_fit) const {
+  const double kappa2 = kappa2_[is_direct ? 1 : 0];
+  PictureFinding finding;
+  double& rest = own_fit.rest;
+  double& gain = own_fit.gain;
+  finding.kind = PictureFinding::Kind::unproven;
+  const PointValues inverse_variance = y.is_good.select(
+      1.0 / (kappa2 * (own.variance + variance_of(y, kModelTol))), PointValues::Zero());
+  gain = fit_gain(y.mean, own.mean, inverse_variance);
+  const PointValues r = y.mean - gain * own.mean;
+  rest = robust_square(r.square() * inverse_variance, y.is_good);
+  finding.own_sigma = distance(r, inverse_variance);
+  if (y.is_good.count() < kLeastPoints) {
+    return finding;
+  }
+  double least = std::numeric_limits<double>::infinity();  // sigma nearer to its own
+  const auto take = [&](int shot, const PointValues& c, const ShareFit& fit, double nearer) {
+    least = nearer;
+    finding.other = shot;
+    finding.discrimination_sigma = 1.0 / fit.sigma;
+    finding.other_sigma =
+        distance(y.mean - fit_gain(y.mean, c, inverse_variance) * c, inverse_variance);
+  };
+  bool is_wrong = false;
+  const auto look_at = [&](int shot, const PointValues& c, bool may_mix) {
+    const ShareFit fit = fit_share(y.mean, own.mean, c, inverse_variance, y.is_good, 5);
+    if (!std::isfinite(fit.sigma)) {
+      return;
+    }
+    const double nearer = (0.5 - fit.share) / fit.sigma;
+    if (may_mix) {
+      own_fit.towards_last = fit.share / fit.sigma * std::sqrt(kappa2);  // of the newest
+    }
+    // What smoothness says is believed only where the whole picture is off.
+    const bool fits = fit.rest <= kFits && fit.rest < 0.8 * rest && (is_direct || rest > kFits);
+    const bool is_mixed =
+        may_mix && fit.share > kLeastShare && fit.share > kNearer * fit.sigma && fits;
+    const bool is_other = nearer < -kNearer && fits && fit.share < 1.5;
+    if ((is_mixed || is_other) && (!is_wrong || nearer < least)) {
+      is_wrong = true;
+      take(shot, c, fit, nearer);
+      finding.problem =
+          fmt::format("the picture is {:.0f} % {}, {:.1f} sigma from its own",
+                      100.0 * fit.share, pattern_words(shot), fit.share / fit.sigma);
+    } else if (!is_wrong && nearer < least) {
+      take(shot, c, fit, nearer);
+    }
+  };
+  for (const Other& other : others) {
+    look_at(other.shot, other.picture, other.may_mix);
+  }
+  const Pattern& p = patterns_[static_cast<std::size_t>(pattern)];
+  if (p.is_single) {
+    // All other lights; the plain fit of one step says which are worth the robust one.
+    int nearest = -1;
+    double nearest_by = std::numeric_limits<double>::infinity();
+    for (int k = 0; k < predictor_->n_lights(); ++k) {
+      const int shot = shot_of_light_[static_cast<std::size_t>(k)];
+      if (k == p.lit[0].first || shot < 0 || predictor_->spread_of(k) > kKnown) {
+        continue;
+      }
+      const PointValues c =
+          predictor_->predict(std::vector<DrivenLight>{{k, p.lit[0].second}}).mean;
+      const ShareFit fit = fit_share(y.mean, own.mean, c, inverse_variance, y.is_good, 1);
+      const double nearer = (0.5 - fit.share) / fit.sigma;
+      if (std::isfinite(fit.sigma) && nearer < nearest_by) {
+        nearest_by = nearer;
+        nearest = k;
+      }
+    }
+    if (nearest >= 0) {
+      look_at(shot_of_light_[static_cast<std::size_t>(nearest)],
+              predictor_->predict(std::vector<DrivenLight>{{nearest, p.lit[0].second}}).mean,
+              false);
+    }
+  }
+  if (is_wrong) {
+    finding.kind = PictureFinding::Kind::wrong;
+  } else if (std::isfinite(least) && least > kNearer && rest <= kFits) {
+    finding.kind = PictureFinding::Kind::proved;
+  }
+  return finding;
+}
+
+bool PictureProof::is_same_picture(const PointSamples& a, const PointSamples& b) const {
+  const Eigen::Array<bool, kProofPoints, 1> counts = a.is_good && b.is_good;
+  const PointValues inverse_variance = counts.select(
+      1.0 / (variance_of(a, kModelTol) + variance_of(b, kModelTol)), PointValues::Zero());
+  const double g = fit_gain(a.mean, b.mean, inverse_variance);
+  return robust_square((a.mean - g * b.mean).square() * inverse_variance, counts, true) <=
+         kFits;
+}
+
+int PictureProof::repeated_shot(int shot, const PointSamples& y) {
+  const int own = pattern_of_[static_cast<std::size_t>(shot)];
+  int repeated = -1;
+  for (std::size_t i = 0; i < recent_.size(); ++i) {
+    const Shown& shown = recent_[i];
+    if (pattern_of_[static_cast<std::size_t>(shown.shot)] == own) {
+      continue;
+    }
+    const Eigen::Array<bool, kProofPoints, 1> counts = y.is_good && shown.samples.is_good;
+    const PointValues inverse_variance = counts.select(
+        1.0 / (variance_of(y, kRepeatTol) + variance_of(shown.samples, kRepeatTol)),
+        PointValues::Zero());
+    const double square =
+        robust_square((y.mean - shown.samples.mean).square() * inverse_variance, counts, true);
+    const bool is_lit = (y.mean.square() * inverse_variance).sum() > kLit;
+    if (!is_lit) {
+      continue;
+    }
+    if (counts.count() >= kLeastPoints && square < kRepeats) {
+      repeated = shown.shot;
+    } else if (i + 1 == recent_.size()) {
+      note_difference(square);
+    }
+  }
+  const bool is_single = patterns_[static_cast<std::size_t>(own)].is_single;
+  const bool is_told_apart =
+      n_differences_ >= (is_single ? kFewDifferences : kManyDifferences) &&
+      difference_log_ - 3.0 * std::sqrt(difference_log_var_) > std::log(kRepeats);
+  return is_told_apart ? repeated : -1;
+}
+
+void PictureProof::note_difference(double square) {
+  const double log = std::log(std::max(square, 0.1));
+  const double rate = std::max(0.1, 1.0 / (1.0 + n_differences_));
+  const double step = log - difference_log_;
+  difference_log_ += rate * step;
+  difference_log_var_ = (1.0 - rate) * (difference_log_var_ + rate * step * step);
+  ++n_differences_;
+}
+
+PictureFinding PictureProof::judge(int shot, ImageView<const std::uint16_t> active,
+                                   const FrameEvidence& evidence) {
+  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
+  if (pattern < 0) {
+    dark_dn_ = block_means(active);
+    is_after_dark_ = true;
+    return {};
+  }
+  if (evidence.t_exposure_start_ns - last_start_ns_ > kPauseNs) {
+    is_after_dark_ = true;  // paused or suspended in between
+  }
+  last_start_ns_ = evidence.t_exposure_start_ns;
+  const PointSamples y = sample_points(active, form_, layout_.noise, dark_dn_,
+                                       evidence.exposure_read_us, evidence.gain_db);
+  if (!predictor_) {
+    predictor_.emplace(
+        layout_.faces);  // here: 15 ms for 1024 lights, not on the control thread
+  }
+  const Pattern& p = patterns_[static_cast<std::size_t>(pattern)];
+  const LightPredictor::Prediction own = predictor_->predict(p.lit);
+  const bool is_direct = std::any_of(p.shots.begin(), p.shots.end(),
+                                     [this](int s) { return learned_.count(s) > 0; });
+  double& kappa2 = kappa2_[is_direct ? 1 : 0];
+  PictureFinding finding;
+  Fit fit;
+  if (predictor_->is_ready()) {
+    finding = compare(pattern, y, own, others_of(shot), is_direct, fit);
+    const bool is_seen = (own.mean.square() / variance_of(y, kModelTol)).sum() > kLit;
+    if (finding.kind != PictureFinding::Kind::wrong && is_seen &&
+        fit.gain < (is_after_dark_ ? kDarkBefore : kDark)) {
+      finding.kind = PictureFinding::Kind::wrong;
+      finding.problem =
+          fmt::format("only {:.0f} % of the light that is predicted", 100.0 * fit.gain);
+    }
+    const bool disagrees = is_direct && fit.rest > kDisagrees;
+    n_disagreed_ = disagrees ? n_disagreed_ + 1 : 0;
+    if (n_disagreed_ >= kMoved) {
+      start_again();
+      finding = {};
+      finding.note =
+          "the pictures are no longer those of earlier frames of the same lights: the scene "
+          "has changed; the proof by light begins anew";
+    } else if (disagrees && finding.kind != PictureFinding::Kind::wrong) {
+      finding.kind = PictureFinding::Kind::wrong;
+      finding.problem = "not the picture of an earlier frame of the same pattern";
+    }
+  }
+  const int repeated = repeated_shot(shot, y);
+  const bool is_lit = (y.mean.square() / variance_of(y, kModelTol)).sum() > kLit;
+  const bool is_still_dark = is_after_dark_ && !is_lit;
+  if (is_still_dark && finding.kind != PictureFinding::Kind::wrong) {
+    finding.kind = PictureFinding::Kind::wrong;
+    finding.problem = "as dark as before this light";
+  }
+  if (repeated >= 0 && finding.kind != PictureFinding::Kind::wrong) {
+    finding.kind = PictureFinding::Kind::wrong;
+    finding.other = repeated;
+    finding.problem =
+        fmt::format("the same picture as {}, which was shown before", pattern_words(repeated));
+  }
+  const auto refused = refused_.find(shot);
+  if (finding.kind == PictureFinding::Kind::wrong && refused != refused_.end() &&
+      is_same_picture(refused->second.samples, y)) {
+    believe_again(shot, is_direct, repeated >= 0 || is_still_dark, refused->second.n, finding);
+  }
+  recent_.push_back({shot, y});
+  if (recent_.size() > kRecent) {
+    recent_.erase(recent_.begin());
+  }
+  is_after_dark_ = is_after_dark_ && !is_lit;
+  if (finding.kind == PictureFinding::Kind::wrong) {
+    const int n = refused != refused_.end() ? refused->second.n + 1 : 1;
+    refused_[shot] = {y, n};
+    is_after_dark_ = is_after_dark_ || n % 2 == 0;  // the run is suspended, and dark
+    return finding;
+  }
+  const bool was_refused = refused_.erase(shot) > 0;
+  if (finding.is_suspect) {
+    return finding;  // nothing is learned of it
+  }
+  if (!was_refused && fit.towards_last != 0.0) {
+    // What a good frame seems to have of the one before is z of unit variance, were the errors
+    // of the predictions independent from point to point: three of four lie within 1.15 kappa.
+    const bool is_beyond = std::abs(fit.towards_last) > 1.15 * std::sqrt(kappa2);
+    kappa2 = std::clamp(kappa2 * std::exp(is_beyond ? 3.0 * kKappaRate : -kKappaRate), 1.0,
+                        kMostKappa2);
+  }
+  learn(shot, y, own, is_direct ? fit.gain : 1.0);
+  if (static_cast<int>(learned_.size()) == n_lit_shots_) {
+    for (const int doubted : look_again()) {
+      finding.doubted.push_back(doubted);
+    }
+  }
+  return finding;
+}
+
+void PictureProof::believe_again(int shot, bool is_direct, bool is_repeated, int n_refused,
+                                 PictureFinding& finding) {
+  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
+  const bool is_like_other = !is_direct && finding.other >= 0 &&
+                             finding.own_sigma - finding.other_sigma > kNearer &&
+                             finding.discrimination_sigma > 2.0 * kNearer;
+  if (is_repeated) {
+    // A controller that still shows an older pattern shows it twice: after a rest it will not.
+    if (n_refused < 2) {
+      return;
+    }
+    finding.is_suspect = true;
+  } else if (is_like_other) {
+    const bool is_learned = learned_.count(finding.other) > 0;
+    if (is_learned && !is_looked_at_[static_cast<std::size_t>(finding.other)]) {
+      // One of the two showed the other's light: that one's frame is taken again too.
+      is_looked_at_[static_cast<std::size_t>(finding.other)] = true;
+      finding.doubted =
+          doubt_pattern(pattern_of_[static_cast<std::size_t>(finding.other)], shot);
+    } else if (n_refused < 2) {
+      return;  // twice in a row: the run waits
+    } else {
+      finding.is_suspect = true;
+    }
+  } else if (is_direct) {
+    finding.doubted = doubt_pattern(pattern, shot);
+  } else {
+    kappa2_[0] = std::min(2.0 * kappa2_[0], kMostKappa2);
+  }
+  finding.kind = PictureFinding::Kind::unproven;
+}
+
+void PictureProof::learn(int shot, const PointSamples& y, const LightPredictor::Prediction& own,
+                         double gain) {
+  forget(shot);
+  Learned learned;
+  learned.samples = y;
+  learned.mean = y.is_good.select(y.mean / std::clamp(gain, 0.8, 1.25), own.mean);
+  if (recent_.size() > 1) {
+    learned.before = recent_[recent_.size() - 2].samples.mean;
+    learned.shot_before = recent_[recent_.size() - 2].shot;
+  }
+  const Pattern& p =
+      patterns_[static_cast<std::size_t>(pattern_of_[static_cast<std::size_t>(shot)])];
+  learned.rho = predictor_->learn(p.lit, learned.mean, variance_of(y, kModelTol));
+  if (learned_.size() < kMostLearned) {
+    learned_[shot] = std::move(learned);
+  }
+}
+
+void PictureProof::forget(int shot) {
+  const auto it = learned_.find(shot);
+  if (it == learned_.end()) {
+    return;
+  }
+  const Pattern& p =
+      patterns_[static_cast<std::size_t>(pattern_of_[static_cast<std::size_t>(shot)])];
+  predictor_->forget(p.lit, it->second.mean, it->second.rho);
+  learned_.erase(it);
+}
+
+std::vector<int> PictureProof::doubt_pattern(int pattern, int but_shot) {
+  std::vector<int> doubted;
+  for (const int shot : patterns_[static_cast<std::size_t>(pattern)].shots) {
+    if (shot != but_shot && learned_.count(shot) > 0) {
+      forget(shot);
+      doubted.push_back(shot);
+    }
+  }
+  return doubted;
+}
+
+PictureFinding PictureProof::compare_without(int shot) const {
+  const Learned& seen = learned_.at(shot);
+  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
+  const auto own = predictor_->predict_without(patterns_[static_cast<std::size_t>(pattern)].lit,
+                                               seen.mean, seen.rho);
+  std::vector<Other> others;
+  if (seen.shot_before >= 0 &&
+      pattern_of_[static_cast<std::size_t>(seen.shot_before)] != pattern) {
+    others.push_back({seen.shot_before, seen.before, true});
+  }
+  Fit fit;
+  return compare(pattern, seen.samples, own, others, false, fit);
+}
+
+std::vector<int> PictureProof::look_again() {
+  // The worst first: a wrong frame makes its neighbours look wrong.
+  std::vector<int> suspects;
+  for (const auto& [shot, seen] : learned_) {
+    if (!is_looked_at_[static_cast<std::size_t>(shot)] &&
+        compare_without(shot).kind == PictureFinding::Kind::wrong) {
+      suspects.push_back(shot);
+    }
+  }
+  std::vector<int> doubted;
+  while (!suspects.empty() && static_cast<int>(doubted.size()) < kMostDoubted) {
+    std::vector<std::pair<double, int>> left;
+    for (const int shot : suspects) {
+      const PictureFinding finding = compare_without(shot);
+      if (finding.kind == PictureFinding::Kind::wrong) {
+        left.emplace_back(finding.own_sigma - finding.other_sigma, shot);
+      }
+    }
+    suspects.clear();
+    if (left.empty()) {
+      break;
+    }
+    const int worst = std::max_element(left.begin(), left.end())->second;
+    for (const auto& [by, shot] : left) {
+      if (shot != worst) {
+        suspects.push_back(shot);
+      }
+    }
+    is_looked_at_[static_cast<std::size_t>(worst)] = true;
+    refused_[worst] = {learned_.at(worst).samples, 1};
+    forget(worst);
+    doubted.push_back(worst);
+  }
+  return doubted;
+}
+
+void PictureProof::start_again() {
+  predictor_.emplace(layout_.faces);
+  learned_.clear();
+  refused_.clear();
+  recent_.clear();
+  n_disagreed_ = 0;
+}
+
+}  // namespace haarlight
