@@ -37,12 +37,14 @@ void require_json_limits(std::string_view text, const std::string& where,
 
 /// The one way from a JSON text to its value.
 /// @tparam Json  nlohmann::json or nlohmann::ordered_json, which only a .cpp knows
+/// @param look   nlohmann's parser callback
 /// @throws Error  too large, too deep, or not JSON (with the byte)
-template <class Json>
-[[nodiscard]] Json parse_json(std::string_view text, const std::string& where) {
+template <class Json, class Look = std::nullptr_t>
+[[nodiscard]] Json parse_json(std::string_view text, const std::string& where,
+                              Look look = nullptr) {
   require_json_limits(text, where);
   try {
-    return Json::parse(text.begin(), text.end());
+    return Json::parse(text.begin(), text.end(), look);
   } catch (const typename Json::parse_error& error) {
     throw_broken_json(error.byte, where);
   } catch (const typename Json::out_of_range&) {  // a number like 1e999
