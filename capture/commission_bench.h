@@ -26,10 +26,9 @@ struct CommissionClock {
 };
 [[nodiscard]] CommissionClock monotonic_clock();
 
-/// From where a capture counts the settling of its light: the one place in commissioning that
-/// knows.
+/// From where a capture counts the settling of its light: the read-back that shows the pattern.
 [[nodiscard]] inline std::int64_t settle_reference_ns(const LatchReceipt& receipt) {
-  return receipt.t_ack_ns;
+  return receipt.t_shown_ns != 0 ? receipt.t_shown_ns : receipt.t_ack_ns;
 }
 
 /// A thin band of rows whose mean is followed; `position` 0 = first row, 1 = last.

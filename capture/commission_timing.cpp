@@ -26,7 +26,7 @@ constexpr double kBackOff = 0.6;     // of a level that was not linear: try this
 constexpr int kLinearAttempts = 8;
 constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
 constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
-constexpr double kSlowAck = 4.0;        // times the median round trip: such a step is left out
+constexpr double kSlowAck = 4.0;        // times the median until shown: such a step is left out
 
 double us_between(std::int64_t later, std::int64_t earlier) {
   return static_cast<double>(later - earlier) / 1e3;
@@ -193,6 +193,7 @@ class StepRun {
     const double round_trip = us_between(receipt.t_ack_ns, receipt.t_command_ns);
     round_trips_.push_back(round_trip);
     references_.push_back(us_between(settle_reference_ns(receipt), t_light));
+    shown_.push_back(us_between(settle_reference_ns(receipt), receipt.t_command_ns));
     for (;;) {
       const ArrivedFrame arrived = bench_.next_frame();
       const std::int64_t stamp = arrived.frame.info().timestamp_ns;
@@ -233,6 +234,8 @@ class StepRun {
   }
 
   [[nodiscard]] const std::vector<double>& round_trips() const { return round_trips_; }
+  /// Of each step: from sending to the read-back that shows it; the light is switched between.
+  [[nodiscard]] const std::vector<double>& shown() const { return shown_; }
   /// Of each step: the moment that captures count from, after t_l.
   [[nodiscard]] const std::vector<double>& references() const { return references_; }
   /// Times from a stamp to the host at the exposure of the lamp in use.
@@ -248,6 +251,7 @@ class StepRun {
   std::vector<double> arrivals_;
   std::vector<double> round_trips_;
   std::vector<double> references_;
+  std::vector<double> shown_;
 };
 
 double median(std::vector<double> values) {
@@ -256,14 +260,14 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// Without the steps whose acknowledgement was slow: they say little, and a delay of the way
-/// back alone would shift them.
+/// Without the steps that were slow to show: they say little, a delay of the way back alone
+/// would shift them, and a gateway may have acted long after its acknowledgement.
 std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
-                                     const std::vector<double>& round_trips) {
-  const double limit = kSlowAck * median(round_trips);
+                                     const std::vector<double>& shown) {
+  const double limit = kSlowAck * median(shown);
   std::vector<StepSample> kept;
   for (const StepSample& s : samples) {
-    if (round_trips[static_cast<std::size_t>(s.step)] <= limit) {
+    if (shown[static_cast<std::size_t>(s.step)] <= limit) {
       kept.push_back(s);
     }
   }
@@ -429,8 +433,8 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   Lamp half = full;
   take_references(bench, half);
   run.scan(half, scan_steps(half.exposure_us));
-  const std::optional<StepFit> coarse = fit_steps(prompt_steps(samples, run.round_trips()));
-  require_true_exposure(bench, prompt_steps(samples, run.round_trips()), full.exposure_us,
+  const std::optional<StepFit> coarse = fit_steps(prompt_steps(samples, run.shown()));
+  require_true_exposure(bench, prompt_steps(samples, run.shown()), full.exposure_us,
                         half.exposure_us);
   if (!coarse) {
     throw_no_steps(bench);
@@ -484,24 +488,17 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
       progress(0.55 + 0.2 * (lamp == &full ? 1.0 : 0.0) + 0.2 * (i + 1.0) / options.fine_steps);
     }
   }
-  result.samples = prompt_steps(samples, run.round_trips());
+  result.samples = prompt_steps(samples, run.shown());
   result.short_us = brief.exposure_us;
   require_true_exposure(bench, result.samples, full.exposure_us, brief.exposure_us);
-  std::optional<StepFit> free = fit_steps(result.samples);
-  if (free) {
-    // The light's own jitter rounds the steps beside that of t_l: it belongs to their sigma.
-    const double scatter = delay_scatter(step_delays(result.samples, free->model));
-    for (StepSample& s : result.samples) {
-      s.jitter_us = std::max(s.jitter_us, scatter);
-    }
-    free = fit_steps(result.samples, {std::nullopt, free->model});
-  }
+  const std::optional<StepFit> free = fit_steps(result.samples);
   if (!free) {
     throw_no_steps(bench);
   }
   result.line = offset_line(*free);
   const std::optional<StepFit> tied =
-      fit_steps(result.samples, {std::round(result.line.slope), free->model});
+      fit_steps(result.samples, {std::round(result.line.slope), free->model,
+                                 delay_scatter(step_delays(result.samples, free->model))});
   if (!tied) {
     throw_no_steps(bench);
   }

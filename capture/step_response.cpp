@@ -347,6 +347,7 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   for (std::size_t j = 0; j < layout.exposures.size(); ++j) {
     fit.offset_sigma_us.push_back(spread([j](const StepModel& m) { return m.offset_us[j]; }));
   }
+  fit.offset_jackknife_us = fit.offset_sigma_us;
   fit.skew_sigma_us = spread([](const StepModel& m) { return m.skew_us; });
   fit.rise_sigma_us = spread([](const StepModel& m) { return m.rise_us; });
   fit.fall_sigma_us = spread([](const StepModel& m) { return m.fall_us; });
@@ -358,9 +359,11 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   for (const Point& point : points) {
     jitters.push_back(point.sample.jitter_us);
   }
-  const double jitter = median(jitters);
+  const double jitter = std::max(median(jitters), options.scatter_us);
   const auto blur = [jitter](double ramp) {
-    return std::sqrt(ramp * ramp + 12.0 * jitter * jitter) - ramp;
+    const double rounding = 12.0 * jitter * jitter;
+    return std::max(std::sqrt(ramp * ramp + rounding) - ramp,
+                    ramp - std::sqrt(std::max(0.0, ramp * ramp - rounding)));
   };
   const double rise_blur = blur(fit.model.rise_us);
   const double fall_blur = blur(fit.model.fall_us);
@@ -421,14 +424,17 @@ double delay_scatter(std::span<const StepDelay> delays) {
 
 namespace {
 
-/// E_true / E by the pooled slope, without one step (-1: with all). 0: no slope.
+/// E_true / E by the pooled slope, without one step (-1: with all). 0: no slope. Time over
+/// share, not share over time: samples are chosen by their share, in which the light's own
+/// jitter shows; over time the slope would be too flat by it.
 double pooled_scale(std::span<const StepSample> partial, int without) {
   struct Sums {
     double n = 0.0;
     double x = 0.0;
     double y = 0.0;
-    double xx = 0.0;
+    double yy = 0.0;
     double xy = 0.0;
+    double noise = 0.0;
   };
   std::map<std::pair<double, bool>, Sums> groups;
   for (const StepSample& s : partial) {
@@ -439,17 +445,18 @@ double pooled_scale(std::span<const StepSample> partial, int without) {
       g.n += 1.0;
       g.x += x;
       g.y += y;
-      g.xx += x * x;
+      g.yy += y * y;
       g.xy += x * y;
+      g.noise += s.sigma * s.sigma;
     }
   }
-  double xx = 0.0;
+  double yy = 0.0;
   double xy = 0.0;
   for (const auto& [which, g] : groups) {
-    xx += g.xx - g.x * g.x / g.n;
+    yy += g.yy - g.y * g.y / g.n - g.noise * (g.n - 1.0) / g.n;
     xy += g.xy - g.x * g.y / g.n;
   }
-  return xy > 0.0 ? xx / xy : 0.0;
+  return xy > 0.0 && yy > 0.0 ? xy / yy : 0.0;
 }
 
 }  // namespace
@@ -491,7 +498,7 @@ OffsetLine offset_line(const StepFit& fit) {
   double sxx = 0.0;
   double sxy = 0.0;
   for (std::size_t j = 0; j < e.size(); ++j) {
-    const double s = std::max(fit.offset_sigma_us[j], 1.0);
+    const double s = std::max(fit.offset_jackknife_us[j], 1.0);
     const double w = 1.0 / (s * s);
     sw += w;
     sx += w * e[j];

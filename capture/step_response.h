@@ -53,6 +53,7 @@ struct StepFit {
   // Standard uncertainties by a delete-a-group jackknife over steps; and what the jitter of the
   // steps adds to a ramp, sqrt(T^2 + 12 jitter^2) - T, which the fit cannot tell from T.
   std::vector<double> offset_sigma_us;
+  std::vector<double> offset_jackknife_us;  ///< without the jitter's part, which all share
   double skew_sigma_us = 0.0;
   double rise_sigma_us = 0.0;
   double fall_sigma_us = 0.0;
@@ -66,6 +67,9 @@ struct StepFitOptions {
   /// D = D0 + slope E with one D0 for all exposures; nothing: D of each exposure free.
   std::optional<double> slope;
   std::optional<StepModel> start;  ///< else found from the samples
+  /// Standard deviation of the light's own delay from step to step: it rounds the steps as a
+  /// longer ramp would, and joins the sigmas of ramps and offsets.
+  double scatter_us = 0.0;
 };
 
 /// Robust (Huber) Levenberg-Marquardt. Cost: O(samples) an iteration, 20 jackknife groups.

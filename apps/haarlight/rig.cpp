@@ -312,8 +312,8 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
   write_file_atomically(file, text);
   report.set_bytes(text.size());
   fmt::print("measured values: {}\n", file.string());
-  for (const std::string& text : result.faults) {
-    fmt::print(stderr, "haarlight rig: {}\n", text);
+  for (const std::string& fault : result.faults) {
+    fmt::print(stderr, "haarlight rig: {}\n", fault);
   }
   if (!result.faults.empty()) {
     fmt::print(stderr,
@@ -395,11 +395,8 @@ void add_rig(Command root, Invocation& invocation) {
   verb.footer(
       "commission writes NAME.measured.toml beside the rig file; every program then puts these "
       "values\nover the written ones. The daemon must not be running. docs/commissioning.md "
-      "tells how to set up.\nExit codes: 1 when the doctor finds something wrong, or the "
-      "rig " or
-      the rig
-      "
-      "file contradicts what was measured, or lights are dead, dim or swapped.\n"
+      "tells how to set up.\nExit codes: 1 when the doctor finds something wrong, or the rig "
+      "file\ncontradicts what was measured, or lights are dead, dim or swapped.\n"
       "Examples:\n"
       "  haarlight rig doctor configs/rigs/small8.toml\n"
       "  haarlight rig commission configs/rigs/small8.toml --flash-ok\n"
