@@ -158,7 +158,8 @@ PictureFile read_picture(const std::filesystem::path& path) {
   const std::uint64_t file_bytes = mapped.bytes().size();
   const PictureClaim claim = picture_claim(format, mapped.bytes());
   if (claim.is_cut) {
-    refuse("ends before its header does", path, "the file was cut or damaged: copy it again");
+    refuse("ends before its header does, or the header is damaged", path,
+           "the file was cut or damaged: copy it again");
   }
   if (format == "openexr" || claim.width * claim.height != 0) {
     require_claim(claim, 1, file_bytes, path);

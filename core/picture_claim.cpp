@@ -4,6 +4,7 @@
 #include <array>
 #include <charconv>
 #include <optional>
+#include <utility>
 
 namespace haarlight {
 
@@ -82,6 +83,62 @@ PictureClaim png_claim(const Bytes& bytes) {
                   kChannels[type] * (bytes.at(24) > 8 ? 2 : 1));
 }
 
+/// Does an attribute's value fill its size? OpenEXR reads these types by their own form,
+/// whatever the size says, so that a wrong size would show it another header than us.
+bool fills_its_size(const Bytes& bytes, std::string_view type, std::size_t value,
+                    std::uint64_t size) {
+  constexpr std::array<std::pair<std::string_view, std::uint64_t>, 23> kSizes{
+      {{"box2i", 16},
+       {"box2f", 16},
+       {"compression", 1},
+       {"lineOrder", 1},
+       {"float", 4},
+       {"double", 8},
+       {"int", 4},
+       {"v2i", 8},
+       {"v2f", 8},
+       {"v2d", 16},
+       {"v3i", 12},
+       {"v3f", 12},
+       {"v3d", 24},
+       {"m33f", 36},
+       {"m33d", 72},
+       {"m44f", 64},
+       {"m44d", 128},
+       {"rational", 8},
+       {"timecode", 8},
+       {"keycode", 28},
+       {"envmap", 1},
+       {"tiledesc", 9},
+       {"chromaticities", 32}}};
+  for (const auto& [name, expected] : kSizes) {
+    if (type == name) {
+      return size == expected;
+    }
+  }
+  const std::uint64_t end = value + size;
+  if (type == "preview") {
+    const std::uint64_t pixels =
+        claim_of(bytes.little(value, 4), bytes.little(value + 4, 4), 1).raw_bytes;
+    return size == 8 + 4 * pixels;
+  }
+  std::uint64_t at = value;
+  if (type == "stringvector") {
+    while (at < end) {
+      at += 4 + bytes.little(static_cast<std::size_t>(at), 4);
+    }
+    return at == end;
+  }
+  if (type == "chlist") {
+    while (at < end && bytes.at(static_cast<std::size_t>(at)) != 0) {
+      const auto channel = bytes.text(static_cast<std::size_t>(at));
+      at += channel ? channel->size() + 17 : size;
+    }
+    return at + 1 == end;
+  }
+  return true;
+}
+
 /// Of all parts of the file the largest.
 PictureClaim exr_claim(const Bytes& bytes) {
   const bool has_parts = (bytes.little(4, 4) & 0x1000U) != 0;
@@ -101,7 +158,7 @@ PictureClaim exr_claim(const Bytes& bytes) {
       }
       const std::size_t value = i + name->size() + type->size() + 6;
       const std::uint64_t size = bytes.little(value - 4, 4);
-      if (value + size > bytes.size()) {
+      if (value + size > bytes.size() || !fills_its_size(bytes, *type, value, size)) {
         return {.is_cut = true};  // OpenEXR would take memory for the value first
       }
       if (*name == "dataWindow") {

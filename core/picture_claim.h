@@ -19,7 +19,7 @@ struct PictureClaim {
   std::uint64_t raw_bytes = 0;
   /// The most bytes that a byte of the file can stand for.
   std::uint64_t most_per_byte = 2000;
-  bool is_cut = false;  ///< the file ends within its header (OpenEXR)
+  bool is_cut = false;  ///< the file ends within its header, or that is damaged (OpenEXR)
 };
 
 /// @param format  "jpeg", "png", "openexr", "hdr" or "targa"; of others nothing is known, nor
