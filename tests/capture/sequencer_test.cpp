@@ -241,6 +241,56 @@ TEST(Sequencer, TheEvidenceHoldsWhatTheRuleNeeds) {
   EXPECT_EQ(check->evidence.t_shown_ns, 1'100'000);
 }
 
+/// Shot 0 has its frame 9, which the checks have.
+Driver checking() {
+  Driver d = collecting();
+  d.t_ns = 4'000'000;
+  d.send(frame_at(9, 3'700'000));
+  d.t_ns = 4'100'000;
+  d.send(event::LightConfirmed{.frame = 9, .t_request_ns = 4'050'000, .tag = 1, .boot_id = 77});
+  return d;
+}
+
+TEST(Sequencer, ThePictureOfAnotherLightIsTakenAgainAndTwiceInARowSuspends) {
+  Driver d = checking();
+  d.state.wrong_lights[0] = 1;  // the second in a row
+  d.send(event::FrameChecked{.frame = 9,
+                             .shot = 0,
+                             .evidence = {},
+                             .problem = "the picture is that of light 7",
+                             .verdict = FrameVerdict::wrong_light});
+  EXPECT_EQ(d.state.phase, Phase::suspended);
+  EXPECT_EQ(d.state.reasons, kWrongLight);
+  EXPECT_THAT(d.state.reason_text, testing::HasSubstr("light 7"));
+  EXPECT_EQ(d.state.counters.wrong_lights, 1U);
+  d.t_ns += 10'000'000'000;
+  d.send(event::Tick{});
+  EXPECT_EQ(d.state.reasons, 0U) << "tried again by itself";
+}
+
+TEST(Sequencer, OnePictureOfAnotherLightIsOnlyTakenAgain) {
+  Driver d = checking();
+  d.send(event::FrameChecked{.frame = 9,
+                             .shot = 0,
+                             .evidence = {},
+                             .problem = "the picture is that of light 7",
+                             .verdict = FrameVerdict::wrong_light});
+  EXPECT_EQ(d.state.phase, Phase::running);
+  EXPECT_EQ(d.state.shots[0], ShotState::pending);
+}
+
+TEST(Sequencer, AShotThatALaterPictureContradictsIsWithdrawnOnceItIsCommitted) {
+  Driver d = checking();
+  d.send(event::FrameChecked{.frame = 9, .shot = 0, .evidence = {}, .doubted = {0}});
+  EXPECT_EQ(d.find<action::WithdrawShots>(), nullptr) << "not committed yet";
+  d.send(event::FrameCommitted{.frame = 9, .shot = 0});
+  const auto* withdrawn = d.find<action::WithdrawShots>();
+  ASSERT_NE(withdrawn, nullptr);
+  EXPECT_EQ(withdrawn->shots, std::vector<int>{0});
+  EXPECT_EQ(d.state.shots[0], ShotState::pending);
+  EXPECT_EQ(d.state.n_committed, 0);
+}
+
 TEST(Sequencer, AControllerThatShowsAnotherTagAfterwardsVoidsTheFrame) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
