@@ -4,8 +4,8 @@
 #include "session/session.h"
 
 /// @file
-/// What a session takes from its rig. Functions of their own so that `verify` can hold session.json
-/// to rig.toml.
+/// What a session takes from its rig. Functions of their own so that `verify` can hold
+/// session.json to rig.toml.
 
 namespace haarlight {
 
