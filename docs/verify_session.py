@@ -4,8 +4,7 @@
     python3 verify_session.py SESSION [--signers ALLOWED_SIGNERS]
 
 Prints each broken promise; exit code 0: none. Unsigned this finds accident and careless editing, signed (it calls
-ssh-keygen) everything after signing. XXH3 is left to `haarlight verify`: SHA-256 covers the same bytes.
-"""
+ssh-keygen) everything after signing. XXH3 is left to `haarlight verify`: SHA-256 covers the same bytes."""
 import array, contextlib, hashlib, json, math, os, re, sqlite3, stat, struct, subprocess, sys, tomllib, urllib.parse
 
 OWN = set("start.json session.json session.json.sig plan.json rig.toml frames aside journal.sqlite "
@@ -86,9 +85,10 @@ def check_evidence(e, form, pixels):
     if (start, end) != (e["t_exposure_start_ns"], e["t_exposure_end_ns"]) or start < e["t_stable_ns"] or (
             end > e["t_next_change_ns"]):
         return "its exposure does not follow from the stamp, or its light was not stable"
+    shown = e["t_ack_ns"] if e.get("t_shown_ns") is None else e["t_shown_ns"]
     if e["sync"] == "camera-leads":
-        return "" if e["step_after"] == e["step_before"] + 1 > 0 and e["margin_us"] >= 0 else "not one step on"
-    return "" if e["t_command_ns"] <= e["t_ack_ns"] <= e["t_stable_ns"] else "its times are out of order"
+        return "" if e["step_after"] == e["step_before"] + 1 > 0 <= e["margin_us"] and shown <= start else "not one step on"
+    return "" if e["t_command_ns"] <= e["t_ack_ns"] <= shown <= e["t_stable_ns"] else "its times are out of order"
 
 def check_frame(frame, info, setup, data):
     form, shot, e, (shape, said, pixels) = info["form"], info["shots"][frame["shot"]], frame["evidence"], read_tiff(data)
