@@ -161,9 +161,12 @@ class TwinBench {
                   words_.view());
       // A frame is the caller's until it gives it back; two may be held at once.
       auto copy = std::make_shared<Image<std::uint16_t>>(words_);
-      return Frame(FrameInfo{frame.sequence, sensor.stamp_ns(frame.exposure), kFrameMonotonic,
-                             frame.exposure.exposure_us / bench_.stretch_, 0.0},
-                   copy->view(), [copy]() mutable { copy.reset(); });
+      FrameInfo info;
+      info.sequence = frame.sequence;
+      info.timestamp_ns = sensor.stamp_ns(frame.exposure);
+      info.flags = kFrameMonotonic;
+      info.exposure_us = frame.exposure.exposure_us / bench_.stretch_;
+      return Frame(info, copy->view(), [copy]() mutable { copy.reset(); });
     }
 
     Result<double> set_exposure(double exposure_us) override {
