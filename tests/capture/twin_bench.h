@@ -161,12 +161,13 @@ class TwinBench {
                   words_.view());
       // A frame is the caller's until it gives it back; two may be held at once.
       auto copy = std::make_shared<Image<std::uint16_t>>(words_);
-      return Frame(FrameInfo{.sequence = frame.sequence,
-                             .timestamp_ns = sensor.stamp_ns(frame.exposure),
-                             .arrival_ns = bench_.now_,
-                             .flags = kFrameMonotonic,
-                             .exposure_us = frame.exposure.exposure_us / bench_.stretch_},
-                   copy->view(), [copy]() mutable { copy.reset(); });
+      FrameInfo info;
+      info.sequence = frame.sequence;
+      info.timestamp_ns = sensor.stamp_ns(frame.exposure);
+      info.arrival_ns = bench_.now_;
+      info.flags = kFrameMonotonic;
+      info.exposure_us = frame.exposure.exposure_us / bench_.stretch_;
+      return Frame(info, copy->view(), [copy]() mutable { copy.reset(); });
     }
 
     Result<double> set_exposure(double exposure_us) override {
