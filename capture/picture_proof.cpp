@@ -24,6 +24,7 @@ constexpr double kRepeats =
 constexpr int kFewDifferences = 3;
 constexpr int kManyDifferences = 32;
 constexpr double kLeastShare = 0.03;  // of another pattern in a mixture
+constexpr double kMostShare = 1.5;    // no mixture has more of a light than all of it
 constexpr double kFits = 4.0;         // mean square of z up to which a prediction fits
 constexpr double kDisagrees = 9.0;    // beyond: not the picture of the earlier frame
 constexpr int kMoved = 4;             // such frames in a row: the scene is another
@@ -311,10 +312,11 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
       own_fit.towards_last = fit.share / fit.sigma * std::sqrt(kappa2);  // of the newest
     }
     // What smoothness says is believed only where the whole picture is off.
-    const bool fits = fit.rest <= kFits && fit.rest < 0.8 * rest && (is_direct || rest > kFits);
+    const bool fits = fit.share < kMostShare && fit.rest <= kFits && fit.rest < 0.8 * rest &&
+                      (is_direct || rest > kFits);
     const bool is_mixed =
         may_mix && fit.share > kLeastShare && fit.share > kNearer * fit.sigma && fits;
-    const bool is_other = nearer < -kNearer && fits && fit.share < 1.5;
+    const bool is_other = nearer < -kNearer && fits;
     if ((is_mixed || is_other) && (!is_wrong || nearer < least)) {
       is_wrong = true;
       take(shot, c, fit, nearer);
