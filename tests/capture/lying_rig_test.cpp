@@ -117,7 +117,7 @@ TEST_P(LyingRig, AnHonestReadBackAndFalseStampsCommitNoWrongFrame) {
                  config.timestamp = wanted.second;
                  give_jitter(config);
                  config.counts_wrong = true;
-        config.faults.light_late = share_between(config, 0.04, 0.2);
+                 config.faults.light_late = share_between(config, 0.04, 0.2);
                  config.faults.stamp_late = 0.025;
                  config.faults.stamp_early = 0.025;
                });
