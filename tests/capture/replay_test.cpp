@@ -112,8 +112,8 @@ TEST(Replay, AnOldSessionPassesTheSequencerAgainFrameByFrame) {
   ReplayCamera camera;
   ASSERT_TRUE(camera.start(spec).has_value());
   EXPECT_EQ(replay(camera, rig, plan, 0), 8);
-  // Had the stamps meant a moment 200 ms earlier, not one frame would have been taken (the first
-  // light stands for 8 frames, until the camera's period is known).
+  // Had the stamps meant a moment 200 ms earlier, not one frame would have been taken (the
+  // first light stands for 8 frames, until the camera's period is known).
   ASSERT_TRUE(camera.start(spec).has_value());
   EXPECT_EQ(replay(camera, rig, plan, 200'000'000), 0);
 }
