@@ -40,7 +40,7 @@ void Stepper::on(const event::Tick&) {
     clear_reason(kWrongLight);
   }
   if (due(s_.trigger_ns) && s_.phase == Phase::running && s_.current >= 0) {
-    s_.triggered_ns = std::min(s_.triggered_ns, t_);
+    s_.triggered_ns = t_;
     out_.emplace_back(action::TriggerCamera{});
   }
   if (s_.shot_deadline_ns <= t_) {

@@ -23,6 +23,7 @@ void Stepper::on(const event::CameraStarted& e) {
   s_.has_sequence = false;
   s_.is_stamp_refused = false;
   s_.rhythm = FrameRhythm();
+  s_.triggered_ns = kNever;
   s_.n_hashes = 0;
   s_.is_exposure_seen = false;
   s_.n_buffers = e.n_buffers;

@@ -14,6 +14,14 @@ namespace haarlight {
 
 using namespace sequencing;
 
+namespace {
+
+/// Light leads: a shot that was given up may have left a trigger whose frame still comes. The
+/// next trigger is kept so far from it that no false stamp takes one exposure for the other.
+constexpr std::int64_t kOpenTriggerNs = 20 * kMs;
+
+}  // namespace
+
 void Stepper::on(const event::LightShown& e) {
   if (e.job != s_.job || s_.current < 0 || s_.step != ShotStep::light) {
     return;
@@ -43,7 +51,9 @@ void Stepper::on(const event::LightShown& e) {
                         static_cast<std::int64_t>(kShotFrames * frame_us * 1e3);
   if (s_.plan->sync == SyncMode::light_leads) {
     s_.trigger_ns = std::max(t_, s_.t_stable_ns);
-    s_.triggered_ns = kNever;
+    if (s_.triggered_ns != kNever) {
+      s_.trigger_ns = std::max(s_.trigger_ns, s_.triggered_ns + kOpenTriggerNs);
+    }
   }
   // Their stamps decide, not the order in which two threads were heard.
   for (const SequencerState::Stamped& stamped : std::exchange(s_.early, {})) {
@@ -214,7 +224,7 @@ void Stepper::drop_early() {
 std::int64_t Stepper::earliest_start_ns() const {
   switch (s_.plan->sync) {
     case SyncMode::light_leads:
-      return s_.triggered_ns - kGuardNs;
+      return s_.trigger_ns != kNever ? kNever : s_.triggered_ns - kGuardNs;
     case SyncMode::controller_leads:
       // The latch acts after its command and sends the pulse; its timer has a clock of its own.
       return s_.receipt.t_command_ns + s_.plan->trigger_delay_ns - kGuardNs;
@@ -253,6 +263,7 @@ bool Stepper::accept(const SequencerState::Stamped& stamped) {
   s_.step = ShotStep::none;
   s_.shot_deadline_ns = kNever;
   s_.trigger_ns = kNever;
+  s_.triggered_ns = kNever;
   // The job that asks about this frame is the next one that advance() issues.
   s_.awaiting =
       SequencerState::Awaiting{e.frame, s_.job + 1, i_shot, attempt, std::move(evidence)};

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kRoundTripUs =
     1000.0;  // confirm and latch over TCP, with two thread hand-overs
-constexpr double kTriggerRoundTrips = 3.0;  // a host that is late with reading the answer
+constexpr double kTriggerRoundTrips = 4.0;  // latch and read-back, by a host that is late
 constexpr double kBitsAByte = 10.0;         // RTU: start, 8 data, parity or stop, stop
 constexpr double kBytesAShot = 64.0;  // RTU: confirm, changed levels, tag, latch, read back
 

@@ -33,7 +33,7 @@ inline constexpr double kFrameOverheadBytes = 4096.0;
 [[nodiscard]] std::chrono::microseconds step_poll(const Rig& rig) noexcept;
 
 /// Controller leads: from a latch to the pulse on the camera's trigger line: the light settles,
-/// and the latch's acknowledgement is surely back.
+/// and its read-back is surely there.
 [[nodiscard]] std::chrono::microseconds trigger_delay(const Rig& rig) noexcept;
 
 /// Frame times from one latch to the next in the rig's sync mode: the mean over the latch's
