@@ -75,9 +75,10 @@ void FrameRhythm::fit() {
 FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t stamp_ns,
                                         double exposure_us) {
   if (std::abs(exposure_us - exposure_us_) > kSameExposureUs) {
-    n_ = 0;
+    n_ = is_known() ? n_ : 0;
     n_off_ = 0;
     exposure_us_ = exposure_us;
+    is_exposure_new_ = true;
   }
   Stamp stamp{sequence + slip_, stamp_ns};
   Verdict verdict;
@@ -96,6 +97,15 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     verdict.off_ns = static_cast<std::int64_t>(off);
     verdict.guard_ns = static_cast<std::int64_t>(kGuardShare * tolerance);
     verdict.place = std::abs(off) <= tolerance ? Place::on : Place::off;
+    if (is_exposure_new_) {
+      // Moved stamps and a false one look alike: the first frame only says whether the phase
+      // stays, and is not used.
+      is_exposure_new_ = false;
+      n_ = verdict.place == Place::off ? 0 : n_;
+      keep(stamp);
+      fit();
+      return {};
+    }
     const double periods = std::round(off / period_ns_);
     if (periods >= 1.0 && std::abs(off - periods * period_ns_) <= tolerance) {
       // Lost on the way and not counted: this frame is not used, the next ones follow it.

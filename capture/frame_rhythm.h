@@ -39,8 +39,9 @@ class FrameRhythm {
         false;  ///< so many were off in a row that the old rhythm is forgotten
   };
 
-  /// Frames until a stream's rhythm is known, and until it is known again after another
-  /// exposure, which may move the stamps but not their period.
+  /// Frames until a stream's rhythm is known, and until it is known again where another
+  /// exposure has moved the stamps. It never moves their period; where it does not move the
+  /// stamps either, one frame is enough.
   static constexpr std::size_t kFirst = 8;
   static constexpr std::size_t kAgain = 3;
 
@@ -73,8 +74,9 @@ class FrameRhythm {
   double phase_ns_ = 0.0;         ///< of the newest stamp's place: a - y
   double sigma_ns_ = 0.0;         ///< of one stamp
   double exposure_us_ = 0.0;
-  std::uint64_t slip_ = 0;  ///< periods that the driver lost without counting them
-  int n_off_ = 0;           ///< in a row
+  std::uint64_t slip_ = 0;        ///< periods that the driver lost without counting them
+  int n_off_ = 0;                 ///< in a row
+  bool is_exposure_new_ = false;  ///< no frame came since it changed
   unsigned n_since_period_ = 0;
 };
 

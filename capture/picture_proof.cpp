@@ -521,14 +521,14 @@ void PictureProof::believe_again(int shot, bool is_direct, bool is_repeated, int
     }
     finding.is_suspect = true;
   } else if (is_like_other) {
+    // Smoothness alone stops no run: a gloss may look like another light. What comes twice the
+    // same is taken, and said.
     const bool is_learned = learned_.count(finding.other) > 0;
     if (is_learned && !is_looked_at_[static_cast<std::size_t>(finding.other)]) {
       // One of the two showed the other's light: that one's frame is taken again too.
       is_looked_at_[static_cast<std::size_t>(finding.other)] = true;
       finding.doubted =
           doubt_pattern(pattern_of_[static_cast<std::size_t>(finding.other)], shot);
-    } else if (n_refused < 2) {
-      return;  // twice in a row: the run waits
     } else {
       finding.is_suspect = true;
     }

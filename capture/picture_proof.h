@@ -55,7 +55,7 @@ struct PictureFinding {
   int other = -1;                     ///< a shot of that other pattern
   std::string problem;                ///< for wrong, in words
   std::vector<int> doubted;           ///< earlier shots that have to be taken again
-  bool is_suspect = false;  ///< taken although it came a third time like another light's
+  bool is_suspect = false;  ///< taken although it came again and again like another light's
   std::string note;         ///< worth a line in the log
 };
 

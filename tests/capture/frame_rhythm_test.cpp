@@ -79,7 +79,7 @@ TEST(FrameRhythm, AFrameLostWithoutBeingCountedCostsOneMore) {
   EXPECT_EQ(stream.next(rhythm).place, Place::on);
 }
 
-TEST(FrameRhythm, AnotherExposureIsLearntInThreeFramesWhicheverWayItMovesTheStamps) {
+TEST(FrameRhythm, AnotherExposureCostsOneFrameOrThreeWhereItMovesTheStamps) {
   for (const double moved_ns : {0.0, 3e6, 1.1e6}) {
     Stream stream{.sigma_ns = 20e3};
     FrameRhythm rhythm;
@@ -88,13 +88,32 @@ TEST(FrameRhythm, AnotherExposureIsLearntInThreeFramesWhicheverWayItMovesTheStam
     }
     stream.exposure_us = 5000.0;
     stream.t_ns += moved_ns;
-    for (int i = 0; i < 3; ++i) {
-      EXPECT_EQ(stream.next(rhythm).place, Place::learning);
+    for (int i = 0; i < (moved_ns == 0.0 ? 1 : 3); ++i) {
+      EXPECT_EQ(stream.next(rhythm).place, Place::learning) << moved_ns;
     }
     for (int i = 0; i < 10; ++i) {
-      EXPECT_EQ(stream.next(rhythm).place, Place::on);
+      EXPECT_EQ(stream.next(rhythm).place, Place::on) << moved_ns;
     }
-    EXPECT_EQ(stream.next(rhythm, 600e3).place, Place::off);
+    EXPECT_EQ(stream.next(rhythm, 600e3).place, Place::off) << moved_ns;
+  }
+}
+
+TEST(FrameRhythm, AFalseStampAfterAnotherExposureIsNotTakenForMovedOnesNorForTheOldRhythm) {
+  for (const double moved_ns : {0.0, 600e3}) {
+    Stream stream;
+    FrameRhythm rhythm;
+    for (int i = 0; i < 40; ++i) {
+      (void)stream.next(rhythm);
+    }
+    stream.exposure_us = 5000.0;
+    stream.t_ns += moved_ns;
+    // Where the stamps have moved, this one lies just on the old rhythm.
+    EXPECT_EQ(stream.next(rhythm, -600e3).place, Place::learning);
+    for (int i = 0; i < 12; ++i) {
+      (void)stream.next(rhythm);
+    }
+    EXPECT_EQ(stream.next(rhythm).place, Place::on) << moved_ns;
+    EXPECT_EQ(stream.next(rhythm, -600e3).place, Place::off) << moved_ns;
   }
 }
 
