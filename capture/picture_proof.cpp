@@ -29,7 +29,6 @@ constexpr double kFits = 4.0;         // mean square of z up to which a predicti
 constexpr double kDisagrees = 9.0;    // beyond: not the picture of the earlier frame
 constexpr int kMoved = 4;             // such frames in a row: the scene is another
 constexpr double kHuber = 2.0;
-constexpr double kDirect = 4.0;       // v up to this many rho: this pattern itself was seen
 constexpr double kKnown = 0.5;        // v of a light beyond which nothing is said of it
 constexpr double kDark = 0.1;         // of the predicted light: none
 constexpr double kDarkBefore = 0.75;  // the same after a dark frame
