@@ -274,7 +274,7 @@ class ViewTest : public testing::DaemonBench {
   }
   void light(DaemonClient& client) {
     EXPECT_EQ(client.post("/v1/preview", "{\"lights\": [5]}").status, 202);
-    ASSERT_TRUE(wait_until([this](const DaemonState& s) {
+    ASSERT_TRUE(wait_until([](const DaemonState& s) {
       return s.is_preview && s.step == ShotStep::collect && s.counters.frames > 0;
     }));
   }
