@@ -75,10 +75,10 @@ void FrameRhythm::fit() {
 FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t stamp_ns,
                                         double exposure_us) {
   if (std::abs(exposure_us - exposure_us_) > kSameExposureUs) {
-    n_ = is_known() ? n_ : 0;
+    is_exposure_new_ = is_known();
+    n_ = is_exposure_new_ ? n_ : 0;
     n_off_ = 0;
     exposure_us_ = exposure_us;
-    is_exposure_new_ = true;
   }
   Stamp stamp{sequence + slip_, stamp_ns};
   Verdict verdict;

@@ -23,6 +23,7 @@ MeasuredRig some_measurement(const Rig& rig) {
   m.controller = MeasuredController{describe_controller(rig.controller),
                                     "haarlight-sim, serial 1",
                                     Measured{812.25, 3.5, 120},
+                                    Measured{912.25, 20.0, 120},
                                     Measured{140.0, 8.0, 60},
                                     Measured{60.0, 8.0, 60},
                                     Measured{95.0, 12.0, 120}};
@@ -93,7 +94,7 @@ TEST(MeasuredRig, WinsOverTheRigFileBesideIt) {
   write_file_atomically(folder / "r.toml", written.text);
   write_file_atomically(folder / "r.measured.toml", to_toml(some_measurement(written)));
   const Rig rig = read_rig(folder / "r.toml");
-  EXPECT_EQ(rig.controller.latch_us, 812.25);
+  EXPECT_EQ(rig.controller.latch_us, 912.25) << "the latest light, not the mean";
   EXPECT_EQ(rig.cameras[0].timestamp, TimestampMeaning::start_readout);
   EXPECT_EQ(rig.cameras[0].noise.black_dn, 200.0);
   EXPECT_EQ(rig.cameras[0].exposure_delay_frames, 2);
@@ -102,7 +103,7 @@ TEST(MeasuredRig, WinsOverTheRigFileBesideIt) {
   EXPECT_EQ(read_rig_as_written(folder / "r.toml").controller.latch_us,
             written.controller.latch_us);
   EXPECT_THAT(describe_changes(written, rig),
-              HasSubstr("latch 812.2 us (the rig file says 200)"));
+              HasSubstr("latch 912.2 us (the rig file says 200)"));
 }
 
 TEST(MeasuredRig, AFaceIsWhereItWasCalibrated) {
@@ -161,7 +162,7 @@ TEST(MeasuredRig, StaysWithASession) {
   const Rig again = read_rig(folder / "rig.toml");
   EXPECT_EQ(again.hash, rig.hash);
   EXPECT_EQ(again.hash, content_hash(again.text));
-  EXPECT_EQ(again.controller.latch_us, 812.25);
+  EXPECT_EQ(again.controller.latch_us, 912.25);
   ASSERT_NE(again.measured, nullptr);
   EXPECT_EQ(to_toml(*again.measured), to_toml(*rig.measured));
   // Another measurement beside it would make two.
