@@ -85,7 +85,7 @@ TEST(SequencerSimulation, EverySessionWithFaultsKeepsEveryPromise) {
   }
   EXPECT_GT(sum.counters.blocks_cut, n_sessions / 100);
   EXPECT_GT(sum.counters.strobe_unproven, n_sessions / 10);
-  EXPECT_GT(sum.counters.table_mismatches, n_sessions / 100);
+  EXPECT_GT(sum.counters.table_mismatches, n_sessions / 250);
   // The faults did happen.
   EXPECT_GT(sum.counters.duplicates, n_sessions / 10);
   EXPECT_GT(sum.counters.confirms_failed, n_sessions / 100);
@@ -409,8 +409,8 @@ TEST(Sequencer, DamagedOrWrongClockOrWrongExposureIsNotTaken) {
     frame.info.exposure_us = 2000.0;
     d.send(frame);
   }
-  EXPECT_EQ(d.state.counters.rhythm_unknown, 3U) << "another exposure may move the stamps";
-  EXPECT_EQ(d.state.counters.wrong_exposure, 1U);
+  EXPECT_EQ(d.state.counters.rhythm_unknown, 1U) << "another exposure may move the stamps";
+  EXPECT_EQ(d.state.counters.wrong_exposure, 3U);
   EXPECT_EQ(d.state.current, 0);
 }
 
