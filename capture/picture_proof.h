@@ -64,9 +64,9 @@ class PictureProof {
  public:
   PictureProof(const Plan& plan, const LightLayout& layout, const FrameForm& form);
 
-  /// Judges a lit frame and, unless it is wrong, learns it. A wrong one that comes again the
-  /// same is believed where only smoothness was against it, and then its earlier frames are
-  /// doubted; not where it looks like another light.
+  /// Judges a lit frame and, unless it is wrong, learns it. One that comes again the same
+  /// where only smoothness was against it is believed; if it looks like another light it is
+  /// taken as suspect, or that light's frame is doubted instead.
   /// When the last lit shot is learned all frames are looked at once more, each beside what all
   /// others predict.
   [[nodiscard]] PictureFinding judge(int shot, ImageView<const std::uint16_t> active,
