@@ -66,9 +66,10 @@ void Stepper::on(const event::CameraFault& e) {
 void Stepper::on(const event::FrameArrived& e) {
   ++s_.counters.frames;
   const bool is_of_stream = s_.is_camera_started && e.stream == s_.stream;
-  const std::optional<std::int64_t> guard_ns = is_of_stream ? examine(e) : std::nullopt;
+  const std::optional<std::int64_t> examined = is_of_stream ? examine(e) : std::nullopt;
+  const std::int64_t guard_ns = examined.value_or(0);
   if (is_by_strobe()) {
-    if (guard_ns) {
+    if (examined) {
       take_block_frame(e);
     } else {
       ++s_.counters.frames_unused;
@@ -78,7 +79,7 @@ void Stepper::on(const event::FrameArrived& e) {
   }
   const bool has_shot = is_of_stream && s_.phase == Phase::running && s_.current >= 0 &&
                         s_.step != ShotStep::none;
-  if (!has_shot || !guard_ns) {
+  if (!has_shot || !examined) {
     s_.discarded += has_shot ? 1 : 0;
     ++s_.counters.frames_unused;
     drop(e.frame);
@@ -88,9 +89,9 @@ void Stepper::on(const event::FrameArrived& e) {
       s_.early.erase(s_.early.begin());
       ++s_.counters.frames_unused;
     }
-    s_.early.push_back({e, *guard_ns});
+    s_.early.push_back({e, guard_ns});
   } else {
-    judge({e, *guard_ns});
+    judge({e, guard_ns});
   }
 }
 

@@ -222,6 +222,9 @@ class Examples(unittest.TestCase):
         shutil.copy(self.folder / "configs/plans/one_at_a_time.toml", place / "plan.toml")
         write_relightable(place / "coin.ptm")
         self.run_shown("haarlight plate rig.toml -o object.hlb", place)
+        write_capture(place / "door")
+        self.run_shown("haarlight import door/ --lights door/dirs.lp -o door.session", place)
+        self.sign(place / "door.session", place / "lab_signers")
         for document in sorted((SOURCE / "docs").glob("*.md")):
             for command in shown_commands(document):
                 with self.subTest(document=document.name, command=command):
@@ -244,6 +247,15 @@ class Examples(unittest.TestCase):
                         self.run_simulator(example, self.folder)
                     else:
                         self.run_program(program, example, self.folder, "haarlightd 0")
+
+    def sign(self, session, signers):
+        """As docs/session-format.md says, with a key made here."""
+        key = self.folder / "lab_key"
+        for words in (["-q", "-t", "ed25519", "-N", "", "-f", key],
+                      ["-q", "-Y", "sign", "-f", key, "-n", "haarlight", session / "session.json"]):
+            subprocess.run(["ssh-keygen", *words], stdin=subprocess.DEVNULL, check=True,
+                           capture_output=True)
+        signers.write_text("name@lab.org " + key.with_suffix(".pub").read_text())
 
     def run_viewer(self, command, folder):
         self.run_program(self.programs.haarlight, re.sub(r"--port \d+", f"--port {free_port()}", command),
