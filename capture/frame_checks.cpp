@@ -118,12 +118,18 @@ void FrameChecker::judge_light(int shot, ImageView<const std::uint16_t> active,
     evidence.picture_other_sigma = picture.other_sigma;
     evidence.picture_discrimination_sigma = picture.discrimination_sigma;
   }
-  if (picture.kind == PictureFinding::Kind::wrong || picture.is_suspect) {
-    finding.verdict = FrameVerdict::wrong_light;
-    finding.problem = std::move(picture.problem);
-  }
-  finding.doubted = std::move(picture.doubted);
   finding.note = std::move(picture.note);
+  const bool is_wrong = picture.kind == PictureFinding::Kind::wrong || picture.is_suspect;
+  if (limits_.retake_wrong_light) {
+    finding.verdict = is_wrong ? FrameVerdict::wrong_light : finding.verdict;
+    finding.problem = is_wrong ? std::move(picture.problem) : finding.problem;
+    finding.doubted = std::move(picture.doubted);
+  } else if (is_wrong) {
+    finding.note = fmt::format(
+        "shot {}: {}. Is it that light? Taken all the same; retake_wrong_light = true in the "
+        "plan has such frames taken again",
+        shot, picture.problem);
+  }
 }
 
 FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,

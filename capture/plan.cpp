@@ -151,6 +151,7 @@ PlanSettings read_settings(ConfigTable& root) {
       root.number_or("level_tolerance", limits.level_tolerance, {.min = 0.0, .max = 10.0});
   limits.attempts =
       static_cast<int>(root.integer_or("attempts", limits.attempts, {.min = 1, .max = 100}));
+  limits.retake_wrong_light = root.flag_or("retake_wrong_light", limits.retake_wrong_light);
   for (ConfigTable& table : root.tables("pattern")) {
     plan.list.push_back(read_pattern(table));
   }

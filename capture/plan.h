@@ -50,6 +50,9 @@ struct FrameLimits {
   /// pattern predicts; 0 = not checked.
   double level_tolerance = 0.2;
   int attempts = 3;  ///< of one shot, at least 1
+  /// A frame whose picture speaks for another light is taken again, and suspends the run when
+  /// it comes twice; else it is told (capture/picture_proof.h).
+  bool retake_wrong_light = false;
   friend bool operator==(const FrameLimits&, const FrameLimits&) = default;
 };
 

@@ -46,6 +46,9 @@ Json body_of(const Plan& plan) {
                           {"min_signal_share", plan.limits.min_signal_share},
                           {"level_tolerance", plan.limits.level_tolerance},
                           {"attempts", plan.limits.attempts}};
+    if (plan.limits.retake_wrong_light) {
+      json["limits"]["retake_wrong_light"] = true;
+    }
   }
   if (plan.darks_every_c > 0.0) {
     json["darks_every_c"] = plan.darks_every_c;
@@ -147,6 +150,9 @@ FrameLimits read_limits(const Json& json, const std::string& where) {
     refuse(fmt::format("\"attempts\" of the limits is {}", attempts), where);
   }
   limits.attempts = static_cast<int>(attempts);
+  if (it->contains("retake_wrong_light")) {
+    limits.retake_wrong_light = field<bool>(*it, "retake_wrong_light", where, "\"limits\"");
+  }
   return limits;
 }
 

@@ -366,9 +366,10 @@ TEST(Plan, FlatFramesComeFirstInTheirOwnExposure) {
 TEST(Plan, LimitsOfFramesAreReadAndOutOfRangeRefused) {
   const Plan plan = plan_of(
       "patterns = \"one_at_a_time\"\nmax_saturated_share = 0.02\nmin_signal_share = 0.1\n"
-      "level_tolerance = 0.3\nattempts = 4\n");
-  const FrameLimits expected{0.02, 0.1, 0.3, 4};
+      "level_tolerance = 0.3\nattempts = 4\nretake_wrong_light = true\n");
+  const FrameLimits expected{0.02, 0.1, 0.3, 4, true};
   EXPECT_EQ(plan.limits, expected);
+  EXPECT_EQ(plan_from_json(plan_to_json(plan), "plan.json").limits, expected);
   EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nmax_saturated_share = 2\n"),
               HasSubstr("max_saturated_share"));
   EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nattempts = 0\n"),

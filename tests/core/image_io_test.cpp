@@ -66,7 +66,7 @@ TEST(WriteImage, PngIsWithinHalfACodeAfterTheTransfer) {
 
 /// Read by the formats' own rules, without OpenImageIO: PNG's tEXt chunks and OpenEXR's string
 /// attributes.
-TEST(WriteImage, PngAndExrCarryTheirNotesAndStayTheSameBytes) {
+TEST(WriteImage, PngAndExrCarryTheirNotesAndAPngStaysTheSameBytes) {
   const TemporaryFolder folder;
   const Image<float> image = noise_image(4, 5, 3, 1.0F);
   const std::string long_text(20000, 'w');
@@ -99,7 +99,8 @@ TEST(WriteImage, PngAndExrCarryTheirNotesAndStayTheSameBytes) {
       EXPECT_NE(bytes.find(expected), std::string::npos) << name << ": " << note.name;
     }
     write_image(folder / name, image.view(), 2.5, notes);
-    EXPECT_TRUE(read_file(folder / name) == bytes);
+    EXPECT_TRUE(!is_png ||
+                read_file(folder / name) == bytes);  // an EXR says when it was written
   }
 }
 
