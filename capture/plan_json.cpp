@@ -82,6 +82,8 @@ T field(const Json& json, const char* key, const std::string& where, const std::
     is_right = it->is_string();
   } else if constexpr (std::is_same_v<T, double>) {
     is_right = it->is_number();
+  } else if constexpr (std::is_same_v<T, bool>) {
+    is_right = it->is_boolean();
   } else {
     is_right = it->is_number_integer();
   }
