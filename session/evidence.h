@@ -18,7 +18,7 @@ namespace haarlight {
 /// How the evidence came to be: measured by the daemon, asserted by an import, or replayed.
 enum class EvidenceKind { measured, asserted, replayed };
 
-struct FrameEvidence {
+struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted for readers
   EvidenceKind kind = EvidenceKind::measured;
   std::int64_t pattern_id = -1;  ///< the shot's pattern in the plan
   std::uint32_t tag = 0;         ///< tag written with the pattern
