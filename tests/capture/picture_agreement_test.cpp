@@ -4,10 +4,13 @@
 #include "capture/picture_agreement.h"
 
 #include <cmath>
+#include <optional>
 #include <random>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "capture/frame_checks.h"
 
 namespace haarlight {
 namespace {
@@ -244,6 +247,73 @@ TEST(PictureAgreement, ADisputeThatNeverEndsIsGivenUpAndSaid) {
     }
   }
   EXPECT_TRUE(is_given_up);
+}
+
+// ---- through the frame checker, and after a restart
+
+class CheckedLab {
+ public:
+  CheckedLab() : plan_(plan_of(order())) {
+    plan_.limits.retake_wrong_light = true;
+    form_.width = form_.height = form_.stored_height = 64;
+    form_.black_level = 100.0;
+    form_.white_level = 4095.0;
+    layout_.faces = {{4, 4}};
+    layout_.noise = {
+        .gain_e_per_dn = 1.0, .read_e = 3.0, .full_well_e = 16000.0, .black_dn = 100.0};
+    restart();
+  }
+  void restart() { checker_.emplace(plan_, form_, layout_); }
+  FrameFinding shoot(int shot, int light, FrameEvidence& evidence) {
+    Image<std::uint16_t> words(64, 64, 1);
+    const PointValues picture = Lab::picture(light);
+    for (int y = 0; y < 64; ++y) {
+      for (int x = 0; x < 64; ++x) {
+        const double electrons = 1000.0 * picture[y / 8 * 8 + x / 8];
+        words(y, x) = static_cast<std::uint16_t>(
+            std::lround(100.0 + electrons + std::sqrt(electrons) * normal_(random_)));
+      }
+    }
+    t_ns_ += 20'000'000;
+    evidence.exposure_read_us = 1000.0;
+    evidence.t_exposure_start_ns = t_ns_;
+    return checker_->check(shot, words.view(), evidence);
+  }
+  FrameChecker& checker() { return *checker_; }
+
+ private:
+  Plan plan_;
+  FrameForm form_;
+  LightLayout layout_;
+  std::optional<FrameChecker> checker_;
+  std::int64_t t_ns_ = 0;
+  std::mt19937_64 random_{11};
+  std::normal_distribution<double> normal_;
+};
+
+TEST(PictureAgreement, AResumedRunKnowsThePicturesOfTheFramesThatItHas) {
+  CheckedLab lab;
+  const std::vector<int> lights = order();
+  std::vector<FrameEvidence> known;
+  for (int shot = 0; shot < kLights; ++shot) {
+    FrameEvidence evidence;
+    const int shown = shot == 6 ? 5 : shot;  // light 6's frame came too early
+    EXPECT_TRUE(lab.shoot(shot, shown, evidence).is_taken());
+    EXPECT_EQ(evidence.picture_points.size(), 64U);
+    known.push_back(evidence_from_json(evidence_to_json(evidence), "x"));
+  }
+  lab.restart();
+  for (int shot = 0; shot < kLights; ++shot) {
+    EXPECT_THAT(lab.checker().remember(shot, known[static_cast<std::size_t>(shot)]), IsEmpty());
+  }
+  for (int shot = kLights; shot < 2 * kLights; ++shot) {
+    FrameEvidence evidence;
+    const int light = lights[static_cast<std::size_t>(shot)];
+    const FrameFinding found = lab.shoot(shot, light, evidence);
+    EXPECT_EQ(evidence.agrees_with, light == 6 ? -1 : light) << found.note;
+    EXPECT_EQ(found.doubted, light == 6 ? std::vector<int>{6} : std::vector<int>{});
+    EXPECT_EQ(evidence.is_picture_proved, light != 6);
+  }
 }
 
 }  // namespace
