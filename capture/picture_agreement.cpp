@@ -300,7 +300,7 @@ std::vector<int> PictureAgreement::newest(int pattern, int own) const {
   return found;
 }
 
-std::vector<int> PictureAgreement::look_alikes(int take) const {
+std::vector<int> PictureAgreement::look_alikes(int take, bool only_agreed) const {
   const Take& own = at(take);
   std::set<int> patterns;
   for (const int i : newest(own.pattern, -1)) {
@@ -317,7 +317,7 @@ std::vector<int> PictureAgreement::look_alikes(int take) const {
   std::vector<int> alike;
   for (const int pattern : patterns) {
     for (const int i : newest(pattern, -1)) {
-      if (!at(i).is_agreed) {
+      if (only_agreed && !at(i).is_agreed) {
         continue;
       }
       const Vector weight = weights(own.sigma, at(i).sigma);
@@ -432,8 +432,15 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
   for (const int i : disagreeing) {  // those that agreed with each other, too
     doubt(i, finding);
   }
-  const bool tells_lights_apart = finding.other_share <= kTellsApart;
-  for (const int i : tells_lights_apart ? look_alikes(own) : std::vector<int>()) {
+  if (finding.other_share > kTellsApart) {
+    // Pictures that hardly differ: then one of another light before both may be this one.
+    if (!look_alikes(own, false).empty()) {
+      finding.agrees_with = -1;
+      finding.other_share = 1.0;
+    }
+    return;
+  }
+  for (const int i : look_alikes(own, true)) {
     // One of the two, or both, showed the other's light.
     const int other = at(i).pattern;
     const bool is_new = alike_.insert(std::minmax(pattern, other)).second;

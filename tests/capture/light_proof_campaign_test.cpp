@@ -1,6 +1,10 @@
 /// Proof by light against a controller that acts late and lies about it. Runs of the twin's own
 /// transport on a virtual clock: whatever the read-back says, frames are taken with the light
-/// that really was on. Prints the table of docs/numerics/light-proof.md.
+/// that really was on. Prints the table of docs/numerics/light-proof.md: frames taken, wrong
+/// ones (3 % or more of another light), of these withdrawn or refused (once: told), good ones
+/// taken again (told), committed frames proved, wrong ones committed, of these not within what
+/// the evidence says, greatest share of another light committed, median and 99 % of what the
+/// evidence says, suspensions, frames given up (verdict wrong_light), unfinished ones.
 /// HAARLIGHT_PICTURE_FRAMES: how many frames in all; HAARLIGHT_SEED: replays a run.
 
 #include <algorithm>
@@ -63,6 +67,11 @@ struct Case {
   std::string scene;
   std::string plan;
   Flaws flaws;
+  /// Frames have to agree; else the predictions only tell.
+  [[nodiscard]] bool acts() const { return plan.find("repeats") != std::string::npos; }
+  [[nodiscard]] bool has_single_lights() const {
+    return plan.find("s_matrix") == std::string::npos;
+  }
 };
 
 struct Outcome {
@@ -70,8 +79,8 @@ struct Outcome {
   long n_frames = 0;
   long n_wrong = 0;  ///< frames with 3 % or more of another pattern
   long n_good = 0;
-  long caught = 0;        ///< wrong ones refused, or withdrawn before the end
-  long retaken_good = 0;  ///< good ones refused or withdrawn
+  long caught = 0;        ///< wrong ones refused, or withdrawn before the end; else told
+  long retaken_good = 0;  ///< good ones refused or withdrawn; else told
   long committed = 0;
   long proved = 0;
   long wrong_committed = 0;  ///< 3 % or more of another
@@ -81,9 +90,9 @@ struct Outcome {
   double worst_proved = 0.0;
   long flagged = 0;  ///< taken the third time, with the verdict wrong_light
   long suspended = 0;
-  long notes = 0;
   long unfinished = 0;
-  long beyond_bound = 0;       ///< proved, and more of another light than the evidence says
+  long beyond_bound = 0;       ///< and more of another light than the evidence says
+  long unmarked = 0;           ///< wrong, and not within what the evidence says
   std::vector<double> bounds;  ///< other_light_at_most
 };
 
@@ -248,7 +257,9 @@ class Campaign : public ::testing::Test {
   static void run(const Case& c, std::uint64_t seed, Outcome& out) {
     const Rig rig = small_camera(c.rig);
     const Plan plan = expand_plan(
-        parse_plan_file("schema = 1\nname = \"x\"\nretake_wrong_light = true\n" + c.plan, "x"),
+        parse_plan_file("schema = 1\nname = \"x\"\n" +
+                            std::string(c.acts() ? "retake_wrong_light = true\n" : "") + c.plan,
+                        "x"),
         rig);
     FrameForm form;
     form.width = kWidth;
@@ -283,7 +294,9 @@ class Campaign : public ::testing::Test {
       evidence.exposure_read_us = plan.shots[static_cast<std::size_t>(shot)].exposure_us;
       evidence.t_exposure_start_ns = lab.last_start_ns();
       const FrameFinding found = checker.check(shot, words.view(), evidence);
-      out.notes += found.note.empty() ? 0 : 1;
+      if (!c.acts() && !found.note.empty()) {
+        ++(is_wrong ? out.caught : out.retaken_good);
+      }
       if (log != nullptr &&
           (log[0] == '2' || is_wrong || !found.is_taken() || !found.doubted.empty())) {
         std::printf("shot %d wrong %.3f agrees with %d, share %.3f: %s %s, %zu doubted\n", shot,
@@ -349,6 +362,8 @@ class Campaign : public ::testing::Test {
       out.wrong_committed += is_wrong ? 1 : 0;
       out.wrong_half += frame.wrong >= 0.5 ? 1 : 0;
       out.wrong_proved += is_wrong && frame.is_proved ? 1 : 0;
+      const double allowed = frame.is_proved ? std::max(frame.at_most, 0.03) : 0.03;
+      out.unmarked += frame.wrong > allowed ? 1 : 0;
       out.beyond_bound += is_wrong && frame.is_proved && frame.wrong > frame.at_most ? 1 : 0;
       if (frame.is_proved && frame.at_most < 1.0) {
         out.bounds.push_back(frame.at_most);
@@ -368,16 +383,15 @@ class Campaign : public ::testing::Test {
     };
     std::fputs(
         fmt::format(
-            "| {} | {} | {} | {} | {} | {:.3f} % | {:.0f} % | {} | {} | {} | {} | {:.2f} | "
-            "{:.2f} | {:.3f}, {:.3f} | {} | {} | {} | {} |\n",
-            c.name, o.n_runs, o.n_frames, o.n_wrong, o.caught,
+            "| {} | {} | {} | {} | {:.2f} % | {:.0f} % | {} | {} | {:.2f} | {:.3f}, {:.3f} "
+            "| {} | {} | {} |\n",
+            c.name, o.n_frames, o.n_wrong, o.caught,
             100.0 * static_cast<double>(o.retaken_good) /
                 static_cast<double>(std::max(o.n_good, 1L)),
             100.0 * static_cast<double>(o.proved) /
                 static_cast<double>(std::max(o.committed, 1L)),
-            o.wrong_committed, o.wrong_half, o.wrong_proved, o.beyond_bound, o.worst_unproved,
-            o.worst_proved, quantile(0.5), quantile(0.99), o.suspended, o.flagged, o.unfinished,
-            o.notes)
+            o.wrong_committed, o.unmarked, std::max(o.worst_proved, o.worst_unproved),
+            quantile(0.5), quantile(0.99), o.suspended, o.flagged, o.unfinished)
             .c_str(),
         stdout);
     std::fflush(stdout);
@@ -450,7 +464,7 @@ std::vector<Case> cases() {
   };
 }
 
-TEST_F(Campaign, NoFrameOfAnotherLightIsCalledProved) {
+TEST_F(Campaign, NoFrameHasMoreOfAnotherLightThanItsEvidenceSays) {
   const char* asked = std::getenv("HAARLIGHT_PICTURE_FRAMES");
   const long n_frames = asked != nullptr ? std::atol(asked) : 3000;
   const char* replay = std::getenv("HAARLIGHT_SEED");
@@ -471,7 +485,11 @@ TEST_F(Campaign, NoFrameOfAnotherLightIsCalledProved) {
     }
     print(c, out);
     SCOPED_TRACE(c.name);
-    EXPECT_LT(out.worst_proved, 0.5) << "the evidence claims the light of another pattern";
+    EXPECT_EQ(out.beyond_bound, 0) << "the evidence states less of another light than there is";
+    if (c.acts() && c.has_single_lights()) {
+      EXPECT_EQ(out.unmarked, 0) << "committed, and its evidence does not say so";
+      EXPECT_EQ(out.unfinished, 0);
+    }
     const bool is_honest =
         c.flaws.late_share == 0.0 && c.flaws.moved_at < 0 && !c.flaws.is_swapped;
     if (is_honest) {
@@ -480,8 +498,10 @@ TEST_F(Campaign, NoFrameOfAnotherLightIsCalledProved) {
                 1e-3 * static_cast<double>(out.n_good) + 2.0);
       EXPECT_EQ(out.suspended, 0);
     }
-    if (c.flaws.moved_at >= 0) {
-      EXPECT_LE(out.retaken_good, 6L * out.n_runs) << "a storm after the object was moved";
+    if (c.acts() && c.flaws.moved_at >= 0) {
+      // Each light that was seen before, once more.
+      EXPECT_LE(static_cast<double>(out.retaken_good), 0.6 * static_cast<double>(out.n_good))
+          << "a storm after the object was moved";
     }
   }
 }
