@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/model_rig.h"
+#include "tests/drawn_seed.h"
 
 namespace haarlight {
 namespace {
@@ -42,8 +43,7 @@ TEST(SequencerSimulation, EverySessionWithFaultsKeepsEveryPromise) {
     EXPECT_TRUE(outcome.is_done) << outcome.problem;
     return;
   }
-  const char* wanted = std::getenv("HAARLIGHT_SESSIONS");
-  const std::uint64_t n_sessions = wanted == nullptr ? 500 : std::strtoull(wanted, nullptr, 10);
+  const std::uint64_t n_sessions = testing::number_from("HAARLIGHT_SESSIONS", 500);
   ModelOutcome sum;
   std::array<std::uint64_t, 4> n_by_mode{};
   for (std::uint64_t seed = 1; seed <= n_sessions; ++seed) {
@@ -418,7 +418,7 @@ TEST(Sequencer, ThePictureOfAnotherLightIsTakenAgainAndTwiceInARowSuspends) {
                              .verdict = FrameVerdict::wrong_light});
   EXPECT_EQ(d.state.phase, Phase::suspended);
   EXPECT_EQ(d.state.reasons, kWrongLight);
-  EXPECT_THAT(d.state.reason_text, testing::HasSubstr("light 7"));
+  EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("light 7"));
   EXPECT_EQ(d.state.counters.wrong_lights, 1U);
   d.t_ns += 10'000'000'000;
   d.send(event::Tick{});
