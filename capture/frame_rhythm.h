@@ -9,7 +9,8 @@
 /// before its frame's arrival moves the exposure that is reckoned from it into the time of a
 /// light that it did not see. A camera that runs freely betrays it: its frames follow each
 /// other by one period, and the host knows how many there were between two. Pure but for its
-/// own memory; not for triggered frames, which have no period.
+/// own memory; not for triggered frames, which have no period. It looks at stamps and not at
+/// pixels, so the sequencer lets it learn before the first light, in the dark.
 ///
 /// Of the last 32 frames (sequence x, stamp y, one exposure; true stamps and false ones alike):
 ///
@@ -50,6 +51,8 @@ class FrameRhythm {
                               double exposure_us);
   /// The stream's numbers begin anew; the period is kept.
   void restart() { n_ = 0; }
+  /// Whether the next frame can be told on or off; after a change of exposure the one after it.
+  [[nodiscard]] bool is_known() const { return n_ >= (period_ns_ > 0.0 ? kAgain : kFirst); }
 
   [[nodiscard]] double period_ns() const { return period_ns_; }
   [[nodiscard]] double sigma_ns() const { return sigma_ns_; }
@@ -62,7 +65,6 @@ class FrameRhythm {
   static constexpr std::size_t kKept = 32;
   static constexpr int kOffToForget = 6;  ///< in a row; 5 % of false stamps: once in 6e7 frames
 
-  [[nodiscard]] bool is_known() const { return n_ >= (period_ns_ > 0.0 ? kAgain : kFirst); }
   void keep(Stamp stamp);
   /// Period, phase and scatter of what is kept.
   void fit();

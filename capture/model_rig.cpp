@@ -52,7 +52,7 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
                 .light_wrong_echo = p(0.05),
                 .strobe_lost = p(0.05),
                 .strobe_false = p(0.05),
-                .entry_wrong = p(0.02),
+                .entry_wrong = p(0.1),
                 .poll_slow = p(0.02),
                 .trigger_lost = p(0.1),
                 .check_failed = p(0.1),

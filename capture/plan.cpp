@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "capture/frame_rhythm.h"
 #include "capture/plan_rounds.h"
 #include "capture/timing.h"
 #include "core/config_table.h"
@@ -593,6 +594,12 @@ DryRun dry_run(const Plan& plan, const Rig& rig) {
         2.0 * camera.frame_width * camera.frame_height + kFrameOverheadBytes;
     out.bytes = static_cast<std::uint64_t>(frame_bytes * out.n_shots);
     out.bytes_a_second = static_cast<double>(out.bytes) / out.seconds;
+  }
+  if (!plan.shots.empty() &&
+      (rig.sync == SyncMode::free_run || rig.sync == SyncMode::camera_leads)) {
+    out.dark_seconds = static_cast<double>(FrameRhythm::kFirst) *
+                       std::max(frame_s, plan.shots.front().exposure_us * 1e-6);
+    out.seconds += out.dark_seconds;
   }
   return out;
 }

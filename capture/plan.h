@@ -154,12 +154,15 @@ struct DryRun {
   int n_shots = 0;
   int n_light_shots = 0;
   double frames_a_shot = 0.0;  ///< frame times from one latch to the next
-  double seconds = 0.0;
-  std::uint64_t bytes = 0;  ///< of all frames on disk
-  double bytes_a_second = 0.0;
-  double peak_watts = 0.0;    ///< of the worst shot, all faces
-  double mean_watts = 0.0;    ///< over the time of the plan
-  double highest_duty = 0.0;  ///< share of the plan's time that its busiest light is on
+  double seconds = 0.0;        ///< of all shots, and dark_seconds
+  /// Before the first light where the camera runs freely, and again after each restart of the
+  /// camera: its period is learnt.
+  double dark_seconds = 0.0;
+  std::uint64_t bytes = 0;      ///< of all frames on disk
+  double bytes_a_second = 0.0;  ///< over the time of the shots
+  double peak_watts = 0.0;      ///< of the worst shot, all faces
+  double mean_watts = 0.0;      ///< over the time of the shots
+  double highest_duty = 0.0;  ///< share of the shots' time that the plan's busiest light is on
   int busiest_light = -1;
 };
 

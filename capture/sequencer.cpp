@@ -253,7 +253,13 @@ void Stepper::prepare() {
 void Stepper::preflight_done() {
   if (s_.reasons != 0) {
     enter(Phase::suspended, reasons_text(s_.reasons));
+  } else if (s_.is_light_connected && s_.is_camera_started && is_rhythm_missing()) {
+    darken();
+    if (s_.shot_deadline_ns == kNever) {
+      s_.shot_deadline_ns = t_ + rhythm_patience_ns();
+    }
   } else if (s_.is_light_connected && s_.is_camera_started) {
+    s_.shot_deadline_ns = kNever;
     s_.reason_text.clear();
     enter(Phase::running,
           fmt::format("{} of {} shots to do", s_.pending.size(), s_.shots.size()));
@@ -273,7 +279,12 @@ void Stepper::advance(std::optional<ConfirmRequest> confirm) {
     return;
   }
   const bool has_room = static_cast<int>(s_.held.size()) + (s_.awaiting ? 1 : 0) < s_.max_held;
-  if (has_room && !s_.pending.empty()) {
+  if (has_room && is_rhythm_missing()) {
+    if (confirm) {
+      lights_off(confirm);
+    }
+    preflight();
+  } else if (has_room && !s_.pending.empty()) {
     draw_dark();
     begin_shot(confirm);
   } else if (confirm || !s_.is_dark) {

@@ -28,6 +28,14 @@
 /// (frame_rhythm.h) or after its trigger, with no damage flag, in the exposure asked, and is
 /// not a picture seen before, and (5) the pixel checks pass. Where the camera's strobe steps a
 /// table, strobe_proof.h takes the place of (1) to (3). The diagram is in capture/README.md.
+///
+/// Where the camera runs freely (free-run, camera-leads), no light is latched and no table
+/// armed while its period is not known: preflight waits for it with the lights off, at the
+/// start, after each restart of the camera, and when the period was lost on the way. So the
+/// first light too is photographed by its first clean frame. Nothing depends on whether it is
+/// truly dark then: stamps alone are looked at. A period that is not learnt in time suspends
+/// the run (kNoEvidence). Triggered frames have no period: there the light is latched at once.
+/// A preview takes no frame and waits for none.
 
 namespace haarlight {
 
@@ -122,7 +130,8 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   ShotStep step = ShotStep::none;
   LatchReceipt receipt;
   std::int64_t t_stable_ns = 0;
-  std::int64_t shot_deadline_ns = kNever;
+  std::int64_t shot_deadline_ns =
+      kNever;  ///< in preflight: of the wait for the camera's period
   int discarded = 0;
   /// A frame that may be used, and how close to its moment it was stamped.
   struct Stamped {

@@ -99,7 +99,9 @@ void Stepper::advance_block() {
     case none:
       break;
   }
-  if (!s_.pending.empty()) {
+  if (is_rhythm_missing()) {
+    preflight();
+  } else if (!s_.pending.empty()) {
     begin_block();
   } else if (!s_.is_dark) {
     lights_off(std::nullopt);

@@ -68,18 +68,11 @@ void Stepper::on(const event::FrameArrived& e) {
   const bool is_of_stream = s_.is_camera_started && e.stream == s_.stream;
   const std::optional<std::int64_t> examined = is_of_stream ? examine(e) : std::nullopt;
   const std::int64_t guard_ns = examined.value_or(0);
-  if (is_by_strobe()) {
-    if (examined) {
-      take_block_frame(e);
-    } else {
-      ++s_.counters.frames_unused;
-      drop(e.frame);
-    }
-    return;
-  }
   const bool has_shot = is_of_stream && s_.phase == Phase::running && s_.current >= 0 &&
                         s_.step != ShotStep::none;
-  if (!has_shot || !examined) {
+  if (is_by_strobe() && examined) {
+    take_block_frame(e);
+  } else if (!has_shot || !examined) {
     s_.discarded += has_shot ? 1 : 0;
     ++s_.counters.frames_unused;
     drop(e.frame);
@@ -92,6 +85,9 @@ void Stepper::on(const event::FrameArrived& e) {
     s_.early.push_back({e, guard_ns});
   } else {
     judge({e, guard_ns});
+  }
+  if (s_.phase == Phase::preflight) {
+    preflight_done();  // perhaps the frame that its period lacked
   }
 }
 
@@ -173,6 +169,17 @@ std::optional<std::int64_t> Stepper::examine(const event::FrameArrived& e) {
 
 bool Stepper::is_camera_free() const {
   return s_.plan != nullptr && (s_.plan->sync == SyncMode::free_run || is_by_strobe());
+}
+
+bool Stepper::is_rhythm_missing() const {
+  return is_camera_free() && !s_.plan->is_preview && !s_.pending.empty() &&
+         !s_.rhythm.is_known();
+}
+
+std::int64_t Stepper::rhythm_patience_ns() const {
+  const double frame_us =
+      std::max(s_.plan->frame_us, shot_of(s_.pending.front()).exposure_us + s_.plan->skew_us);
+  return kRhythmSlackNs + static_cast<std::int64_t>(kRhythmFrames * frame_us * 1e3);
 }
 
 std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {

@@ -156,6 +156,15 @@ void Stepper::retry(int shot, const std::string& why) {
 void Stepper::on_shot_timeout() {
   s_.shot_deadline_ns = kNever;
   s_.trigger_ns = kNever;
+  if (s_.phase == Phase::preflight) {
+    s_.retry_evidence_ns = t_ + kEvidenceRetryNs;
+    add_reason(kNoEvidence,
+               fmt::format("camera: its frames' period is not known after {:.1f} s: too few "
+                           "came undamaged, in order and with a stamp that can be true",
+                           1e-9 * static_cast<double>(rhythm_patience_ns())),
+               -1);
+    return;
+  }
   if (is_block_armed()) {
     ++s_.counters.shot_timeouts;
     end_block("no strobe in time");

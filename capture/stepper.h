@@ -31,7 +31,10 @@ inline constexpr std::int64_t kAbortLimitNs = 150 * kMs;
 /// Beside the frames: late delivery, a busy host.
 inline constexpr std::int64_t kShotSlackNs = 300 * kMs;
 inline constexpr std::int64_t kPreviewNs = 60'000 * kMs;
-inline constexpr double kShotFrames = 8.0;   ///< frame times without a clean frame: shown again
+inline constexpr double kShotFrames = 8.0;  ///< frame times without a clean frame: shown again
+/// Until a camera's period is known: its first frame may come late, and half of them be lost.
+inline constexpr std::int64_t kRhythmSlackNs = 3000 * kMs;
+inline constexpr double kRhythmFrames = 4.0 * FrameRhythm::kFirst;
 inline constexpr std::size_t kMaxEarly = 4;  ///< frames kept until the latch's answer is told
 inline constexpr int kLightFaultsToLose = 3;
 inline constexpr int kRefusalsToEnd = 4;  ///< a stray answer is not given four times in a row
@@ -98,6 +101,8 @@ class Stepper {
   /// First the light, which connects dark; then the camera: so no frame of an unknown light
   /// comes.
   void prepare();
+  /// Runs when light and camera are there and the camera's period is known; what is missing is
+  /// waited for in the dark.
   void preflight_done();
   /// Shows the next shot when there is one and a buffer for it; else darkens, and finishes when
   /// all is committed. With `confirm` the light is asked about the last frame first.
@@ -193,6 +198,9 @@ class Stepper {
   void on_table_mismatch(std::uint32_t counter, std::uint32_t tag);
   [[nodiscard]] bool is_by_strobe() const;
   [[nodiscard]] bool is_camera_free() const;
+  /// A light is to be latched, and the camera's period is not known.
+  [[nodiscard]] bool is_rhythm_missing() const;
+  [[nodiscard]] std::int64_t rhythm_patience_ns() const;
   [[nodiscard]] bool is_block_armed() const;
   [[nodiscard]] StrobeTiming strobe_timing() const;
   [[nodiscard]] std::int64_t block_patience_ns() const;

@@ -1,7 +1,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <map>
-#include <random>
 #include <set>
 
 #include <fmt/format.h>
@@ -13,6 +12,7 @@
 #include "core/error.h"
 #include "tests/capture/commission_truth.h"
 #include "tests/capture/twin_bench.h"
+#include "tests/drawn_seed.h"
 
 /// @file
 /// Random truths: whatever the rig is, commissioning either measures it within the uncertainty
@@ -164,12 +164,8 @@ struct Tally {
 constexpr double kLeastReadBackUs = 30.0;
 
 TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
-  const char* asked = std::getenv("HAARLIGHT_TRUTHS");
-  const int n = asked == nullptr ? 6 : std::atoi(asked);
-  const char* given = std::getenv("HAARLIGHT_SEED");
-  const std::uint64_t seed =
-      given == nullptr ? std::random_device{}() : std::strtoull(given, nullptr, 10);
-  fmt::print("HAARLIGHT_SEED={} HAARLIGHT_TRUTHS={}\n", seed, n);
+  const auto n = static_cast<int>(testing::number_from("HAARLIGHT_TRUTHS", 6));
+  const std::uint64_t seed = testing::drawn_seed();
   Tally tally;
   for (int i = 0; i < n; ++i) {
     const RandomTruth r = draw(hash_key(seed, static_cast<std::uint64_t>(i)));

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <random>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -13,6 +11,7 @@
 #include "core/random.h"
 #include "core/rig.h"
 #include "session/clip_level.h"
+#include "tests/drawn_seed.h"
 
 namespace haarlight {
 namespace {
@@ -218,10 +217,7 @@ TEST(FrameLimits, TravelWithThePlanAndDefaultsLeaveOldHashesAlone) {
 TEST(FrameChecker, TakesDimFramesWhoseNoiseIsTheirSignal) {
   // 40 steps, 1 % of the range, with a noise of 12: chosen by themselves, the samples that
   // count would be those whose noise was high in the first frame.
-  const char* given = std::getenv("HAARLIGHT_SEED");
-  const std::uint64_t seed =
-      given == nullptr ? std::random_device{}() : std::strtoull(given, nullptr, 10);
-  fmt::print("HAARLIGHT_SEED={}\n", seed);
+  const std::uint64_t seed = testing::drawn_seed();
   for (std::uint64_t i = 0; i < 100; ++i) {
     FrameChecker checker(plan_of({}), form_of_12_bits());
     const double level = 20.0 + 40.0 * uniform_unit(hash_key(seed, i));

@@ -1,12 +1,12 @@
 #include "capture/frame_rhythm.h"
 
 #include <cstdlib>
-#include <random>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "core/random.h"
+#include "tests/drawn_seed.h"
 
 namespace haarlight {
 namespace {
@@ -31,15 +31,6 @@ struct Stream {
     return rhythm.judge(n, static_cast<std::int64_t>(t_ns + error_ns), exposure_us);
   }
 };
-
-/// One seed for each run, told and set again by HAARLIGHT_SEED.
-std::uint64_t drawn_seed() {
-  const char* wanted = std::getenv("HAARLIGHT_SEED");
-  const std::uint64_t seed =
-      wanted != nullptr ? std::strtoull(wanted, nullptr, 10) : std::random_device{}();
-  fmt::print("HAARLIGHT_SEED={}\n", seed);
-  return seed;
-}
 
 TEST(FrameRhythm, EightFramesTellThePeriodAndEveryLaterOneIsJudged) {
   Stream stream;
@@ -142,7 +133,7 @@ TEST(FrameRhythm, ACameraThatChangesItsRateOrBeginsAnewIsLearntAnewAndSaysSo) {
 /// Real cameras: normal jitter and a clock that is 50 ppm off. Needless suspicion at most one
 /// frame in a thousand, and every false stamp that is let through lies within the guard.
 TEST(FrameRhythm, HonestStreamsAreBelievedAndFalseStampsAreNotBeyondTheGuard) {
-  const std::uint64_t seed = drawn_seed();
+  const std::uint64_t seed = testing::drawn_seed();
   for (const double sigma_us : {0.0, 5.0, 20.0, 50.0, 500.0}) {
     for (const double false_share : {0.0, 0.05}) {
       Stream stream{.period_ns = 1e9 / 60.0 * (1.0 + 50e-6),

@@ -14,7 +14,6 @@
 #include <deque>
 #include <map>
 #include <memory>
-#include <random>
 #include <set>
 #include <string>
 #include <vector>
@@ -27,6 +26,7 @@
 #include "render/scene.h"
 #include "session/clip_level.h"
 #include "sim/transport.h"
+#include "tests/drawn_seed.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {
@@ -467,10 +467,7 @@ std::vector<Case> cases() {
 TEST_F(Campaign, NoFrameHasMoreOfAnotherLightThanItsEvidenceSays) {
   const char* asked = std::getenv("HAARLIGHT_PICTURE_FRAMES");
   const long n_frames = asked != nullptr ? std::atol(asked) : 3000;
-  const char* replay = std::getenv("HAARLIGHT_SEED");
-  const std::uint64_t seed =
-      replay != nullptr ? std::strtoull(replay, nullptr, 10) : std::random_device{}();
-  std::printf("HAARLIGHT_SEED=%llu\n", static_cast<unsigned long long>(seed));
+  const std::uint64_t seed = testing::drawn_seed();
   const char* only = std::getenv("HAARLIGHT_PICTURE_CASE");
   const auto all = cases();
   for (const Case& c : all) {

@@ -4,8 +4,6 @@
 /// drawn at run time and printed; HAARLIGHT_SEED sets the first one, HAARLIGHT_SESSIONS how
 /// many sessions each test runs.
 
-#include <cstdlib>
-#include <random>
 #include <string>
 
 #include <fmt/format.h>
@@ -13,23 +11,13 @@
 
 #include "capture/model_rig.h"
 #include "core/random.h"
+#include "tests/drawn_seed.h"
 
 namespace haarlight {
 namespace {
 
-std::uint64_t number_from(const char* variable, std::uint64_t otherwise) {
-  const char* text = std::getenv(variable);
-  return text == nullptr ? otherwise : std::strtoull(text, nullptr, 10);
-}
-
-std::uint64_t first_seed() {
-  const std::uint64_t seed = number_from("HAARLIGHT_SEED", std::random_device{}());
-  fmt::print("HAARLIGHT_SEED={}\n", seed);
-  return seed;
-}
-
 std::uint64_t n_sessions(std::uint64_t ordinary) {
-  return number_from("HAARLIGHT_SESSIONS", ordinary);
+  return testing::number_from("HAARLIGHT_SESSIONS", ordinary);
 }
 
 struct Tally {
@@ -111,7 +99,7 @@ class LyingRig : public ::testing::TestWithParam<std::tuple<SyncMode, TimestampM
 TEST_P(LyingRig, AnHonestReadBackAndFalseStampsCommitNoWrongFrame) {
   const auto [sync, meaning] = GetParam();
   const Tally tally =
-      run_rigs(first_seed(), n_sessions(12), 100,
+      run_rigs(testing::drawn_seed(), n_sessions(12), 100,
                [&, wanted = std::pair(sync, meaning)](ModelRigConfig& config, std::uint64_t) {
                  set_sync_mode(config, wanted.first);
                  config.timestamp = wanted.second;
@@ -143,12 +131,12 @@ INSTANTIATE_TEST_SUITE_P(
 // word of the controller's or the clock's betrays it, only the picture could. How often, is
 // told.
 TEST(LyingRig, AReadBackThatLiesIsNotFoundOutByClockAndController) {
-  const Tally tally =
-      run_rigs(first_seed(), n_sessions(60), 100, [](ModelRigConfig& config, std::uint64_t) {
-        set_sync_mode(config, SyncMode::free_run);
-        config.faults.light_lying = share_between(config, 0.04, 0.2);
-        config.counts_wrong = true;
-      });
+  const Tally tally = run_rigs(testing::drawn_seed(), n_sessions(60), 100,
+                               [](ModelRigConfig& config, std::uint64_t) {
+                                 set_sync_mode(config, SyncMode::free_run);
+                                 config.faults.light_lying = share_between(config, 0.04, 0.2);
+                                 config.counts_wrong = true;
+                               });
   tally.tell("lying read-back, free-run");
   EXPECT_GT(tally.sum.n_late, 0U);
   EXPECT_GT(tally.sum.n_wrong, 0) << "the lie has no effect: is it still told?";
@@ -157,7 +145,7 @@ TEST(LyingRig, AReadBackThatLiesIsNotFoundOutByClockAndController) {
 // Camera leads: steps up to two frames late, counted when they come. Where a reading fits
 // between the strobe and the exposure none passes; where none fits the controller is believed.
 TEST(LyingRig, AStepThatComesLateIsFoundOutWhereAReadingFitsBeforeTheExposure) {
-  const std::uint64_t seed = first_seed();
+  const std::uint64_t seed = testing::drawn_seed();
   for (const bool has_room : {true, false}) {
     Tally tally;
     for (std::uint64_t i = 0; i < n_sessions(40); ++i) {

@@ -67,13 +67,19 @@ int replay(ReplayCamera& camera, const Rig& rig, const Plan& plan, std::int64_t 
   // The session holds only the frames that were used: the camera's period from its rig file.
   const FrameEvidence first = camera.upcoming()->evidence;
   const auto period_ns = static_cast<std::int64_t>(1e9 / rig.cameras.front().fps);
-  for (std::int64_t k = FrameRhythm::kFirst; k > 0; --k) {
-    (void)state.rhythm.judge(first.sequence + 100 - static_cast<std::uint64_t>(k),
-                             first.timestamp_ns - delay_ns - k * period_ns,
-                             first.exposure_read_us);
-  }
-  int n_good = 0;
   std::uint64_t id = 0;
+  for (std::int64_t k = FrameRhythm::kFirst; k > 0; --k) {
+    const std::int64_t stamp_ns = first.timestamp_ns - delay_ns - k * period_ns;
+    const FrameInfo info{.sequence = first.sequence + 100 - static_cast<std::uint64_t>(k),
+                         .timestamp_ns = stamp_ns,
+                         .arrival_ns = stamp_ns,
+                         .flags = kFrameMonotonic,
+                         .exposure_us = first.exposure_read_us};
+    ++id;
+    send(stamp_ns, event::FrameArrived{id, state.stream, info, id, true});
+  }
+  EXPECT_EQ(state.phase, Phase::running);
+  int n_good = 0;
   while (const FrameRecord* record = camera.upcoming()) {
     const FrameEvidence e = record->evidence;
     const auto frame = camera.next(std::chrono::steady_clock::now());
@@ -112,8 +118,7 @@ TEST(Replay, AnOldSessionPassesTheSequencerAgainFrameByFrame) {
   ReplayCamera camera;
   ASSERT_TRUE(camera.start(spec).has_value());
   EXPECT_EQ(replay(camera, rig, plan, 0), 8);
-  // Had the stamps meant a moment 200 ms earlier, not one frame would have been taken (the
-  // first light stands for 8 frames, until the camera's period is known).
+  // Had the stamps meant a moment 200 ms earlier, not one frame would have been taken.
   ASSERT_TRUE(camera.start(spec).has_value());
   EXPECT_EQ(replay(camera, rig, plan, 200'000'000), 0);
 }

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/model_rig.h"
+#include "tests/drawn_seed.h"
 
 namespace haarlight {
 namespace {
@@ -42,8 +43,7 @@ TEST(SequencerSimulation, EverySessionWithFaultsKeepsEveryPromise) {
     EXPECT_TRUE(outcome.is_done) << outcome.problem;
     return;
   }
-  const char* wanted = std::getenv("HAARLIGHT_SESSIONS");
-  const std::uint64_t n_sessions = wanted == nullptr ? 500 : std::strtoull(wanted, nullptr, 10);
+  const std::uint64_t n_sessions = testing::number_from("HAARLIGHT_SESSIONS", 500);
   ModelOutcome sum;
   std::array<std::uint64_t, 4> n_by_mode{};
   for (std::uint64_t seed = 1; seed <= n_sessions; ++seed) {
@@ -85,7 +85,7 @@ TEST(SequencerSimulation, EverySessionWithFaultsKeepsEveryPromise) {
   }
   EXPECT_GT(sum.counters.blocks_cut, n_sessions / 100);
   EXPECT_GT(sum.counters.strobe_unproven, n_sessions / 10);
-  EXPECT_GT(sum.counters.table_mismatches, n_sessions / 250);
+  EXPECT_GT(sum.counters.table_mismatches, n_sessions / 100);
   // The faults did happen.
   EXPECT_GT(sum.counters.duplicates, n_sessions / 10);
   EXPECT_GT(sum.counters.confirms_failed, n_sessions / 100);
@@ -153,36 +153,52 @@ std::shared_ptr<const SequencerPlan> two_shots() {
   return plan;
 }
 
-/// A camera with a period of 0.1 ms, so that every stamp of a single step lies on it.
-std::int64_t stamp_of(std::uint64_t sequence) {
-  return (static_cast<std::int64_t>(sequence) - 100) * 100'000;
-}
-
-/// Running, shot 0 latched at 1 ms, light stable from 1.2 ms.
-Driver collecting() {
-  Driver d;
-  d.send(event::Booted{});
-  d.send(event::Recovered{});
-  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
-  d.send(event::LightConnected{d.state.job, 77});
-  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
-  for (std::uint64_t k = 0; k < FrameRhythm::kFirst; ++k) {
-    (void)d.state.rhythm.judge(k, stamp_of(k), 1000.0);
-  }
-  d.t_ns = 1'200'000;
-  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
-  return d;
-}
-
+/// Of a camera with a period of 0.1 ms, so that every stamp of a single step lies on it.
 event::FrameArrived frame_at(std::uint64_t frame, std::int64_t stamp_ns) {
   return {.frame = frame,
           .stream = 1,
-          .info = {.sequence = 100 + static_cast<std::uint64_t>(stamp_ns / 100'000),
+          .info = {.sequence = static_cast<std::uint64_t>(100 + stamp_ns / 100'000),
                    .timestamp_ns = stamp_ns,
                    .arrival_ns = stamp_ns + 10'000,
                    .flags = kFrameMonotonic,
                    .exposure_us = 1000.0},
           .pixel_hash = frame * 1000 + 1};
+}
+
+/// Light and camera are there, no frame came yet.
+Driver devices_there(std::shared_ptr<const SequencerPlan> plan = two_shots()) {
+  Driver d;
+  d.send(event::Booted{});
+  d.send(event::Recovered{});
+  d.send(event::Run{std::move(plan), {false, false}, {0, 0}});
+  d.send(event::LightConnected{d.state.job, 77, 16});
+  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+  return d;
+}
+
+/// `n` frames of a stream, the last one stamped `last_ns`.
+void send_frames(Driver& d, std::size_t n, std::int64_t last_ns) {
+  for (std::size_t k = n; k-- > 0;) {
+    event::FrameArrived frame =
+        frame_at(1000 + k, last_ns - static_cast<std::int64_t>(k) * 100'000);
+    frame.stream = d.state.stream;
+    d.send(frame);
+  }
+}
+
+/// Its period is known, shot 0 is being latched.
+Driver running() {
+  Driver d = devices_there();
+  send_frames(d, FrameRhythm::kFirst, 0);
+  return d;
+}
+
+/// Running, shot 0 latched at 1 ms, light stable from 1.2 ms.
+Driver collecting() {
+  Driver d = running();
+  d.t_ns = 1'200'000;
+  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
+  return d;
 }
 
 TEST(Sequencer, BootLeadsToIdleAndARunToPreflight) {
@@ -199,7 +215,148 @@ TEST(Sequencer, BootLeadsToIdleAndARunToPreflight) {
   d.send(event::LightConnected{d.state.job, 77});
   EXPECT_NE(d.find<action::StartCamera>(), nullptr);
   d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+  EXPECT_EQ(d.state.phase, Phase::preflight) << "not before the camera's period is known";
+  send_frames(d, FrameRhythm::kFirst, 0);
   EXPECT_EQ(d.state.phase, Phase::running);
+}
+
+// ---- the camera's period is learnt in the dark
+
+bool lights_or_arms(const Driver& d) {
+  return d.find<action::ShowShot>() != nullptr || d.find<action::UploadTable>() != nullptr ||
+         d.find<action::ArmBlock>() != nullptr;
+}
+
+/// Sends one frame less than a period takes, then the last one.
+void expect_learnt_in_the_dark(Driver& d, std::int64_t last_ns) {
+  ASSERT_FALSE(lights_or_arms(d));
+  for (std::size_t k = FrameRhythm::kFirst; k-- > 0;) {
+    EXPECT_EQ(d.state.phase, Phase::preflight) << k;
+    EXPECT_TRUE(d.state.is_dark);
+    send_frames(d, 1, last_ns - static_cast<std::int64_t>(k) * 100'000);
+    EXPECT_NE(d.find<action::DropFrame>(), nullptr);
+    EXPECT_EQ(lights_or_arms(d), k == 0) << k;
+  }
+  EXPECT_EQ(d.state.phase, Phase::running);
+  EXPECT_EQ(d.state.counters.rhythm_unknown % FrameRhythm::kFirst, 0U);
+}
+
+std::shared_ptr<const SequencerPlan> two_shots_in(SyncMode sync) {
+  auto plan = std::make_shared<SequencerPlan>(*two_shots());
+  plan->sync = sync;
+  return plan;
+}
+
+TEST(Sequencer, AFreeCamerasPeriodIsLearntBeforeTheFirstLight) {
+  for (const SyncMode sync : {SyncMode::free_run, SyncMode::camera_leads}) {
+    SCOPED_TRACE(to_string(sync));
+    Driver d = devices_there(two_shots_in(sync));
+    // Distinct pictures are not asked for: stamps alone are learnt from.
+    expect_learnt_in_the_dark(d, 0);
+    EXPECT_EQ(d.state.shot_deadline_ns, kNever);
+  }
+}
+
+TEST(Sequencer, ACameraThatStartsAgainIsLearntAgainInTheDark) {
+  for (const SyncMode sync : {SyncMode::free_run, SyncMode::camera_leads}) {
+    SCOPED_TRACE(to_string(sync));
+    Driver d = devices_there(two_shots_in(sync));
+    send_frames(d, FrameRhythm::kFirst, 0);
+    d.send(event::CameraFault{d.state.stream, Errc::device_gone, "unplugged"});
+    ASSERT_EQ(d.state.phase, Phase::suspended);
+    d.t_ns = d.state.retry_camera_ns;
+    d.send(event::Tick{});
+    ASSERT_NE(d.find<action::StartCamera>(), nullptr);
+    d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+    expect_learnt_in_the_dark(d, d.t_ns);
+  }
+}
+
+TEST(Sequencer, APeriodThatIsLostOnTheWayIsLearntInTheDark) {
+  Driver d = collecting();
+  d.state.rhythm = FrameRhythm();  // as after frames that all came in another rhythm
+  d.t_ns = d.state.shot_deadline_ns;
+  d.send(event::Tick{});
+  EXPECT_EQ(d.state.counters.shot_timeouts, 1U);
+  EXPECT_NE(d.find<action::LightsOff>(), nullptr) << "the light of the shot that was given up";
+  expect_learnt_in_the_dark(d, d.t_ns);
+}
+
+TEST(Sequencer, ARunThatGoesOnWithTheSameStreamLearnsNothingAnew) {
+  Driver d = collecting();
+  d.send(event::Pause{});
+  send_frames(d, 3, 2'000'000);
+  d.send(event::Resume{});
+  EXPECT_EQ(d.state.phase, Phase::running);
+  EXPECT_NE(d.find<action::ShowShot>(), nullptr);
+}
+
+TEST(Sequencer, WhereTheCameraIsTriggeredTheLightWaitsForNoFrame) {
+  for (const SyncMode sync : {SyncMode::light_leads, SyncMode::controller_leads}) {
+    const Driver d = devices_there(two_shots_in(sync));
+    EXPECT_NE(d.find<action::ShowShot>(), nullptr) << to_string(sync);
+  }
+  auto preview = std::make_shared<SequencerPlan>(*two_shots());
+  preview->is_preview = true;
+  EXPECT_NE(devices_there(preview).find<action::ShowShot>(), nullptr) << "preview";
+}
+
+TEST(Sequencer, APeriodThatIsNotLearntInTimeSuspendsDarkAndIsWaitedForAgain) {
+  for (const SyncMode sync : {SyncMode::free_run, SyncMode::camera_leads}) {
+    SCOPED_TRACE(to_string(sync));
+    Driver d = devices_there(two_shots_in(sync));
+    send_frames(d, FrameRhythm::kFirst - 1, 0);
+    for (int i = 0; i < 3; ++i) {
+      ASSERT_EQ(d.state.deadline_ns, d.t_ns + 3'320'000'000) << "3 s and 32 frames";
+      d.t_ns = d.state.deadline_ns;
+      d.send(event::Tick{});
+      EXPECT_EQ(d.state.phase, Phase::suspended);
+      EXPECT_EQ(d.state.reasons, kNoEvidence);
+      EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("not known after 3.3 s"));
+      d.t_ns = d.state.deadline_ns;
+      d.send(event::Tick{});
+      ASSERT_EQ(d.state.phase, Phase::preflight);
+      EXPECT_FALSE(lights_or_arms(d));
+    }
+    d.send(event::Abort{});
+    EXPECT_EQ(d.state.phase, Phase::idle);
+    EXPECT_EQ(d.state.deadline_ns, kNever);
+  }
+}
+
+/// A camera that is lost twice a second: each light is photographed as soon as it stands, the
+/// first ones after a start like all others.
+TEST(SequencerSimulation, TheFirstLightAfterAStartIsTakenFromItsFirstCleanFrame) {
+  for (const SyncMode sync : {SyncMode::free_run, SyncMode::camera_leads}) {
+    ModelRigConfig config;
+    config.sync = sync;
+    config.bus_us = 500.0;
+    config.n_buffers = 10;
+    config.faults.camera_gone_rate = 2.0;
+    auto plan = std::make_shared<SequencerPlan>();
+    for (std::uint32_t k = 0; k < 400; ++k) {
+      plan->shots.push_back({.tag = kFirstTag + k, .exposure_us = 2000.0});
+    }
+    plan->timestamp = config.timestamp;
+    plan->read_us = config.read_us;
+    plan->frame_us = 1e6 / config.fps;
+    plan->settle_ns = 400'000;
+    plan->sync = sync;
+    ModelRig rig(config, plan);
+    int n_later = 0;
+    // One frame may begin after the light stood and before the host could know it.
+    rig.set_commit([&](const action::CommitFrame& commit, const ModelFrame& frame) {
+      EXPECT_LE(frame.n_clean, 1) << to_string(sync) << ", shot " << commit.shot;
+      n_later += frame.n_clean > 0 ? 1 : 0;
+      return true;
+    });
+    const ModelOutcome outcome =
+        rig.run(std::vector<bool>(400, false), std::vector<int>(400, 0));
+    EXPECT_TRUE(outcome.is_done && outcome.problem.empty()) << outcome.problem << tail_of(rig);
+    EXPECT_GE(outcome.counters.camera_faults, 5U) << "a test that restarts nothing";
+    fmt::print("{}: {} faults of the camera, {} of 400 lights not by the first clean frame\n",
+               to_string(sync), outcome.counters.camera_faults, n_later);
+  }
 }
 
 TEST(Sequencer, AFrameBegunBeforeTheLightStoodIsNotTaken) {
@@ -261,7 +418,7 @@ TEST(Sequencer, ThePictureOfAnotherLightIsTakenAgainAndTwiceInARowSuspends) {
                              .verdict = FrameVerdict::wrong_light});
   EXPECT_EQ(d.state.phase, Phase::suspended);
   EXPECT_EQ(d.state.reasons, kWrongLight);
-  EXPECT_THAT(d.state.reason_text, testing::HasSubstr("light 7"));
+  EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("light 7"));
   EXPECT_EQ(d.state.counters.wrong_lights, 1U);
   d.t_ns += 10'000'000'000;
   d.send(event::Tick{});
@@ -323,8 +480,9 @@ TEST(Sequencer, AGapInTheSequenceIsCountedAndTheStampDecides) {
   Driver d = collecting();
   d.t_ns = 4'000'000;
   d.send(frame_at(1, 2'000'000));
+  const std::uint64_t before = d.state.counters.sequence_gaps;
   d.send(frame_at(3, 3'700'000));
-  EXPECT_EQ(d.state.counters.sequence_gaps, 1U);
+  EXPECT_EQ(d.state.counters.sequence_gaps, before + 1);
   EXPECT_EQ(d.state.current, 1) << "taken";
 }
 
@@ -409,18 +567,14 @@ TEST(Sequencer, DamagedOrWrongClockOrWrongExposureIsNotTaken) {
     frame.info.exposure_us = 2000.0;
     d.send(frame);
   }
-  EXPECT_EQ(d.state.counters.rhythm_unknown, 1U) << "another exposure may move the stamps";
+  EXPECT_EQ(d.state.counters.rhythm_unknown, FrameRhythm::kFirst + 1)
+      << "another exposure may move the stamps";
   EXPECT_EQ(d.state.counters.wrong_exposure, 3U);
   EXPECT_EQ(d.state.current, 0);
 }
 
 TEST(Sequencer, AWrongEchoIsAFaultAndTheShotIsShownAgain) {
-  Driver d;
-  d.send(event::Booted{});
-  d.send(event::Recovered{});
-  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
-  d.send(event::LightConnected{d.state.job, 77});
-  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+  Driver d = running();
   d.send(event::LightShown{d.state.job, LatchReceipt{0, 0, 0, 2}});
   EXPECT_EQ(d.state.counters.light_faults, 1U);
   const auto* show = d.find<action::ShowShot>();
@@ -450,12 +604,7 @@ TEST(Sequencer, ARefusedPatternIsAskedForAgainAndEndsTheRunAtTheFourthTime) {
 }
 
 TEST(Sequencer, AControllerThatSaysNotNowIsAskedAgainAfterASecond) {
-  Driver d;
-  d.send(event::Booted{});
-  d.send(event::Recovered{});
-  d.send(event::Run{two_shots(), {false, false}, {0, 0}});
-  d.send(event::LightConnected{d.state.job, 77});
-  d.send(event::CameraStarted{d.state.stream, 1000.0, 8});
+  Driver d = running();
   d.send(event::LightFault{d.state.job, Errc::device_busy, "interlock"});
   EXPECT_EQ(d.state.phase, Phase::suspended);
   EXPECT_EQ(d.state.reasons, kHeldBack);

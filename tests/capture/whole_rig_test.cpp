@@ -116,6 +116,20 @@ TEST_F(WholeRig, EveryLightIsCommittedOverModbusTcp) {
   tell_read_back("TCP");
 }
 
+TEST_F(WholeRig, TheFirstLightWaitsForNoRhythm) {
+  capture({});
+  EXPECT_GE(counters_.rhythm_unknown, FrameRhythm::kFirst);
+  const Session session = Session::open(session_);
+  const auto first =
+      std::min_element(session.info().frames.begin(), session.info().frames.end(),
+                       [](const FrameRecord& a, const FrameRecord& b) {
+                         return a.evidence.t_exposure_start_ns < b.evidence.t_exposure_start_ns;
+                       });
+  EXPECT_GE(first->evidence.sequence, FrameRhythm::kFirst);
+  // One or two as the others; a busy machine may come late to those that were on their way.
+  EXPECT_LT(first->evidence.discarded_before, static_cast<int>(FrameRhythm::kFirst) - 2);
+}
+
 TEST_F(WholeRig, EveryLightIsCommittedOverASerialLine) {
   wanted_.controller.kind = ControllerKind::modbus_rtu;
   wanted_.controller.address = "/dev/none:115200";  // the virtual rig puts its own in

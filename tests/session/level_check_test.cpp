@@ -5,7 +5,6 @@
 
 #include <cmath>
 #include <cstdlib>
-#include <random>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -15,6 +14,7 @@
 #include "core/files.h"
 #include "core/random.h"
 #include "session/develop.h"
+#include "tests/drawn_seed.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {
@@ -29,14 +29,6 @@ constexpr double kBlack = 256.0;  // of small8's camera: 14 bits, gain 1, read 3
 constexpr double kRead = 3.0;
 
 constexpr double kToldBelow = 9000.0;  // electrons, of a full well of 16 000
-
-std::uint64_t drawn_seed() {
-  const char* given = std::getenv("HAARLIGHT_SEED");
-  const std::uint64_t seed =
-      given == nullptr ? std::random_device{}() : std::strtoull(given, nullptr, 10);
-  fmt::print("HAARLIGHT_SEED={}\n", seed);
-  return seed;
-}
 
 /// What is true of one session.
 struct Bracket {
@@ -101,7 +93,7 @@ std::string problem_of(const Bracket& b, std::uint64_t seed) {
 }
 
 TEST(LevelCheck, NeverRefusesAGoodSessionHoweverDim) {
-  const std::uint64_t seed = drawn_seed();
+  const std::uint64_t seed = testing::drawn_seed();
   for (std::uint64_t i = 0; i < 200; ++i) {
     const auto u = [&](std::uint64_t what) { return uniform_unit(hash_key(seed, i, what)); };
     const Bracket b{0.5 + 14.0 * u(1), 1.5 + 7.0 * u(2), 1.0, u(3)};
@@ -111,7 +103,7 @@ TEST(LevelCheck, NeverRefusesAGoodSessionHoweverDim) {
 }
 
 TEST(LevelCheck, RefusesExposuresThatContradictEachOther) {
-  const std::uint64_t seed = drawn_seed();
+  const std::uint64_t seed = testing::drawn_seed();
   for (std::uint64_t i = 0; i < 60; ++i) {
     const auto u = [&](std::uint64_t what) { return uniform_unit(hash_key(seed, i, what)); };
     Bracket b{12.0 + 20.0 * u(1), 1.5 + 2.0 * u(2), 1.0, u(3)};

@@ -5,11 +5,11 @@ who computes everything again has touched where it was not. Undisturbed sessions
 
     tamper_test.py SESSION_TOOL
 
-HAARLIGHT_TAMPERINGS (one of each kind), HAARLIGHT_UNDISTURBED (12), HAARLIGHT_SEED (drawn, printed).
+HAARLIGHT_TAMPERINGS (one of each kind), HAARLIGHT_UNDISTURBED (12), HAARLIGHT_SEED (drawn, printed),
+HAARLIGHT_KEEP (a folder for all of it).
 """
 
 import collections
-import copy
 import hashlib
 import importlib.util
 import json
@@ -28,7 +28,6 @@ SPEC = importlib.util.spec_from_file_location("verify_session", ROOT / "docs/ver
 PYTHON = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(PYTHON)
 TOOL = sys.argv[1]
-KINDS = []  # (name, function, forges, touches only the signature)
 
 
 def run(*words, **options):
@@ -36,11 +35,8 @@ def run(*words, **options):
                           **options).stdout
 
 
-def kind(function=None, *, forges=False, signature=False):
-    if function is None:
-        return lambda f: kind(f, forges=forges, signature=signature)
-    KINDS.append((function.__name__, function, forges, signature))
-    return function
+def compact(value):
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False)
 
 
 class Skip(Exception):
@@ -62,26 +58,48 @@ class Case:
     def path(self, name):
         return self.folder / name
 
-    def load(self, name="session.json", folder=None):
-        return json.loads(((folder or self.folder) / name).read_bytes())
+    def load(self, name="session.json"):
+        return json.loads(self.path(name).read_bytes())
 
     def save(self, info, name="session.json"):
         """In the layout of haarlight itself."""
         parts = []
         for key, value in info.items():
+            text = compact(value)
             if isinstance(value, list) and value:
-                text = "[\n" + ",\n".join(json.dumps(v, separators=(",", ":"), ensure_ascii=False)
-                                          for v in value) + "\n]"
-            else:
-                text = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
+                text = "[\n" + ",\n".join(map(compact, value)) + "\n]"
             parts.append(f'"{key}": {text}')
         self.path(name).write_text("{\n" + ",\n".join(parts) + "\n}\n")
+
+    def having(self, name):
+        need(self.path(name).exists())
+        return self.path(name)
+
+    def rewrite(self, name, change):
+        path = self.path(name)
+        path.write_bytes(change(path.read_bytes()))
+
+    def flip_a_bit(self, file, first=0, end=None):
+        data = bytearray(file.read_bytes())
+        data[self.chance.randrange(first, end or len(data))] ^= 1 << self.chance.randrange(8)
+        file.write_bytes(data)
+
+    def take(self, name):
+        """The other session's file of this name."""
+        shutil.copy(self.other / name, self.path(name))
 
     def edit(self, change, *names):
         for name in names or ("session.json", "start.json"):
             info = self.load(name)
             change(info)
             self.save(info, name)
+
+    def edit_session(self, change):
+        self.edit(change, "session.json")
+
+    def edit_evidence(self, **values):
+        """Of any frame, in its description."""
+        self.say(self.frame(), lambda said: said["evidence"].update(values))
 
     def frame(self):
         return self.path(self.chance.choice(self.load()["frames"])["file"])
@@ -90,12 +108,6 @@ class Case:
         frames = self.load()["frames"]
         need(len(frames) > 1)
         return [self.path(f["file"]) for f in self.chance.sample(frames, 2)]
-
-    def two_lights(self, info):
-        """Two light shots with other lights: the same ones in every file."""
-        shots = [s for s in info["shots"] if s["lit"]]
-        pairs = [(a["index"], b["index"]) for a in shots for b in shots if a["lit"] != b["lit"]]
-        return need(pairs)[0]
 
     def describe(self, file):
         """The description of a frame and its place in the file."""
@@ -123,9 +135,8 @@ class Case:
         file.write_bytes(data)
 
     def sql(self, *statements):
-        if not self.path("journal.sqlite").exists():
-            raise Skip
-        base = sqlite3.connect(self.path("journal.sqlite"))
+        """How many rows were changed."""
+        base = sqlite3.connect(self.having("journal.sqlite"))
         n = 0
         for statement in statements:
             words = statement if isinstance(statement, tuple) else (statement, ())
@@ -190,194 +201,81 @@ class Case:
                 kind=s["kind"], lit=s["lit"], exposure_us=s["exposure_us"], setup=setup))
         self.forge()
 
-    def sign(self, who="lab"):
+    def sign(self, who="lab", purpose="haarlight"):
         self.path("session.json.sig").unlink(missing_ok=True)
-        run("ssh-keygen", "-q", "-Y", "sign", "-f", self.keys / who, "-n", "haarlight",
+        run("ssh-keygen", "-q", "-Y", "sign", "-f", self.keys / who, "-n", purpose,
             self.path("session.json"))
 
 
-# --- the frames' files
+# --- what needs more than a line
 
 
-@kind
-def pixel_flipped(c):
-    f = c.frame()
-    data = bytearray(f.read_bytes())
-    data[c.chance.randrange(8, 60)] ^= 1 << c.chance.randrange(8)
-    f.write_bytes(data)
+def two_lights(info):
+    """Two light shots with other lights: the same ones in every file."""
+    shots = [s for s in info["shots"] if s["lit"]]
+    pairs = [(a["index"], b["index"]) for a in shots for b in shots if a["lit"] != b["lit"]]
+    return need(pairs)[0]
 
 
-@kind
-def any_bit_of_a_frame_flipped(c):
-    f = c.frame()
-    data = bytearray(f.read_bytes())
-    data[c.chance.randrange(len(data))] ^= 1 << c.chance.randrange(8)
-    f.write_bytes(data)
-
-
-@kind
-def frame_cut(c):
-    f = c.frame()
-    data = f.read_bytes()
-    f.write_bytes(data[:c.chance.randrange(len(data))])
-
-
-@kind
-def frame_longer(c):
-    with open(c.frame(), "ab") as f:
-        f.write(bytes(c.chance.randrange(1, 9)))
-
-
-@kind
-def frame_emptied(c):
-    c.frame().write_bytes(b"")
-
-
-@kind
-def frame_deleted(c):
-    c.frame().unlink()
-
-
-@kind
-def frames_exchanged(c):
-    a, b = c.two_frames()
+def swap_files(a, b):
     data = a.read_bytes()
     a.write_bytes(b.read_bytes())
     b.write_bytes(data)
 
 
-@kind
-def frame_copied_over_another(c):
-    a, b = c.two_frames()
-    a.write_bytes(b.read_bytes())
+def one_frame(c):
+    return [c.frame()]
 
 
-@kind
-def frame_of_another_session(c):
-    f = c.frame()
-    f.write_bytes(need(sorted((c.other / "frames").glob("*.tif")))[0].read_bytes())
+def with_a_frame(how):
+    return lambda c: how(c.frame())
 
 
-@kind
-def frame_is_a_link_to_its_own_bytes(c):
-    f = c.frame()
-    away = c.folder.parent / f"{c.folder.name}.away.tif"
-    f.rename(away)
-    f.symlink_to(away)
+def instead_of(files, how):
+    """The first of the files goes, and something else takes its place."""
+    def change(c):
+        first, *others = files(c)
+        first.unlink()
+        how(first, *others)
+    return change
 
 
-@kind
-def frame_is_a_link_to_another(c):
-    a, b = c.two_frames()
-    a.unlink()
-    a.symlink_to(b.name)
+def move_away(c, path, name):
+    """The file or folder itself lies elsewhere; a link stands in its place."""
+    away = c.folder.parent / f"{c.folder.name}.{name}"
+    path.rename(away)
+    path.symlink_to(away)
 
 
-@kind
-def frame_is_a_hard_link_to_another(c):
-    a, b = c.two_frames()
-    a.unlink()
-    a.hardlink_to(b)
+def attempt_of(file, k):
+    return file.with_name(file.name.split("_a")[0] + f"_a{k}.tif")
 
 
-@kind
-def frame_is_a_pipe(c):
-    f = c.frame()
-    f.unlink()
-    os.mkfifo(f)
+def exchange_lights(everything):
+    """Two frames' files, with their shot numbers fixed; or everything that they say was lit."""
+    def change(c):
+        need(everything or c.path("journal.sqlite").exists())
+        info = c.load()
+        one, two = two_lights(info)
+        need(not everything or info["shots"][one]["exposure_us"] == info["shots"][two]["exposure_us"])
+        a, b = (c.path(info["frames"][i]["file"]) for i in (one, two))
+        first, second = c.describe(a)[3], c.describe(b)[3]
+        swap_files(a, b)
+        for file, now in ((a, first), (b, second)):
+            def fix(said, now=now):
+                keys = ("shot", "attempt") + (("lit", "kind", "exposure_us") if everything else ())
+                said.update({k: now[k] for k in keys})
+                keys = ("pattern_id", "tag", "tag_echo") if everything else ()
+                said["evidence"].update({k: now["evidence"][k] for k in keys})
+            c.say(file, fix)
+    return change
 
 
-@kind
-def frame_is_a_folder(c):
-    f = c.frame()
-    f.unlink()
-    f.mkdir()
+def rebuild(c, check=True):
+    subprocess.run([TOOL, "rebuild", str(c.folder)], capture_output=True, check=check)
 
 
-@kind
-def frames_folder_is_a_link(c):
-    away = c.folder.parent / f"{c.folder.name}.frames"
-    c.path("frames").rename(away)
-    c.path("frames").symlink_to(away)
-
-
-@kind
-def frame_added(c):
-    f = c.frame()
-    shutil.copy(f, f.with_name(f.name.split("_a")[0] + "_a9.tif"))
-
-
-@kind
-def stray_in_frames(c):
-    c.path("frames/Thumbs.db").write_bytes(b"x")
-
-
-@kind
-def frame_renamed(c):
-    f = c.frame()
-    f.rename(f.with_name(f.name.split("_a")[0] + "_a7.tif"))
-
-
-@kind
-def description_edited(c):
-    c.say(c.frame(), lambda said: said["evidence"].update(discarded_before=3))
-
-
-@kind
-def lit_taken_out_of_a_frame(c):
-    c.say(c.frame(), lambda said: said.pop("lit"))
-
-
-@kind
-def frames_exchanged_with_fixed_shots_then_rebuilt(c):
-    """Two frames in an editor: their shot numbers fixed, not what they say was lit."""
-    if not c.path("journal.sqlite").exists():
-        raise Skip
-    info = c.load()
-    one, two = c.two_lights(info)
-    a, b = (c.path(info["frames"][i]["file"]) for i in (one, two))
-    exchange(c, a, b, lambda x, y: {"shot": y["shot"], "attempt": y["attempt"]})
-    subprocess.run([TOOL, "rebuild", str(c.folder)], capture_output=True, check=False)
-
-
-@kind(forges=True)
-def frames_exchanged_with_fixed_descriptions_then_rebuilt(c):
-    info = c.load()
-    one, two = c.two_lights(info)
-    need(info["shots"][one]["exposure_us"] == info["shots"][two]["exposure_us"])
-    a, b = (c.path(info["frames"][i]["file"]) for i in (one, two))
-    exchange(c, a, b, lambda x, y: {k: y[k] for k in ("shot", "attempt", "lit", "kind", "exposure_us")},
-             fix_evidence=True)
-    run(TOOL, "rebuild", c.folder)
-
-
-@kind(forges=True)
-def frames_exchanged_with_everything_fixed(c):
-    info = c.load()
-    one, two = c.two_lights(info)
-    need(info["shots"][one]["exposure_us"] == info["shots"][two]["exposure_us"])
-    a, b = (c.path(info["frames"][i]["file"]) for i in (one, two))
-    exchange(c, a, b, lambda x, y: {k: y[k] for k in ("shot", "attempt", "lit", "kind", "exposure_us")},
-             fix_evidence=True)
-    c.forge()
-
-
-def exchange(c, a, b, fields, fix_evidence=False):
-    first, second = c.describe(a)[3], c.describe(b)[3]
-    data = a.read_bytes()
-    a.write_bytes(b.read_bytes())
-    b.write_bytes(data)
-    for file, was, now in ((a, second, first), (b, first, second)):
-        def change(said, was=was, now=now):
-            said.update(fields(was, now))
-            if fix_evidence:
-                for key in ("pattern_id", "tag", "tag_echo"):
-                    said["evidence"][key] = now["evidence"][key]
-        c.say(file, change)
-
-
-@kind(forges=True)
-def frame_of_another_session_with_everything_fixed(c):
+def take_pixels_of_another_session(c):
     """The pixels of another session's frame, under this frame's description."""
     info = c.load()
     f = c.frame()
@@ -390,15 +288,12 @@ def frame_of_another_session_with_everything_fixed(c):
     pixels = ("min_dn", "max_dn", "mean_dn", "saturated_share", "black_share", "pixel_hash")
     mine["evidence"].update({k: theirs[k] for k in pixels})
     c.say(f, lambda said: (said.clear(), said.update(mine)))
-    c.forge()
 
 
-@kind(forges=True)
-def pixels_and_all_hashes_edited(c):
-    """Exchanges two rows: statistics stay, hashes are computed again."""
-    info = c.load()
+def exchange_rows(c):
+    """Of a picture: its statistics stay, its hash is computed again."""
+    form = c.load()["form"]
     f = c.frame()
-    form = info["form"]
     size = {"u8": 1, "u16": 2, "f32": 4}[form["sample"]] * form["channels"] * form["width"]
     data = bytearray(f.read_bytes())
     data[8:8 + 2 * size] = data[8 + size:8 + 2 * size] + data[8:8 + size]
@@ -408,18 +303,12 @@ def pixels_and_all_hashes_edited(c):
     raw.write_bytes(pixels[:size * form["height"]])
     pixel_hash = run(TOOL, "hash", raw).strip()
     c.say(f, lambda said: said["evidence"].update(pixel_hash=pixel_hash))
-    c.forge()
 
 
-# --- session.json and start.json
-
-
-def swap_lit(c):
-    def change(info):
-        one, two = c.two_lights(info)
-        shots = info["shots"]
-        shots[one]["lit"], shots[two]["lit"] = shots[two]["lit"], shots[one]["lit"]
-    return change
+def swap_lit(info):
+    one, two = two_lights(info)
+    shots = info["shots"]
+    shots[one]["lit"], shots[two]["lit"] = shots[two]["lit"], shots[one]["lit"]
 
 
 def move_light(info):
@@ -453,148 +342,38 @@ def change_levels(info):
     need([s for s in info["shots"] if s["lit"]])[0]["lit"][0][1] = 60000
 
 
-def both_or_one(name, change, takes_case=False):
-    def make(c):
-        return change(c) if takes_case else change
-    def in_session(c):
-        c.edit(make(c), "session.json")
-    def in_start(c):
-        c.edit(make(c), "start.json")
-    def in_both(c):
-        c.edit(make(c))
-    def in_both_resealed(c):
-        c.edit(make(c))
-        c.reseal()
-    for function, where in ((in_session, "session_json"), (in_start, "start_json"), (in_both, "both"),
-                            (in_both_resealed, "both_with_a_new_root")):
-        function.__name__ = f"{name}_in_{where}"
-        kind(function)  # what the frames, the plan and the rig say gives even the last one away
+def set_in_both(**values):
+    return lambda c: c.edit(lambda info: info.update(values))
 
 
-both_or_one("lit_swapped", swap_lit, takes_case=True)
-both_or_one("light_moved", move_light)
-both_or_one("places_swapped", swap_places)
-both_or_one("power_changed", change_power)
-both_or_one("clip_level_changed", change_clip)
-both_or_one("exposure_changed", change_exposure)
-both_or_one("kind_changed", change_kind)
-both_or_one("drive_level_changed", change_levels)
+def save_plan(c, plan):
+    c.path("plan.json").write_text(compact(plan) + "\n")
 
 
-@kind(forges=True)
-def places_and_frames_and_root_changed(c):
-    need(not c.path("rig.toml").exists())
-    c.edit(swap_places)
-    c.settle()
-
-
-@kind(forges=True)
-def power_and_frames_and_root_changed(c):
-    need(not c.path("rig.toml").exists())
-    c.edit(change_power)
-    c.settle()
-
-
-@kind(forges=True)
-def lit_swapped_everywhere(c):
-    need(c.path("rig.toml").exists())
-    def change(info):
-        swap_lit(c)(info)
-    c.edit(change)
+def plan_as_the_session_says(c):
     plan = c.load("plan.json")
     plan["shots"] = [{k: s[k] for k in ("index", "kind", "exposure_us", "lit")} for s in c.load()["shots"]]
-    c.path("plan.json").write_text(json.dumps(plan, separators=(",", ":")) + "\n")
-    c.settle()
+    save_plan(c, plan)
 
 
-@kind(forges=True)
-def date_changed_with_a_new_root(c):
-    c.edit(lambda info: info.update(created="2019-01-01T00:00:00Z"))
-    c.reseal()
+def plan_dims_a_light(c):
+    c.having("rig.toml")
+    plan = c.load("plan.json")
+    need([s for s in plan["shots"] if s["lit"]])[0]["lit"][0][1] = 4000
+    save_plan(c, plan)
 
 
-@kind
-def date_changed(c):
-    c.edit(lambda info: info.update(created="2019-01-01T00:00:00Z"))
+def another_plan(c):
+    before = c.path("plan.json").read_bytes()
+    c.take("plan.json")
+    need(before != c.path("plan.json").read_bytes())
 
 
-@kind
-def stamp_changed_in_session_json(c):
-    c.edit(lambda info: info["frames"][0]["evidence"].update(t_ack_ns=1), "session.json")
+def without_a_rig(c):
+    need(not c.path("rig.toml").exists())
 
 
-@kind(forges=True)
-def verdict_changed_everywhere(c):
-    c.say(c.frame(), lambda said: said["evidence"].update(verdict="saturated"))
-    c.forge()
-
-
-@kind(forges=True)
-def temperature_changed_everywhere(c):
-    c.say(c.frame(), lambda said: said["evidence"].update(temperature_c=20.5))
-    c.forge()
-
-
-def change_text(function):
-    def wrapped(c):
-        path = c.path("session.json")
-        path.write_bytes(function(path.read_bytes()))
-    wrapped.__name__ = function.__name__
-    kind(wrapped)
-
-
-@change_text
-def key_doubled(text):
-    return text.replace(b'{\n"schema": 1', b'{\n"grid_rows": 4,\n"schema": 1', 1)
-
-
-@change_text
-def unknown_field(text):
-    return text.replace(b'{\n"schema": 1', b'{\n"note": "x",\n"schema": 1', 1)
-
-
-@change_text
-def byte_order_mark(text):
-    return b"\xef\xbb\xbf" + text
-
-
-@change_text
-def key_in_capitals(text):
-    return text.replace(b'"grid_rows"', b'"Grid_rows"', 1)
-
-
-@change_text
-def line_ends_of_dos(text):
-    return text.replace(b"\n", b"\r\n")
-
-
-@change_text
-def written_anew_by_an_editor(text):
-    return json.dumps(json.loads(text), indent=2).encode()
-
-
-@change_text
-def a_space_at_the_end(text):
-    return text + b" "
-
-
-@change_text
-def root_of_zeros(text):
-    return text[:-69] + b"0" * 64 + text[-5:]
-
-
-@change_text
-def session_json_cut(text):
-    return text[:len(text) // 2]
-
-
-@kind
-def root_taken_away(c):
-    c.edit(lambda info: (info.pop("root"), info.pop("files"), info.pop("made_by")), "session.json")
-
-
-@kind(forges=True)
-def made_an_old_session(c):
+def forget_the_root(c):
     """Nothing is left by which a session could be known for one with a root."""
     def change(info):
         for key in ("root", "files", "made_by", "program"):
@@ -605,264 +384,188 @@ def made_an_old_session(c):
     for frame in c.load()["frames"]:
         c.say(c.path(frame["file"]),
               lambda said: [said.pop(k) for k in ("lit", "kind", "exposure_us", "setup")])
-    c.forge()
-
-
-@kind(forges=True)
-def made_by_changed_with_a_new_root(c):
-    c.edit(lambda info: info.update(made_by="rebuild" if info["made_by"] != "rebuild" else "capture"),
-           "session.json")
-    c.reseal()
-
-
-@kind
-def entry_of_files_taken_out(c):
-    c.edit(lambda info: info["files"].pop(), "session.json")
-
-
-@kind
-def frames_leaf_changed(c):
-    c.edit(lambda info: info["frames"][0].update(sha256="0" * 64), "session.json")
-
-
-@kind
-def last_shot_taken_out(c):
-    c.edit(lambda info: (info["shots"].pop(), info["frames"] and info["frames"].pop()))
-    c.reseal()
-
-
-# --- plan and rig
-
-
-@kind
-def plan_edited(c):
-    path = c.path("plan.json")
-    path.write_bytes(path.read_bytes().replace(b"65535", b"65534", 1) + b" ")
-
-
-@kind
-def plan_edited_with_its_hash(c):
-    if not c.path("rig.toml").exists():
-        raise Skip
-    plan = c.load("plan.json")
-    need([s for s in plan["shots"] if s["lit"]])[0]["lit"][0][1] = 4000
-    c.path("plan.json").write_text(json.dumps(plan, separators=(",", ":")) + "\n")
-    c.forge()
-
-
-@kind
-def plan_missing(c):
-    c.path("plan.json").unlink()
-
-
-@kind
-def plan_of_another_session(c):
-    before = c.path("plan.json").read_bytes()
-    shutil.copy(c.other / "plan.json", c.path("plan.json"))
-    need(before != c.path("plan.json").read_bytes())
-
-
-@kind
-def rig_edited(c):
-    path = c.path("rig.toml")
-    need(path.exists())
-    path.write_bytes(path.read_bytes().replace(b"900.0", b"901.0"))
-
-
-@kind
-def rig_edited_with_its_hash(c):
-    path = c.path("rig.toml")
-    need(path.exists())
-    path.write_bytes(path.read_bytes().replace(b"pitch = 120.0", b"pitch = 121.0"))
-    c.forge()
-
-
-@kind(forges=True)
-def rigs_comment_edited_with_its_hash(c):
-    path = c.path("rig.toml")
-    need(path.exists())
-    path.write_bytes(path.read_bytes() + b"# nothing\n")
-    c.forge()
-
-
-@kind
-def rig_missing(c):
-    need(c.path("rig.toml").exists())
-    c.path("rig.toml").unlink()
-
-
-@kind
-def start_missing(c):
-    c.path("start.json").unlink()
-
-
-@kind
-def a_rig_appears(c):
-    need(not c.path("rig.toml").exists())
-    shutil.copy(RIG, c.path("rig.toml"))
-
-
-# --- the journal
-
-
-@kind
-def event_deleted(c):
-    need(c.sql("DELETE FROM events WHERE id = 1"))
-
-
-@kind
-def all_events_deleted(c):
-    need(c.sql("DELETE FROM events"))
-
-
-@kind
-def last_event_deleted(c):
-    need(c.sql("DELETE FROM events WHERE id = (SELECT max(id) FROM events)"))
-
-
-@kind
-def event_added(c):
-    need(c.sql("INSERT INTO events (kind, json) VALUES ('state', '{}')"))
-
-
-@kind
-def event_edited(c):
-    need(c.sql("UPDATE events SET json = '{\"reason\": \"nothing\"}' WHERE id = 1"))
-
-
-@kind
-def withdrawn_row_deleted(c):
-    need(c.sql("DELETE FROM frames WHERE state = 'withdrawn'"))
-
-
-@kind
-def withdrawn_row_deleted_with_a_new_root(c):
-    need(c.sql("DELETE FROM frames WHERE state = 'withdrawn'"))
-    c.reseal()
-
-
-@kind
-def row_deleted(c):
-    need(c.sql("DELETE FROM frames WHERE id = 1"))
-
-
-@kind
-def rows_state_changed(c):
-    need(c.sql("UPDATE frames SET state = 'withdrawn' WHERE id = 2"))
-
-
-@kind
-def rows_evidence_edited(c):
-    need(c.sql("UPDATE frames SET evidence = replace(evidence, '\"tag\":', '\"tag\": ') WHERE id = 1"))
-
-
-@kind
-def rows_exchanged(c):
-    need(c.sql("UPDATE frames SET id = -1 WHERE id = 1", "UPDATE frames SET id = 1 WHERE id = 2",
-               "UPDATE frames SET id = 2 WHERE id = -1"))
-
-
-@kind
-def table_added(c):
-    c.sql("CREATE TABLE notes (text TEXT)")
-
-
-@kind
-def journal_missing(c):
-    need(c.path("journal.sqlite").exists())
-    c.path("journal.sqlite").unlink()
-
-
-@kind
-def journal_of_another_session(c):
-    need(c.path("journal.sqlite").exists() and (c.other / "journal.sqlite").exists())
-    shutil.copy(c.other / "journal.sqlite", c.path("journal.sqlite"))
-
-
-@kind
-def journal_cut(c):
-    need(c.path("journal.sqlite").exists())
-    os.truncate(c.path("journal.sqlite"), 4096)
-
-
-@kind
-def journal_not_closed(c):
-    c.path("journal.sqlite-wal").write_bytes(b"x" * 32)
-
-
-@kind(forges=True)
-def event_edited_with_a_new_root(c):
-    need(c.sql("UPDATE events SET kind = 'stated', json = '{}' WHERE kind = 'state'"))
-    c.reseal()
-
-
-# --- aside/
 
 
 def any_aside(c):
     return c.chance.choice(need(sorted(p for p in c.path("aside").glob("*") if p.is_file())))
 
 
-@kind
-def note_in_aside_removed(c):
-    any_aside(c).unlink()
+def empty_aside(c):
+    any_aside(c)
+    shutil.rmtree(c.path("aside"))
+    c.path("aside").mkdir()
 
 
-@kind
-def note_in_aside_edited(c):
-    f = any_aside(c)
-    f.write_bytes(f.read_bytes() + b"!")
-
-
-@kind
-def file_added_to_aside(c):
+def add_to_aside(c):
     c.path("aside").mkdir(exist_ok=True)
     c.path("aside/000000_a5.tif").write_bytes(b"x")
 
 
-@kind(forges=True)
-def aside_emptied_with_a_new_root(c):
-    any_aside(c)
-    shutil.rmtree(c.path("aside"))
-    c.path("aside").mkdir()
-    c.reseal()
+# --- the kinds
 
 
-# --- the signature
+Kind = collections.namedtuple("Kind", "steps forges signature")
 
 
-@kind(signature=True)
-def signature_removed(c):
-    c.path("session.json.sig").unlink()
+def does(*steps):
+    return Kind(steps, forges=False, signature=False)
 
 
-@kind(signature=True)
-def signature_of_another_session(c):
-    shutil.copy(c.other / "session.json.sig", c.path("session.json.sig"))
+def forges(*steps):
+    """Who computes everything again; found for sure only where the session was signed before."""
+    return Kind(steps, forges=True, signature=False)
 
 
-@kind(signature=True)
-def signature_cut(c):
-    path = c.path("session.json.sig")
-    path.write_bytes(path.read_bytes()[:120])
+def signs(*steps):
+    """Touches only the signature."""
+    return Kind(steps, forges=False, signature=True)
 
 
-@kind(signature=True)
-def signed_by_a_stranger_after_forging(c):
-    c.say(c.frame(), lambda said: said["evidence"].update(temperature_c=20.5))
-    c.forge()
-    c.sign("stranger")
+def everywhere(name, change):
+    """In session.json, start.json, both, and both with a new root: what the frames, the plan and
+    the rig say gives even the last one away."""
+    return {f"{name}_in_session_json": does(lambda c: c.edit(change, "session.json")),
+            f"{name}_in_start_json": does(lambda c: c.edit(change, "start.json")),
+            f"{name}_in_both": does(lambda c: c.edit(change)),
+            f"{name}_in_both_with_a_new_root": does(lambda c: c.edit(change), Case.reseal)}
 
 
-@kind(signature=True)
-def signed_for_another_purpose(c):
-    c.path("session.json.sig").unlink()
-    run("ssh-keygen", "-q", "-Y", "sign", "-f", c.keys / "lab", "-n", "file", c.path("session.json"))
+def text(change):
+    """Of session.json."""
+    return does(lambda c: c.rewrite("session.json", change))
 
 
-@kind(signature=True)
-def rebuilt(c):
-    run(TOOL, "rebuild", c.folder)
+def rows(*statements):
+    """Of the journal; one of them at least is there."""
+    return lambda c: need(c.sql(*statements))
+
+
+KINDS = {
+    # the frames' files
+    "pixel_flipped": does(lambda c: c.flip_a_bit(c.frame(), 8, 60)),
+    "any_bit_of_a_frame_flipped": does(lambda c: c.flip_a_bit(c.frame())),
+    "frame_cut": does(lambda c: c.rewrite(c.frame(), lambda t: t[:c.chance.randrange(len(t))])),
+    "frame_longer": does(lambda c: c.rewrite(c.frame(), lambda t: t + bytes(c.chance.randrange(1, 9)))),
+    "frame_emptied": does(with_a_frame(lambda f: f.write_bytes(b""))),
+    "frame_deleted": does(with_a_frame(pathlib.Path.unlink)),
+    "frames_exchanged": does(lambda c: swap_files(*c.two_frames())),
+    "frame_copied_over_another": does(lambda c: shutil.copyfile(*reversed(c.two_frames()))),
+    "frame_of_another_session": does(lambda c: c.frame().write_bytes(
+        need(sorted((c.other / "frames").glob("*.tif")))[0].read_bytes())),
+    "frame_is_a_link_to_its_own_bytes": does(lambda c: move_away(c, c.frame(), "away.tif")),
+    "frame_is_a_link_to_another": does(instead_of(Case.two_frames, lambda a, b: a.symlink_to(b.name))),
+    "frame_is_a_hard_link_to_another": does(instead_of(Case.two_frames, lambda a, b: a.hardlink_to(b))),
+    "frame_is_a_pipe": does(instead_of(one_frame, os.mkfifo)),
+    "frame_is_a_folder": does(instead_of(one_frame, os.mkdir)),
+    "frames_folder_is_a_link": does(lambda c: move_away(c, c.path("frames"), "frames")),
+    "frame_added": does(with_a_frame(lambda f: shutil.copy(f, attempt_of(f, 9)))),
+    "stray_in_frames": does(lambda c: c.path("frames/Thumbs.db").write_bytes(b"x")),
+    "frame_renamed": does(with_a_frame(lambda f: f.rename(attempt_of(f, 7)))),
+    "description_edited": does(lambda c: c.edit_evidence(discarded_before=3)),
+    "lit_taken_out_of_a_frame": does(lambda c: c.say(c.frame(), lambda said: said.pop("lit"))),
+    "frames_exchanged_with_fixed_shots_then_rebuilt": does(
+        exchange_lights(False), lambda c: rebuild(c, check=False)),
+    "frames_exchanged_with_fixed_descriptions_then_rebuilt": forges(exchange_lights(True), rebuild),
+    "frames_exchanged_with_everything_fixed": forges(exchange_lights(True), Case.forge),
+    "frame_of_another_session_with_everything_fixed": forges(take_pixels_of_another_session, Case.forge),
+    "pixels_and_all_hashes_edited": forges(exchange_rows, Case.forge),
+
+    # session.json and start.json
+    **everywhere("lit_swapped", swap_lit),
+    **everywhere("light_moved", move_light),
+    **everywhere("places_swapped", swap_places),
+    **everywhere("power_changed", change_power),
+    **everywhere("clip_level_changed", change_clip),
+    **everywhere("exposure_changed", change_exposure),
+    **everywhere("kind_changed", change_kind),
+    **everywhere("drive_level_changed", change_levels),
+    "places_and_frames_and_root_changed": forges(
+        without_a_rig, lambda c: c.edit(swap_places), Case.settle),
+    "power_and_frames_and_root_changed": forges(
+        without_a_rig, lambda c: c.edit(change_power), Case.settle),
+    "lit_swapped_everywhere": forges(
+        lambda c: c.having("rig.toml"), lambda c: c.edit(swap_lit), plan_as_the_session_says, Case.settle),
+    "date_changed_with_a_new_root": forges(set_in_both(created="2019-01-01T00:00:00Z"), Case.reseal),
+    "date_changed": does(set_in_both(created="2019-01-01T00:00:00Z")),
+    "stamp_changed_in_session_json": does(lambda c: c.edit_session(
+        lambda info: info["frames"][0]["evidence"].update(t_ack_ns=1))),
+    "verdict_changed_everywhere": forges(lambda c: c.edit_evidence(verdict="saturated"), Case.forge),
+    "temperature_changed_everywhere": forges(lambda c: c.edit_evidence(temperature_c=20.5), Case.forge),
+    "key_doubled": text(lambda t: t.replace(b'{\n"schema": 1', b'{\n"grid_rows": 4,\n"schema": 1', 1)),
+    "unknown_field": text(lambda t: t.replace(b'{\n"schema": 1', b'{\n"note": "x",\n"schema": 1', 1)),
+    "byte_order_mark": text(lambda t: b"\xef\xbb\xbf" + t),
+    "key_in_capitals": text(lambda t: t.replace(b'"grid_rows"', b'"Grid_rows"', 1)),
+    "line_ends_of_dos": text(lambda t: t.replace(b"\n", b"\r\n")),
+    "written_anew_by_an_editor": text(lambda t: json.dumps(json.loads(t), indent=2).encode()),
+    "a_space_at_the_end": text(lambda t: t + b" "),
+    "root_of_zeros": text(lambda t: t[:-69] + b"0" * 64 + t[-5:]),
+    "session_json_cut": text(lambda t: t[:len(t) // 2]),
+    "root_taken_away": does(lambda c: c.edit_session(
+        lambda info: (info.pop("root"), info.pop("files"), info.pop("made_by")))),
+    "made_an_old_session": forges(forget_the_root, Case.forge),
+    "made_by_changed_with_a_new_root": forges(lambda c: c.edit_session(lambda info: info.update(
+        made_by="rebuild" if info["made_by"] != "rebuild" else "capture")), Case.reseal),
+    "entry_of_files_taken_out": does(lambda c: c.edit_session(lambda info: info["files"].pop())),
+    "frames_leaf_changed": does(lambda c: c.edit_session(
+        lambda info: info["frames"][0].update(sha256="0" * 64))),
+    "last_shot_taken_out": does(lambda c: c.edit(
+        lambda info: (info["shots"].pop(), info["frames"] and info["frames"].pop())), Case.reseal),
+
+    # plan and rig
+    "plan_edited": does(lambda c: c.rewrite("plan.json", lambda t: t.replace(b"65535", b"65534", 1) + b" ")),
+    "plan_edited_with_its_hash": does(plan_dims_a_light, Case.forge),
+    "plan_missing": does(lambda c: c.path("plan.json").unlink()),
+    "plan_of_another_session": does(another_plan),
+    "rig_edited": does(lambda c: c.rewrite(c.having("rig.toml"), lambda t: t.replace(b"900.0", b"901.0"))),
+    "rig_edited_with_its_hash": does(lambda c: c.rewrite(
+        c.having("rig.toml"), lambda t: t.replace(b"pitch = 120.0", b"pitch = 121.0")), Case.forge),
+    "rigs_comment_edited_with_its_hash": forges(
+        lambda c: c.rewrite(c.having("rig.toml"), lambda t: t + b"# nothing\n"), Case.forge),
+    "rig_missing": does(lambda c: c.having("rig.toml").unlink()),
+    "start_missing": does(lambda c: c.path("start.json").unlink()),
+    "a_rig_appears": does(without_a_rig, lambda c: shutil.copy(RIG, c.path("rig.toml"))),
+
+    # the journal
+    "event_deleted": does(rows("DELETE FROM events WHERE id = 1")),
+    "all_events_deleted": does(rows("DELETE FROM events")),
+    "last_event_deleted": does(rows("DELETE FROM events WHERE id = (SELECT max(id) FROM events)")),
+    "event_added": does(rows("INSERT INTO events (kind, json) VALUES ('state', '{}')")),
+    "event_edited": does(rows("UPDATE events SET json = '{\"reason\": \"nothing\"}' WHERE id = 1")),
+    "withdrawn_row_deleted": does(rows("DELETE FROM frames WHERE state = 'withdrawn'")),
+    "withdrawn_row_deleted_with_a_new_root": does(
+        rows("DELETE FROM frames WHERE state = 'withdrawn'"), Case.reseal),
+    "row_deleted": does(rows("DELETE FROM frames WHERE id = 1")),
+    "rows_state_changed": does(rows("UPDATE frames SET state = 'withdrawn' WHERE id = 2")),
+    "rows_evidence_edited": does(rows(
+        "UPDATE frames SET evidence = replace(evidence, '\"tag\":', '\"tag\": ') WHERE id = 1")),
+    "rows_exchanged": does(rows("UPDATE frames SET id = -1 WHERE id = 1",
+                                "UPDATE frames SET id = 1 WHERE id = 2",
+                                "UPDATE frames SET id = 2 WHERE id = -1")),
+    "table_added": does(lambda c: c.sql("CREATE TABLE notes (text TEXT)")),
+    "journal_missing": does(lambda c: c.having("journal.sqlite").unlink()),
+    "journal_of_another_session": does(lambda c: c.having("journal.sqlite"),
+                                       lambda c: need((c.other / "journal.sqlite").exists()),
+                                       lambda c: c.take("journal.sqlite")),
+    "journal_cut": does(lambda c: os.truncate(c.having("journal.sqlite"), 4096)),
+    "journal_not_closed": does(lambda c: c.path("journal.sqlite-wal").write_bytes(b"x" * 32)),
+    "event_edited_with_a_new_root": forges(
+        rows("UPDATE events SET kind = 'stated', json = '{}' WHERE kind = 'state'"), Case.reseal),
+
+    # aside/
+    "note_in_aside_removed": does(lambda c: any_aside(c).unlink()),
+    "note_in_aside_edited": does(lambda c: c.rewrite(any_aside(c), lambda t: t + b"!")),
+    "file_added_to_aside": does(add_to_aside),
+    "aside_emptied_with_a_new_root": forges(empty_aside, Case.reseal),
+
+    # the signature
+    "signature_removed": signs(lambda c: c.path("session.json.sig").unlink()),
+    "signature_of_another_session": signs(lambda c: c.take("session.json.sig")),
+    "signature_cut": signs(lambda c: c.rewrite("session.json.sig", lambda t: t[:120])),
+    "signed_by_a_stranger_after_forging": signs(
+        lambda c: c.edit_evidence(temperature_c=20.5), Case.forge, lambda c: c.sign("stranger")),
+    "signed_for_another_purpose": signs(lambda c: c.sign(purpose="file")),
+    "rebuilt": signs(rebuild),
+}
 
 
 # --- the campaign
@@ -893,84 +596,95 @@ def fingerprint(folder):
     return digest.digest()
 
 
+def tamper(kind, whole, folder, chance, keys):
+    """A copy of one of the sessions, tampered with; whether one was found that can be."""
+    for _ in range(200):
+        original, other = chance.sample(whole, 2)
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(original, folder)
+        state = chance.getstate()
+        try:
+            case = Case(folder, other, chance, keys)
+            for step in kind.steps:
+                step(case)
+        except (Skip, IndexError, KeyError):
+            chance.setstate(state)
+            chance.random()
+            continue
+        if fingerprint(folder) != fingerprint(original):
+            return True
+    return False
+
+
+def judged(folders, signers):
+    """Of each folder: who, and the problems that he found."""
+    for folder, ours in zip(folders, by_ours(folders, signers)):
+        yield {"verify": ours, "verify_session.py": by_python(folder, signers)}
+
+
+def campaign(place, seed, n_tamperings, n_undisturbed):
+    """What was missed, and what was said of undisturbed sessions."""
+    chance = random.Random(seed)
+    failures = []
+    keys = place / "keys"
+    keys.mkdir()
+    for who in ("lab", "stranger"):
+        run("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", who, "-f", keys / who)
+    signers = keys / "allowed_signers"
+    signers.write_text(f"lab@example.org {(keys / 'lab.pub').read_text()}")
+    run(TOOL, "make", seed, n_undisturbed, place / "whole", RIG)
+    whole = [place / "whole" / str(i) for i in range(n_undisturbed)]
+    for when, asked in (("unsigned", ""), ("signed", signers)):
+        if asked:
+            for folder in whole:
+                Case(folder, None, chance, keys).sign()
+        for folder, found in zip(whole, judged(whole, asked)):
+            failures += [f"false alarm: {when} {folder.name} by {who}: {problems[:3]}"
+                         for who, problems in found.items() if problems]
+    cases = []  # name, kind, folder
+    for i in range(n_tamperings):
+        name, kind = list(KINDS.items())[i % len(KINDS)]
+        folder = place / "work" / str(i)
+        if tamper(kind, whole, folder, chance, keys):
+            cases.append((name, kind, folder))
+        else:
+            failures.append(f"{name}: no session of this campaign can be tampered with so")
+    for (name, _, folder), found in zip(cases, judged([folder for *_, folder in cases], signers)):
+        failures += [f"missed: signed, {name} ({folder.name}) by {who}"
+                     for who, problems in found.items() if not problems]
+    print(f"signed: {len(cases)} tamperings, missed by one of the two: "
+          f"{sum(f.startswith('missed: signed') for f in failures)}")
+    cases = [case for case in cases if not case[1].signature]
+    for *_, folder in cases:
+        (folder / "session.json.sig").unlink(missing_ok=True)
+    n = collections.defaultdict(collections.Counter)
+    for (name, kind, folder), found in zip(cases, judged([folder for *_, folder in cases], "")):
+        n[name]["all"] += 1
+        for who, problems in found.items():
+            n[name][who] += bool(problems)
+            if not problems and not kind.forges:
+                failures.append(f"missed: unsigned, {name} ({folder.name}) by {who}")
+    total = sum(n.values(), collections.Counter())
+    print(f"unsigned: {total['all']} tamperings, found {total['verify']} by verify, "
+          f"{total['verify_session.py']} by verify_session.py; not always found:")
+    for name, row in sorted(n.items()):
+        if min(row["verify"], row["verify_session.py"]) < row["all"]:
+            print(f"    {name}: {row['all']} times, found {row['verify']} and "
+                  f"{row['verify_session.py']}")
+    return failures
+
+
 def main():
     seed = int(os.environ.get("HAARLIGHT_SEED", random.SystemRandom().randrange(2**31)))
     n_tamperings = int(os.environ.get("HAARLIGHT_TAMPERINGS", len(KINDS)))
     n_undisturbed = int(os.environ.get("HAARLIGHT_UNDISTURBED", 12))
     print(f"HAARLIGHT_SEED={seed}: {n_tamperings} tamperings of {len(KINDS)} kinds, "
           f"{n_undisturbed} undisturbed sessions", flush=True)
-    chance = random.Random(seed)
-    failures = []
     base = "/dev/shm" if os.path.isdir("/dev/shm") else None
     with tempfile.TemporaryDirectory(prefix="haarlight_tamper_", dir=base) as place:
-        place = pathlib.Path(place)
-        keys = place / "keys"
-        keys.mkdir()
-        for who in ("lab", "stranger"):
-            run("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", who, "-f", keys / who)
-        signers = keys / "allowed_signers"
-        signers.write_text(f"lab@example.org {(keys / 'lab.pub').read_text()}")
-        run(TOOL, "make", seed, n_undisturbed, place / "whole", RIG)
-        whole = [place / "whole" / str(i) for i in range(n_undisturbed)]
-        for when in ("unsigned", "signed"):
-            asked = signers if when == "signed" else ""
-            for folder, ours in zip(whole, by_ours(whole, asked)):
-                for who, problems in (("verify", ours), ("verify_session.py", by_python(folder, asked))):
-                    if problems:
-                        failures.append(f"false alarm: {when} {folder.name} by {who}: {problems[:3]}")
-            if when == "unsigned":
-                for folder in whole:
-                    Case(folder, None, chance, keys).sign()
-        cases = []  # name, forges, signature, signed copy, unsigned copy
-        for i in range(n_tamperings):
-            name, function, forges, signature = KINDS[i % len(KINDS)]
-            for _ in range(200):
-                original, other = chance.sample(whole, 2)
-                folder = place / "work" / str(i)
-                shutil.rmtree(folder, ignore_errors=True)
-                shutil.copytree(original, folder)
-                state = chance.getstate()
-                try:
-                    function(Case(folder, other, chance, keys))
-                except (Skip, IndexError, KeyError):
-                    chance.setstate(state)
-                    chance.random()
-                    continue
-                if fingerprint(folder) != fingerprint(original):
-                    break
-            else:
-                failures.append(f"{name}: no session of this campaign can be tampered with so")
-                continue
-            cases.append((name, forges, signature, folder))
-        found = collections.defaultdict(lambda: [0, 0, 0])
-        ours = by_ours([folder for *_, folder in cases], signers)
-        for (name, _, _, folder), problems in zip(cases, ours):
-            for who, said in (("verify", problems), ("verify_session.py", by_python(folder, signers))):
-                if not said:
-                    failures.append(f"missed: signed, {name} ({folder.name}) by {who}")
-        plain = [case for case in cases if not case[2]]
-        for *_, folder in plain:
-            (folder / "session.json.sig").unlink(missing_ok=True)
-        ours = by_ours([folder for *_, folder in plain], "")
-        for (name, forges, _, folder), problems in zip(plain, ours):
-            theirs = by_python(folder, "")
-            row = found[name]
-            row[0] += 1
-            row[1] += bool(problems)
-            row[2] += bool(theirs)
-            for who, said in (("verify", problems), ("verify_session.py", theirs)):
-                if not forges and not said:
-                    failures.append(f"missed: unsigned, {name} ({folder.name}) by {who}")
-        n = [sum(row[i] for row in found.values()) for i in range(3)]
-        print(f"signed: {len(cases)} tamperings, missed by one of the two: "
-              f"{sum(f.startswith('missed: signed') for f in failures)}")
-        print(f"unsigned: {n[0]} tamperings, found {n[1]} by verify, {n[2]} by verify_session.py; "
-              "not always found:")
-        for name, (total, first, second) in sorted(found.items()):
-            if min(first, second) < total:
-                print(f"    {name}: {total} times, found {first} and {second}")
+        failures = campaign(pathlib.Path(place), seed, n_tamperings, n_undisturbed)
         if os.environ.get("HAARLIGHT_KEEP"):
-            shutil.copytree(place, os.environ["HAARLIGHT_KEEP"], symlinks=True, dirs_exist_ok=True)
+            run("cp", "-a", f"{place}/.", os.environ["HAARLIGHT_KEEP"])  # pipes too
     print("\n".join(failures))
     return 1 if failures else 0
 

@@ -14,6 +14,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "tests/drawn_seed.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/temporary_folder.h"
 
@@ -224,11 +225,6 @@ std::vector<Damage> kinds_of_damage() {
   };
 }
 
-std::uint64_t seed() {
-  const char* text = std::getenv("HAARLIGHT_SEED");
-  return text != nullptr ? std::stoull(text) : std::random_device{}();
-}
-
 void check(const std::string& bytes) {
   check_basis(
       BasisFile::from_bytes(std::as_bytes(std::span(bytes.data(), bytes.size())), "made.hlb"));
@@ -246,8 +242,7 @@ bool opens(const std::string& bytes) {
 }
 
 TEST(BasisCheck, FindsEveryKindOfDamage) {
-  const std::uint64_t first = seed();
-  std::cout << "HAARLIGHT_SEED=" << first << "\n";
+  const std::uint64_t first = testing::drawn_seed();
   const std::vector<Damage> kinds = kinds_of_damage();
   ASSERT_GE(kinds.size(), 24U);
   int n_opened = 0;
