@@ -70,6 +70,11 @@ struct StepFitOptions {
   /// Standard deviation of the light's own delay from step to step: it rounds the steps as a
   /// longer ramp would, and joins the sigmas of ramps and offsets.
   double scatter_us = 0.0;
+  /// Each step has a delay of its own, which its rows share, of standard deviation scatter_us
+  /// and its jitter_us; else jitter_us is noise of each sample. Exact for the skew, by which
+  /// the rows of one step differ; not for ramps and offsets where a step is seen at one place
+  /// of its ramp only (a global shutter): the delays then take what belongs to the ramp.
+  bool has_own_delays = false;
 };
 
 /// Robust (Huber) Levenberg-Marquardt. Cost: O(samples) an iteration, 20 jackknife groups.
