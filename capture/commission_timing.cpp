@@ -21,9 +21,10 @@ constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
 constexpr double kExposureTol = 0.04;    // of an exposure: a wrong unit is further off
 constexpr double kSureSigmas = 4.0;
-constexpr double kLinearTol = 0.01;  // of the signal: less than twice at twice the exposure
-constexpr double kBackOff = 0.6;     // of a level that was not linear: try this one
-constexpr double kNearlyDark = 0.2;  // of what is wanted, after half of the lights left
+constexpr double kLargeFactor = 1.5;  // of an exposure: never by a jackknife's luck
+constexpr double kLinearTol = 0.01;   // of the signal: less than twice at twice the exposure
+constexpr double kBackOff = 0.6;      // of a level that was not linear: try this one
+constexpr double kNearlyDark = 0.2;   // of what is wanted, after half of the lights left
 constexpr int kLinearAttempts = 8;
 constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
 constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
@@ -307,8 +308,12 @@ void require_true_exposure(const CommissionBench& bench, const std::vector<StepS
   if (!one || !two) {
     return;
   }
-  const double one_sure = sure_sigmas(one->n_steps) * one->sigma;
-  const double both_sure = std::hypot(one_sure, sure_sigmas(two->n_steps) * two->sigma);
+  const bool is_large = std::abs(std::log(one->value)) > std::log(kLargeFactor);
+  const auto sure = [is_large](const ExposureScale& scale) {
+    return (is_large ? kSureSigmas : sure_sigmas(scale.n_steps)) * scale.sigma;
+  };
+  const double one_sure = sure(*one);
+  const double both_sure = std::hypot(one_sure, sure(*two));
   const bool is_off = std::abs(one->value - 1.0) > std::max(kExposureTol, one_sure);
   const bool is_common =
       std::abs(two->value - one->value) <= std::max(kExposureTol * one->value, both_sure);
@@ -562,6 +567,9 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
     latest = std::max(latest,
                       delay.late_us - run.references()[static_cast<std::size_t>(delay.step)]);
   }
+  // A delay shows half of what a ramp alone is longer. Even ramps of width w scatter the delays
+  // by w / (4 sqrt 3), and their end comes w / 4 later than the latest delay says.
+  latest += std::sqrt(3.0) * fit_options.scatter_us;
   const double latch_mean = result.verdict.latch_us.value;
   result.latch_most_us = {std::max(0.0, latch_mean + (delays.empty() ? 0.0 : latest) +
                                             kSureOfSettle * tied->settle_sigma_us),
