@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -14,6 +15,8 @@ namespace {
 constexpr double kLongest = 0.9;  // of the frame period
 constexpr double kTop = 0.5;      // of white: what the brightest light may reach
 constexpr double kLinear = 0.8;   // of the level up to which the sensor was seen to be linear
+constexpr double kHigh = 0.85;    // of white: no bright pixel above
+constexpr int kAttempts = 4;
 constexpr double kGuardUs = 200.0;
 constexpr int kDarkFrames = 6;
 
@@ -71,15 +74,33 @@ LightResponse respond(ImageView<const std::uint16_t> picture, ImageView<const fl
   return r;
 }
 
-}  // namespace
+/// Counts above the dark of which 1 % of the pixels have more.
+double bright_share(ImageView<const std::uint16_t> picture, ImageView<const float> dark) {
+  std::vector<float> values;
+  const int stride = std::max(1, dark.height() * dark.width() / 200000);
+  for (int y = 0; y < dark.height(); ++y) {
+    const auto words = picture.row(y);
+    const auto base = dark.row(y);
+    for (auto x = static_cast<std::size_t>(y % stride); x < words.size();
+         x += static_cast<std::size_t>(stride)) {
+      values.push_back(static_cast<float>(words[x]) - base[x]);
+    }
+  }
+  const auto at = values.begin() +
+                  static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return static_cast<double>(*at);
+}
 
-LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
-                           double gain_e_per_dn, const CommissionOptions& options) {
-  // The sensor may be full below white.
-  const double top = std::min(kTop * bench.white(), kLinear * timing.linear_dn);
-  const double wanted = top / std::max(timing.count_per_us, 1e-12);
-  const double exposure =
-      bench.set_exposure(std::clamp(wanted, 20.0, kLongest * bench.period_us()));
+/// Each light's response at one exposure.
+struct Responses {
+  std::vector<LightResponse> of;
+  double brightest = 0.0;  ///< counts above the dark, bright_share() of the brightest picture
+};
+
+/// @param most  counts above the dark; ends early with a light brighter than that
+Responses look_at_lights(CommissionBench& bench, const TimingResult& timing, double exposure,
+                         double most, double gain_e_per_dn, const CommissionOptions& options) {
   bench.settle();
   const Image<float> dark = mean_dark(bench);
   // Scatter of single dark pixels, from one more picture.
@@ -105,8 +126,8 @@ LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
   const double wait_us = offset + spread_us + std::max(m.rise_us, m.fall_us) + kGuardUs +
                          std::max(0.0, -m.skew_us);
   const int n = bench.rig().n_lights();
-  std::vector<LightResponse> responses;
-  for (int k = 0; k < n; ++k) {
+  Responses responses;
+  for (int k = 0; k < n && responses.brightest <= most; ++k) {
     const LatchReceipt receipt = bench.show({{k, registers::kMaxLevel}});
     for (;;) {
       const ArrivedFrame arrived = bench.next_frame();
@@ -114,7 +135,9 @@ LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
                                                settle_reference_ns(receipt)) /
                            1e3;
       if (after >= wait_us) {
-        responses.push_back(
+        responses.brightest =
+            std::max(responses.brightest, bright_share(arrived.frame.pixels(), dark.view()));
+        responses.of.push_back(
             respond(arrived.frame.pixels(), dark.view(), gain_e_per_dn, dark_variance));
         break;
       }
@@ -124,7 +147,29 @@ LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
     }
   }
   (void)bench.show({});
-  return survey_lights(bench.rig(), bench.camera_index(), responses);
+  return responses;
+}
+
+}  // namespace
+
+LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
+                           double gain_e_per_dn, const CommissionOptions& options) {
+  // The sensor may be full below white.
+  const double top = std::min(kTop * bench.white(), kLinear * timing.linear_dn);
+  const double wanted = top / std::max(timing.count_per_us, 1e-12);
+  double exposure = bench.set_exposure(std::clamp(wanted, 20.0, kLongest * bench.period_us()));
+  // The lamp that `wanted` is from may have been a dim or a dead light: then the others are
+  // brighter than thought, and a full sensor would look like lights in the wrong place.
+  const double most = std::min(kHigh * bench.white(), timing.linear_dn);
+  for (int attempt = 1;; ++attempt) {
+    const double limit = attempt < kAttempts ? most : std::numeric_limits<double>::max();
+    const Responses responses =
+        look_at_lights(bench, timing, exposure, limit, gain_e_per_dn, options);
+    if (responses.brightest <= limit) {
+      return survey_lights(bench.rig(), bench.camera_index(), responses.of);
+    }
+    exposure = bench.set_exposure(std::max(20.0, 0.7 * exposure * top / responses.brightest));
+  }
 }
 
 }  // namespace haarlight

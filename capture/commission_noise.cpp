@@ -18,6 +18,7 @@ constexpr std::size_t kMaxLinearityPixels = 65536;
 constexpr std::array kLevels{0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9};
 constexpr double kSafe = 0.6;  // of the level up to which the sensor was seen to be linear
 constexpr double kOver = 1.6;
+constexpr double kNearlyDark = 0.1;  // of the light expected
 constexpr double kFarOver = 2.4;
 
 /// The same pixels of every picture, spread evenly.
@@ -73,14 +74,22 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
   // So many lights that twice saturation lies within reach.
   const double per_light = std::max(timing.count_per_us, 1e-12);
   const double needed = kFarOver * 1.5 * bench.white() / (per_light * longest);
-  const int n = static_cast<int>(
+  int n = static_cast<int>(
       std::clamp(std::ceil(needed), 1.0, static_cast<double>(bench.n_allowed())));
-  const LightPattern pattern = bench.brightest(n);
   const double safe_dn = std::min(0.3 * bench.white(), kSafe * timing.linear_dn);
-  (void)bench.set_exposure(std::min(timing.long_us, safe_dn / (per_light * n)));
-  const SteadyLevel lit = bench.look_steady(pattern, 4);
-  const double rate =
-      (lit.median - dark.mean_dn) / bench.exposure_us();  // of the median pixel, counts a us
+  LightPattern pattern;
+  double rate = 0.0;  // of the median pixel, counts a us
+  for (;;) {
+    pattern = bench.brightest(n);
+    (void)bench.set_exposure(std::min(timing.long_us, safe_dn / (per_light * n)));
+    const SteadyLevel lit = bench.look_steady(pattern, 4);
+    rate = (lit.median - dark.mean_dn) / bench.exposure_us();
+    // Those that should be brightest may be dead: then more.
+    if (rate >= kNearlyDark * per_light * n || n >= bench.n_allowed()) {
+      break;
+    }
+    n = std::min(2 * n, bench.n_allowed());
+  }
   if (!(rate > 0.0)) {
     throw Error("the picture's median pixel sees no light", bench.rig().file.string(),
                 "let the camera look at a white card or the empty plane");

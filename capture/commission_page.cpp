@@ -230,7 +230,8 @@ std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
   add("latch", light.latch_us, " us", us(rig.controller.latch_us),
       "from the controller's latch to the light's first change");
   add("latch, latest", light.latch_most_us, " us", "",
-      "what captures wait for: the latest of all steps, from the acknowledgement");
+      "what captures wait for: the latest of all steps, from the read-back that shows the "
+      "pattern");
   add("rise", light.rise_us, " us", us(rig.controller.rise_us), "an LED's way up");
   add("fall", light.fall_us, " us", us(rig.controller.fall_us), "and down");
   rows.push_back({"timestamp", c.timestamp ? std::string(to_string(*c.timestamp)) : "", "",

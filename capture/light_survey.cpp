@@ -206,6 +206,36 @@ class Places {
   std::vector<std::array<double, kSurveyBlocks>> spread_;  // of one light about its face's
 };
 
+/// Two lights cannot stand in one place: where one was found in another's, and that one fits
+/// the first one's place better than its own, it is the other half of the swap, even where
+/// neither place fits it well (things in view throw shadows that no smooth surface has).
+void complete_swaps(const Places& places, std::span<const LightResponse> responses,
+                    const std::vector<double>& own, LightSurvey& survey,
+                    const std::vector<double>& expected) {
+  const std::size_t n_found = survey.miswired.size();
+  for (std::size_t i = 0; i < n_found; ++i) {
+    const int first = survey.miswired[i];
+    const int second = survey.miswired_to[i];
+    const auto k = static_cast<std::size_t>(second);
+    const auto there = static_cast<std::size_t>(first);
+    const bool is_known = std::find(survey.miswired.begin(), survey.miswired.end(), second) !=
+                          survey.miswired.end();
+    if (is_known || survey.power[k] <= 0.0 ||
+        own[k] - places.misfit(responses[k], there) <= kBetter) {
+      continue;
+    }
+    const auto at = std::lower_bound(survey.miswired.begin(), survey.miswired.end(), second);
+    survey.miswired_to.insert(survey.miswired_to.begin() + (at - survey.miswired.begin()),
+                              first);
+    survey.miswired.insert(at, second);
+    if (expected[there] > 0.0) {
+      survey.power[k] = responses[k].signal / expected[there];
+    }
+    complete_swaps(places, responses, own, survey, expected);
+    return;
+  }
+}
+
 void find_miswired(const Places& places, std::span<const LightResponse> responses,
                    const std::vector<double>& expected, LightSurvey& survey) {
   const std::size_t n = responses.size();
@@ -249,6 +279,7 @@ void find_miswired(const Places& places, std::span<const LightResponse> response
       }
     }
   }
+  complete_swaps(places, responses, own, survey, expected);
   survey.can_see_wiring = survey.alike.empty() && !seen.empty();
 }
 

@@ -94,6 +94,11 @@ std::vector<DoctorLine> examine_measured(const fs::path& rig_file) {
       const std::string changes = describe_changes(read_rig_as_written(rig_file), rig);
       line.found = fmt::format("of {}; {}", rig.measured->date,
                                changes.empty() ? "as the rig file says" : changes);
+      if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
+        line.finding = Finding::warning;
+        line.found += "; " + gap.problem;
+        line.cure = gap.cure + ": haarlight rig commission " + rig_file.string() + " --force";
+      }
     }
   } catch (const Error& error) {
     line.finding = Finding::wrong;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
 #include <set>
 #include <utility>
 
@@ -76,6 +77,20 @@ struct Layout {
 struct Point {
   StepSample sample;
   std::size_t exposure = 0;
+  std::size_t step = 0;  ///< of Fitted::late
+};
+
+/// What the minimisation moves.
+struct Fitted {
+  Eigen::VectorXd p;
+  std::vector<double> late;  ///< each step's own delay, us; empty: steps have none
+};
+
+/// Samples, and how far each step's own delay may stray.
+struct Problem {
+  Layout layout;
+  std::vector<Point> points;
+  std::vector<double> delay_sigma;  ///< us, of each step; empty: steps have no own delay
 };
 
 /// Residual (level - model) and its derivatives at one sample.
@@ -86,20 +101,28 @@ struct Linear {
   double sigma = 1.0;
 };
 
-Linear linearise(const Layout& layout, const Eigen::VectorXd& p, const Point& point) {
+/// @param late_us  the step's own delay; nothing: its jitter counts as the sample's noise
+Linear linearise(const Layout& layout, const Eigen::VectorXd& p, const Point& point,
+                 std::optional<double> late_us = std::nullopt) {
   const StepSample& s = point.sample;
   const Eigen::Index m = layout.n_offsets();
   const double e = s.exposure_us;
   const double ramp = s.rises ? p[m + 1] : p[m + 2];
-  const double x = s.after_us + s.row * p[m] + e - layout.offset(p, point.exposure);
+  const double x =
+      s.after_us + s.row * p[m] + e - layout.offset(p, point.exposure) - late_us.value_or(0.0);
   const double sign = s.rises ? 1.0 : -1.0;
   const double share = (ramp_integral(x, ramp) - ramp_integral(x - e, ramp)) / e;
   Linear out;
   out.residual = s.level - (s.rises ? share : 1.0 - share);
   out.slope_x = sign * (ramp_level(x, ramp) - ramp_level(x - e, ramp)) / e;
   out.slope_ramp = sign * (ramp_integral_slope(x, ramp) - ramp_integral_slope(x - e, ramp)) / e;
-  out.sigma = std::hypot(s.sigma, out.slope_x * s.jitter_us);
+  out.sigma = late_us ? s.sigma : std::hypot(s.sigma, out.slope_x * s.jitter_us);
   return out;
+}
+
+Linear linearise(const Problem& problem, const Fitted& at, const Point& point) {
+  return linearise(problem.layout, at.p, point,
+                   at.late.empty() ? std::nullopt : std::optional(at.late[point.step]));
 }
 
 double huber_cost(double z) {
@@ -107,18 +130,56 @@ double huber_cost(double z) {
   return a <= kHuber ? 0.5 * z * z : kHuber * (a - 0.5 * kHuber);
 }
 
-double total_cost(const Layout& layout, const Eigen::VectorXd& p,
-                  const std::vector<Point>& points, int skip_group) {
-  double cost = 0.0;
-  for (const Point& point : points) {
-    if (skip_group >= 0 && point.sample.step % kGroups == skip_group) {
+bool is_skipped(const Point& point, int skip_group) {
+  return skip_group >= 0 && point.sample.step % kGroups == skip_group;
+}
+
+/// Of each step that has a delay of its own; else of all samples together.
+std::vector<double> costs(const Problem& problem, const Fitted& at, int skip_group) {
+  std::vector<double> cost(std::max<std::size_t>(at.late.size(), 1), 0.0);
+  for (const Point& point : problem.points) {
+    if (is_skipped(point, skip_group)) {
       continue;
     }
     // The sigma follows the parameters, so its logarithm belongs to the cost.
-    const Linear l = linearise(layout, p, point);
-    cost += huber_cost(l.residual / l.sigma) + std::log(l.sigma);
+    const Linear l = linearise(problem, at, point);
+    cost[at.late.empty() ? 0 : point.step] +=
+        huber_cost(l.residual / l.sigma) + std::log(l.sigma);
+  }
+  for (std::size_t i = 0; i < at.late.size(); ++i) {
+    const double z = at.late[i] / problem.delay_sigma[i];
+    cost[i] += 0.5 * z * z;
   }
   return cost;
+}
+
+double sum_of(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0);
+}
+
+/// Cost of `next`. A step whose delay, moved as the linear model says, fits worse than moved by
+/// half or not at all keeps the better one: its bend must not hold up what all have in common.
+double settle_delays(const Problem& problem, const Fitted& before, Fitted& next,
+                     int skip_group) {
+  std::vector<double> best = costs(problem, next, skip_group);
+  const std::vector<double> whole = next.late;
+  for (const double share : {0.5, 0.0}) {
+    if (whole.empty()) {
+      break;
+    }
+    Fitted other = next;
+    for (std::size_t i = 0; i < whole.size(); ++i) {
+      other.late[i] = before.late[i] + share * (whole[i] - before.late[i]);
+    }
+    const std::vector<double> cost = costs(problem, other, skip_group);
+    for (std::size_t i = 0; i < whole.size(); ++i) {
+      if (!(best[i] <= cost[i])) {
+        best[i] = cost[i];
+        next.late[i] = other.late[i];
+      }
+    }
+  }
+  return sum_of(best);
 }
 
 void clamp_ramps(Eigen::VectorXd& p) {
@@ -127,21 +188,51 @@ void clamp_ramps(Eigen::VectorXd& p) {
   p[n - 1] = std::clamp(p[n - 1], kMinRamp, kMaxRamp);
 }
 
-Eigen::VectorXd minimise(const Layout& layout, Eigen::VectorXd p,
-                         const std::vector<Point>& points, int skip_group) {
+/// What the samples say about one step's own delay, beside the common parameters.
+struct OwnDelay {
+  double normal = 0.0;
+  double gradient = 0.0;
+  Eigen::VectorXd cross;
+};
+
+/// The common parameters' step; `delays` are eliminated from it, and move with it.
+Eigen::VectorXd solve(Eigen::MatrixXd normal, Eigen::VectorXd gradient,
+                      const std::vector<OwnDelay>& delays, double damping,
+                      std::vector<double>& late) {
+  normal.diagonal() *= 1.0 + damping;
+  for (const OwnDelay& d : delays) {
+    const double pivot = d.normal * (1.0 + damping);
+    normal.noalias() -= d.cross * d.cross.transpose() / pivot;
+    gradient.noalias() -= d.cross * (d.gradient / pivot);
+  }
+  const Eigen::VectorXd step = normal.ldlt().solve(gradient);
+  for (std::size_t i = 0; i < delays.size(); ++i) {
+    const OwnDelay& d = delays[i];
+    late[i] += (d.gradient - d.cross.dot(step)) / (d.normal * (1.0 + damping));
+  }
+  return step;
+}
+
+Fitted minimise(const Problem& problem, Fitted at, int skip_group) {
+  const Layout& layout = problem.layout;
   const Eigen::Index m = layout.n_offsets();
   const Eigen::Index n = layout.size();
   double damping = 1e-3;
-  double cost = total_cost(layout, p, points, skip_group);
+  double cost = sum_of(costs(problem, at, skip_group));
   Eigen::VectorXd row = Eigen::VectorXd::Zero(n);
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
     Eigen::VectorXd gradient = Eigen::VectorXd::Zero(n);
-    for (const Point& point : points) {
-      if (skip_group >= 0 && point.sample.step % kGroups == skip_group) {
+    std::vector<OwnDelay> delays(at.late.size());
+    for (std::size_t i = 0; i < delays.size(); ++i) {
+      const double weight = 1.0 / (problem.delay_sigma[i] * problem.delay_sigma[i]);
+      delays[i] = {weight, -weight * at.late[i], Eigen::VectorXd::Zero(n)};
+    }
+    for (const Point& point : problem.points) {
+      if (is_skipped(point, skip_group)) {
         continue;
       }
-      const Linear l = linearise(layout, p, point);
+      const Linear l = linearise(problem, at, point);
       if (l.slope_x == 0.0 && l.slope_ramp == 0.0) {
         continue;  // far from the step
       }
@@ -153,6 +244,12 @@ Eigen::VectorXd minimise(const Layout& layout, Eigen::VectorXd p,
       const double weight = (z <= kHuber ? 1.0 : kHuber / z) / (l.sigma * l.sigma);
       normal.noalias() += weight * row * row.transpose();
       gradient.noalias() += weight * l.residual * row;
+      if (!delays.empty()) {
+        OwnDelay& d = delays[point.step];
+        d.normal += weight * l.slope_x * l.slope_x;
+        d.gradient -= weight * l.slope_x * l.residual;
+        d.cross.noalias() -= weight * l.slope_x * row;
+      }
     }
     // A parameter that no sample touches stays where it is.
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -163,18 +260,20 @@ Eigen::VectorXd minimise(const Layout& layout, Eigen::VectorXd p,
     bool is_better = false;
     double moved = 0.0;
     for (int attempt = 0; attempt < 12 && !is_better; ++attempt) {
-      Eigen::MatrixXd damped = normal;
-      damped.diagonal() *= 1.0 + damping;
-      Eigen::VectorXd next = p + damped.ldlt().solve(gradient);
-      if (!next.allFinite()) {
+      Fitted next = at;
+      next.p += solve(normal, gradient, delays, damping, next.late);
+      if (!next.p.allFinite()) {
         damping *= 10.0;
         continue;
       }
-      clamp_ramps(next);
-      const double next_cost = total_cost(layout, next, points, skip_group);
+      clamp_ramps(next.p);
+      const double next_cost = settle_delays(problem, at, next, skip_group);
       if (next_cost <= cost) {
-        moved = (next - p).cwiseAbs().maxCoeff();
-        p = next;
+        moved = (next.p - at.p).cwiseAbs().maxCoeff();
+        for (std::size_t i = 0; i < at.late.size(); ++i) {
+          moved = std::max(moved, std::abs(next.late[i] - at.late[i]));
+        }
+        at = std::move(next);
         cost = next_cost;
         damping = std::max(damping * 0.2, 1e-9);
         is_better = true;
@@ -186,7 +285,7 @@ Eigen::VectorXd minimise(const Layout& layout, Eigen::VectorXd p,
       break;
     }
   }
-  return p;
+  return at;
 }
 
 /// Where to begin: in the linear part D = (ts - t_l) + E - x + row skew with x = E times the
@@ -282,7 +381,8 @@ double lit_share(double x_us, double exposure_us, double ramp_us) {
 
 std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
                                  const StepFitOptions& options) {
-  Layout layout;
+  Problem problem;
+  Layout& layout = problem.layout;
   layout.slope = options.slope;
   for (const StepSample& s : samples) {
     HAARLIGHT_EXPECTS(s.exposure_us > 0.0 && s.sigma > 0.0 && s.step >= 0,
@@ -292,12 +392,18 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   std::sort(layout.exposures.begin(), layout.exposures.end());
   layout.exposures.erase(std::unique(layout.exposures.begin(), layout.exposures.end()),
                          layout.exposures.end());
-  std::vector<Point> points;
+  std::vector<Point>& points = problem.points;
   points.reserve(samples.size());
+  std::map<int, std::size_t> index_of_step;
   std::vector<int> steps_seen;
   StepFit fit;
   for (const StepSample& s : samples) {
-    points.push_back({s, layout.exposure_index(s.exposure_us)});
+    const auto [step, is_new] = index_of_step.try_emplace(s.step, index_of_step.size());
+    points.push_back({s, layout.exposure_index(s.exposure_us), step->second});
+    if (is_new && options.has_own_delays) {
+      problem.delay_sigma.push_back(
+          std::max(std::hypot(options.scatter_us, s.jitter_us), 1e-3));
+    }
     if (s.level > 0.02 && s.level < 0.98) {
       ++fit.n_partial;
       steps_seen.push_back(s.step);
@@ -314,11 +420,12 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   if (!start) {
     return std::nullopt;
   }
-  const Eigen::VectorXd p = minimise(layout, *start, points, -1);
-  fit.model = model_of(layout, p);
+  const Fitted best =
+      minimise(problem, {*start, std::vector<double>(problem.delay_sigma.size(), 0.0)}, -1);
+  fit.model = model_of(layout, best.p);
   std::vector<double> normalised;
   for (const Point& point : points) {
-    const Linear l = linearise(layout, p, point);
+    const Linear l = linearise(problem, best, point);
     if (l.slope_x != 0.0) {
       normalised.push_back(std::abs(l.residual / l.sigma));
     }
@@ -329,7 +436,7 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   for (int group = 0; group < kGroups; ++group) {
     if (std::any_of(steps_seen.begin(), steps_seen.begin() + fit.n_steps,
                     [&](int step) { return step % kGroups == group; })) {
-      parts.push_back(model_of(layout, minimise(layout, p, points, group)));
+      parts.push_back(model_of(layout, minimise(problem, best, group).p));
     }
   }
   const auto spread = [&](auto value) {
@@ -392,7 +499,7 @@ std::vector<StepDelay> step_delays(std::span<const StepSample> samples,
       continue;
     }
     // A change that comes late by t shows as the model at x - t.
-    const Linear l = linearise(layout, p, {s, exposure});
+    const Linear l = linearise(layout, p, {s, exposure, 0});
     const double w = l.slope_x / (s.sigma * s.sigma);
     of_step[s.step].weight += w * l.slope_x;
     of_step[s.step].weighted -= w * l.residual;

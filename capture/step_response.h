@@ -10,7 +10,7 @@
 ///
 /// A light is switched by a request that the host knows between its sending and its
 /// acknowledgement; the middle is t_l. The LED follows after `latch`, then ramps linearly over
-/// T. A frame's stamp ts is its first row's exposure start plus d, which the stamp's meaning
+/// T: its whole way, 0 to 100 %. A frame's stamp ts is its first row's exposure start plus d, which the stamp's meaning
 /// gives: 0, E, or E + t_read. A row at `row` (0 first .. 1 last) starts row * skew later. With
 ///
 ///     x = (ts - t_l) + row skew + E - D,      D = d + latch
@@ -70,6 +70,11 @@ struct StepFitOptions {
   /// Standard deviation of the light's own delay from step to step: it rounds the steps as a
   /// longer ramp would, and joins the sigmas of ramps and offsets.
   double scatter_us = 0.0;
+  /// Each step has a delay of its own, which its rows share, of standard deviation scatter_us
+  /// and its jitter_us; else jitter_us is noise of each sample. Exact for the skew, by which
+  /// the rows of one step differ; not for ramps and offsets where a step is seen at one place
+  /// of its ramp only (a global shutter): the delays then take what belongs to the ramp.
+  bool has_own_delays = false;
 };
 
 /// Robust (Huber) Levenberg-Marquardt. Cost: O(samples) an iteration, 20 jackknife groups.

@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <set>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
 #include "core/error.h"
+#include "core/files.h"
 #include "core/text_limits.h"
 
 namespace haarlight {
@@ -80,21 +79,7 @@ ConfigTable::ConfigTable(std::shared_ptr<Document> document, std::shared_ptr<Nod
 }
 
 ConfigTable ConfigTable::parse_file(const std::filesystem::path& path) {
-  std::error_code ec;
-  const auto size = std::filesystem::file_size(path, ec);
-  if (ec) {
-    throw Error("cannot read: " + ec.message(), path.string(), "check the name and its rights");
-  }
-  if (size > kMaxTomlBytes) {
-    throw Error("larger than 16 MiB", path.string(), "is this really a TOML file?");
-  }
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) {
-    throw Error("cannot read", path.string(), "check the name and its rights");
-  }
-  return parse_text(text.str(), path.string());
+  return parse_text(read_file(path, kMaxTomlBytes), path.string());
 }
 
 ConfigTable ConfigTable::parse_text(std::string_view text, const std::string& name) {

@@ -43,16 +43,33 @@ struct OpenFile {
   std::size_t size = 0;
 };
 
+void require_regular(const struct stat& info, const std::filesystem::path& path) {
+  if (S_ISREG(info.st_mode)) {
+    return;
+  }
+  if (S_ISDIR(info.st_mode)) {
+    throw Error("a folder, not a file", path.string(), "name a file in it");
+  }
+  const char* what = S_ISFIFO(info.st_mode)   ? "a pipe (FIFO)"
+                     : S_ISSOCK(info.st_mode) ? "a socket"
+                                              : "a device";
+  throw Error(fmt::format("{}, not a file", what), path.string(),
+              "write what it gives to a file first, and name that");
+}
+
+/// Never waits: opening a pipe would, until somebody writes to it, and opening a device may do
+/// something to it. So it is looked at first, and again once open.
 OpenFile open_file(const std::filesystem::path& path) {
-  Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   struct stat info {};
+  if (::stat(path.c_str(), &info) == 0) {
+    require_regular(info, path);
+  }
+  Fd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (!fd.is_open() || ::fstat(fd.get(), &info) != 0) {
     throw Error(fmt::format("cannot open: {}", std::strerror(errno)), path.string(),
                 "check the name and its rights");
   }
-  if (!S_ISREG(info.st_mode)) {
-    throw Error("not a file", path.string(), "name a file");
-  }
+  require_regular(info, path);
   return {std::move(fd), static_cast<std::size_t>(info.st_size)};
 }
 

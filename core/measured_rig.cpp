@@ -507,6 +507,17 @@ std::string describe_view(const CameraSpec& camera) {
   return out;
 }
 
+MeasuredGap find_gap(const MeasuredRig& measured) {
+  if (!measured.controller || !measured.controller->latch_us ||
+      measured.controller->latch_most_us) {
+    return {};
+  }
+  return {
+      "it has no latch_most_us: captures wait for the mean latch, and a change of light that "
+      "comes later may spoil a frame",
+      "measure again (haarlight rig commission)"};
+}
+
 void apply_measured(MeasuredRig measured, const std::string& name, Rig& rig) {
   if (measured.controller) {
     const MeasuredController& m = *measured.controller;

@@ -122,6 +122,13 @@ struct MeasuredRig {
 /// @throws Error  every problem with file:line and its cure
 [[nodiscard]] MeasuredRig parse_measured(const std::string& text, const std::string& name);
 
+/// What a file of an earlier version lacks, in words for a warning; empty: nothing.
+struct MeasuredGap {
+  std::string problem;
+  std::string cure;
+};
+[[nodiscard]] MeasuredGap find_gap(const MeasuredRig& measured);
+
 /// A rig's text in its two parts, the second empty when there is no measured one.
 struct RigText {
   std::string written;   ///< ends with a line end when something follows

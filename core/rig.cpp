@@ -604,6 +604,9 @@ Rig read_rig(const std::filesystem::path& path) {
   const std::string changes = describe_changes(parse_rig(text.written, path.string()), rig);
   log_info(fmt::format("{} of {} wins over the rig file: {}", measured.string(),
                        rig.measured->date, changes.empty() ? "nothing differs" : changes));
+  if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
+    log_warning(fmt::format("{}: {}. Cure: {}", measured.string(), gap.problem, gap.cure));
+  }
   return rig;
 }
 

@@ -32,6 +32,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::uintmax_t kMaxSessionJson = std::uintmax_t{64} << 20U;  // 60 000 pictures
+
 /// A folder that is removed unless it got its name.
 class PendingFolder {
  public:
@@ -327,7 +329,8 @@ bool is_replaceable(const fs::path& target) {
   if (!fs::exists(file, ignored)) {
     return false;
   }
-  const SessionInfo info = session_info_from_json(read_file(file), file.string());
+  const SessionInfo info =
+      session_info_from_json(read_file(file, kMaxSessionJson), file.string());
   return info.evidence == EvidenceKind::asserted;
 }
 

@@ -88,7 +88,11 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
       return describe(*rig);
     case FileKind::measured: {
       const MeasuredRig measured = parse_measured(read_file(file, kMaxTomlBytes), file);
-      return fmt::format("of {}; name its rig to hold it to that", measured.date);
+      const MeasuredGap gap = find_gap(measured);
+      return fmt::format("of {}; name its rig to hold it to that{}", measured.date,
+                         gap.problem.empty() ? ""
+                                             : fmt::format("\n  warning: {}\n  cure: {}",
+                                                           gap.problem, gap.cure));
     }
     case FileKind::profile: {
       const ControllerProfile profile = read_controller_profile(file);

@@ -47,6 +47,7 @@ struct Settings {
   double slow_ms = 0.0;
   int n_lights = 1024;
   int n_buffers = 32;
+  std::string viewer = "off";
   std::string report;
 };
 
@@ -156,6 +157,22 @@ struct RigReport {
   }
 }
 
+/// What the page's live view does, from a process of its own: the newest picture and its facts,
+/// as often as there is a new one. @return  the process
+pid_t start_viewer(int port) {
+  const pid_t viewer = ::fork();
+  if (viewer != 0) {
+    return viewer;
+  }
+  const std::string url = fmt::format("http://127.0.0.1:{}/v1/preview", port);
+  const std::string loop = fmt::format(
+      "while :; do curl -s -o /dev/null {0}.png; curl -s -o /dev/null {0}/facts; sleep 0.2; "
+      "done",
+      url);
+  ::execl("/bin/sh", "sh", "-c", loop.c_str(), nullptr);
+  ::_exit(127);
+}
+
 struct Outcome {
   double seconds = 0.0;  ///< from the first to the last committed frame's exposure
   double whole_s = 0.0;  ///< from the request to the finished session
@@ -177,7 +194,7 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
                  .make_light = [&] { return make_light_array(rig.controller, rig.n_lights()); },
                  .make_camera = [&] { return make_camera(rig.cameras.front()); },
                  .storage = storage.get(),
-                 .has_http = false});
+                 .has_http = settings.viewer == "on"});
   std::string plan = "schema = 1\nname = \"rate\"\npatterns = \"one_at_a_time\"\n";
   if (const int repeats = settings.n_lights / rig.n_lights(); repeats > 1) {
     plan += fmt::format("repeats = {}\n", repeats);
@@ -194,6 +211,13 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
   const auto begin = Clock::now();
   const double cpu_before = cpu_seconds(RUSAGE_SELF);
   const RunReceipt receipt = daemon.run(plan, "rate.toml");
+  const pid_t viewer = settings.viewer == "on" ? start_viewer(daemon.http_port()) : 0;
+  const auto stop_viewer = [viewer] {
+    if (viewer > 0) {
+      ::kill(viewer, SIGKILL);
+      ::waitpid(viewer, nullptr, 0);
+    }
+  };
   const auto limit = begin + 600s;
   for (;;) {
     const DaemonState state = daemon.state();
@@ -203,6 +227,7 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
     const bool is_refused =
         !state.is_opening && state.phase == Phase::idle && state.session == receipt.session;
     if (is_refused || Clock::now() > limit) {
+      stop_viewer();
       outcome.problem = fmt::format("{}: {}", to_string(state.phase), state.reason_text);
       return outcome;
     }
@@ -210,6 +235,7 @@ Outcome capture(const Rig& rig, const Settings& settings, const fs::path& sessio
   }
   outcome.whole_s = std::chrono::duration<double>(Clock::now() - begin).count();
   outcome.cpu_s = cpu_seconds(RUSAGE_SELF) - cpu_before;
+  stop_viewer();
   outcome.counters = daemon.state().counters;
   const Session session = Session::open(receipt.folder);
   std::int64_t first = kNever;
@@ -305,6 +331,7 @@ int run(const Settings& settings) {
                                  {"shutter", settings.shutter},
                                  {"sensor_model", settings.sensor},
                                  {"store", settings.store},
+                                 {"viewer", settings.viewer},
                                  {"lights", outcome.n_frames},
                                  {"camera_fps", camera.fps},
                                  {"lights_a_second", rate},
@@ -353,6 +380,8 @@ int main(int argc, char** argv) {
   root.option("--slow", &s.slow_ms, "Each frame's sync takes so many ms more");
   root.option("--lights", &s.n_lights, "Lights to capture");
   root.option("--buffers", &s.n_buffers, "Frames that the daemon may hold");
+  root.option("--viewer", &s.viewer, "Somebody looks at the page's live view",
+              {.choices = {"off", "on"}});
   root.option("--report", &s.report, "Write the figures as JSON", {.type = "FILE"});
   if (const auto end = line.parse(argc, argv)) {
     return static_cast<int>(*end);

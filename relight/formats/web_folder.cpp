@@ -25,8 +25,9 @@ using Json = nlohmann::ordered_json;
 constexpr double kWhite = 255.0;
 constexpr double kMiddleByte = 127.0;  ///< of an axis: 0
 constexpr std::int64_t kMostPlanes = 300;
-constexpr std::int64_t kLongestSide = 65500;                   // JPEG's
-constexpr std::uintmax_t kMaxInfo = std::uintmax_t{4} << 20U;  // a million numbers
+constexpr std::int64_t kLongestSide = 65500;                        // JPEG's
+constexpr std::uintmax_t kMaxPicture = std::uintmax_t{256} << 20U;  // a JPEG of one plane
+constexpr std::uintmax_t kMaxInfo = std::uintmax_t{4} << 20U;       // a million numbers
 constexpr double kLargestNumber = 1e9;
 
 enum class ColourSpace { rgb, lrgb, mrgb, mycc };
@@ -404,7 +405,7 @@ ReflectanceModel read_web_folder(const fs::path& folder, std::uint64_t most_byte
       throw Error("this picture is missing (a folder of tiles is not read)", path.string(),
                   "export the folder with plane_0.jpg, plane_1.jpg ..., without tiles");
     }
-    return read_file(path);
+    return read_file(path, kMaxPicture);
   };
   return parse_web_folder(read_file(folder / "info.json", kMaxInfo), open, folder.string(),
                           most_bytes);

@@ -125,11 +125,12 @@ RandomTruth draw(std::uint64_t seed) {
   return r;
 }
 
-/// How many stated values lie within 2 and 3 of their uncertainties.
+/// How many stated values lie within 2 and 4 of their uncertainties.
 struct Coverage {
   int n = 0;
   int within2 = 0;
   int within4 = 0;
+  double worst = 0.0;  ///< sigmas
   double square = 0.0;
   double sigma = 0.0;
 };
@@ -149,6 +150,7 @@ struct Tally {
     ++c.n;
     c.within2 += std::abs(z) <= 2.0 ? 1 : 0;
     c.within4 += std::abs(z) <= 4.0 ? 1 : 0;
+    c.worst = std::max(c.worst, std::abs(z));
     c.square += (m->value - truth) * (m->value - truth);
     c.sigma += m->sigma;
     if (std::abs(z) > 3.0) {
@@ -162,6 +164,27 @@ struct Tally {
 /// them the bench's clock is looked at three times (acknowledgement, request, answer), which
 /// takes 10 us each at least.
 constexpr double kLeastReadBackUs = 30.0;
+
+/// The chance that at most `k` of `n` values lie within 2 sigma when each does with chance `p`.
+double at_most(int k, int n, double p) {
+  double sum = 0.0;
+  for (int i = 0; i <= k; ++i) {
+    sum += std::exp(std::lgamma(n + 1.0) - std::lgamma(i + 1.0) - std::lgamma(n - i + 1.0) +
+                    i * std::log(p) + (n - i) * std::log1p(-p));
+  }
+  return sum;
+}
+
+/// Each quantity is judged for itself: in a pool of ten a wrong one hides. A sigma from a
+/// jackknife of 20 groups makes errors that follow Student's t with 19 degrees of freedom: 94 %
+/// lie within 2 sigma. A quantity is refused when so few would come by a chance below one in a
+/// thousand (binomial): with 10 of them an honest run fails in less than 1 %, most of them
+/// stating more than their error, and 83 % instead of 94 % is found with 0.9 probability from
+/// 160 values on, which is what the long run is for. 6 sigma come by chance once in 100 000
+/// values.
+constexpr double kWithin2 = 0.94;
+constexpr double kChance = 1e-3;
+constexpr double kNever = 6.0;
 
 TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
   const auto n = static_cast<int>(testing::number_from("HAARLIGHT_TRUTHS", 6));
@@ -196,11 +219,15 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
       tally.add("fall", light.fall_us, *r.truth.fall_us + ramp);
       if (*c.timestamp == TimestampMeaning::end_frame) {
         tally.add("read", camera.read_us, *c.read_us);
-        if (camera.read_us)
+        if (camera.read_us) {
+          // What captures need of the two. Each alone is far less certain, and by the same
+          // error.
+          const StampEvidence& e = result.timing.evidence;
           tally.add(
               "latch + read",
-              Measured{light.latch_us->value + camera.read_us->value, light.rise_us->sigma, 0},
+              Measured{light.latch_us->value + camera.read_us->value, e.offset_sigma_us, 0},
               latch + *c.read_us);
+        }
       }
       if (*c.shutter == Shutter::rolling) {
         tally.add("skew", camera.skew_us, *c.skew_us);
@@ -268,9 +295,13 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
   }
   for (const auto& [name, c] : tally.of) {
     fmt::print(
-        "{:>12}: {:3} values, {:3} within 2 sigma, {:3} within 4; rms error {:.4g}, mean sigma "
-        "{:.4g}\n",
-        name, c.n, c.within2, c.within4, std::sqrt(c.square / c.n), c.sigma / c.n);
+        "{:>12}: {:3} values, {:3} within 2 sigma ({:.0f} %), {:3} within 4, worst {:.1f}; rms "
+        "error {:.4g}, mean sigma {:.4g}\n",
+        name, c.n, c.within2, 100.0 * c.within2 / c.n, c.within4, c.worst,
+        std::sqrt(c.square / c.n), c.sigma / c.n);
+    EXPECT_GT(at_most(c.within2, c.n, kWithin2), kChance)
+        << name << ": " << c.within2 << " of " << c.n << " within 2 sigma";
+    EXPECT_LT(c.worst, kNever) << name;
   }
   for (const auto& [name, count] : tally.counts) {
     fmt::print("{:>36}: {}\n", name, count);
@@ -280,14 +311,6 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
        {"BAD rig, not refused", "GOOD rig refused", "stamp WRONG", "settle SHORT"}) {
     EXPECT_EQ(tally.counts[name], 0) << name;
   }
-  int all = 0;
-  int within2 = 0;
-  for (const auto& [name, c] : tally.of) {
-    all += c.n;
-    within2 += c.within2;
-  }
-  fmt::print("all values: {} of {} within 2 sigma\n", within2, all);
-  EXPECT_GE(within2, 0.9 * all - 2.0 * std::sqrt(0.09 * all)) << "beyond two sigma of 90 %";
   for (const char* name : {"dead WRONG", "dim WRONG", "swapped WRONG"}) {
     EXPECT_LE(tally.counts[name], 1 + n / 30) << name;
   }

@@ -221,6 +221,12 @@ TEST_F(Doctor, SaysWhichMeasuredValuesAreUsed) {
   measured.controller = MeasuredController{};
   measured.controller->with = describe_controller(rig_.controller);
   measured.controller->latch_us = Measured{812.0, 20.0, 100};
+  // As a version wrote it that measured the mean alone.
+  write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
+  EXPECT_EQ(examine_measured(file).at(0).finding, Finding::warning);
+  EXPECT_THAT(examine_measured(file).at(0).found, HasSubstr("no latch_most_us"));
+  EXPECT_THAT(examine_measured(file).at(0).cure, HasSubstr("haarlight rig commission"));
+  measured.controller->latch_most_us = Measured{812.0, 20.0, 100};
   write_file_atomically(folder_ / "r.measured.toml", to_toml(measured));
   EXPECT_EQ(examine_measured(file).at(0).finding, Finding::good);
   EXPECT_THAT(examine_measured(file).at(0).found, HasSubstr("latch 812 us"));

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "capture/camera.h"
@@ -53,10 +54,11 @@ inline Transport plane_transport(const TemporaryFolder& folder, const Rig& rig) 
 class TwinBench {
  public:
   /// @param lit_electrons  of a pixel under one light at the rig's exposure; 0: half the well
+  /// @param rendered  what each pixel sees of each light; nothing: of point sources on the plane
   TwinBench(const Rig& written, const SimTruth& truth, std::uint64_t seed = 1,
-            double lit_electrons = 0.0)
+            double lit_electrons = 0.0, std::optional<Transport> rendered = std::nullopt)
       : truth_rig_(apply_truth(truth, written)),
-        transport_(plane_transport(folder_, written)),
+        transport_(rendered ? std::move(*rendered) : plane_transport(folder_, written)),
         controller_(controller_config(written), 1, now_),
         seed_(seed),
         sensor_(truth_rig_.cameras[0], truth_rig_.controller, transport_,

@@ -76,7 +76,7 @@ TEST(ConfigTable, NamesThePlaceOfASyntaxError) {
 
 TEST(ConfigTable, RefusesAMissingFile) {
   EXPECT_THAT(message_of([] { (void)ConfigTable::parse_file("/nowhere/x.toml"); }),
-              HasSubstr("/nowhere/x.toml: cannot read"));
+              HasSubstr("/nowhere/x.toml: cannot open"));
 }
 
 TEST(ConfigTable, ListsTheWordsOfAChoice) {

@@ -1,14 +1,23 @@
 #include "core/files.h"
 
+#include <algorithm>
+#include <functional>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
 
+#include "core/config_table.h"
 #include "core/error.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {
 namespace {
 
+using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::TemporaryFolder;
 
@@ -61,6 +70,41 @@ TEST(ReadFile, RefusesAFileThatIsTooLarge) {
   write_file_atomically(folder / "a.txt", "123456");
   EXPECT_THROW((void)read_file(folder / "a.txt", 5), Error);
   EXPECT_THROW((void)read_file(folder.path()), Error);
+}
+
+TEST(ReadFile, DoesNotWaitForAPipeAndNamesWhatItIs) {
+  const TemporaryFolder folder;
+  ASSERT_EQ(::mkfifo((folder / "pipe").c_str(), 0600), 0);
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  const std::string name = (folder / "socket").string();
+  ASSERT_LT(name.size(), sizeof address.sun_path);
+  std::copy(name.begin(), name.end(), address.sun_path);
+  const Fd socket(::socket(AF_UNIX, SOCK_STREAM, 0));
+  ASSERT_EQ(::bind(socket.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address),
+            0);
+  struct Case {
+    std::filesystem::path path;
+    const char* what;
+  };
+  ::alarm(60);  // ends a test that waits
+  for (const Case& c : {Case{folder / "pipe", "a pipe (FIFO)"}, Case{name, "a socket"},
+                        Case{"/dev/zero", "a device"}, Case{folder.path(), "a folder"}}) {
+    const std::function<void()> readers[] = {
+        [&] { (void)read_file(c.path, 100); }, [&] { (void)read_head(c.path, 4); },
+        [&] { const MappedFile file(c.path); }, [&] { (void)ConfigTable::parse_file(c.path); }};
+    for (const auto& reader : readers) {
+      try {
+        reader();
+        ADD_FAILURE() << c.path << " was read";
+      } catch (const Error& error) {
+        EXPECT_THAT(error.problem(), HasSubstr(c.what));
+        EXPECT_THAT(error.where(), HasSubstr(c.path.string()));
+        EXPECT_THAT(error.cure(), HasSubstr("file"));
+      }
+    }
+  }
+  ::alarm(0);
 }
 
 TEST(ReadHead, GivesTheFirstBytesOrTheWholeOfAShorterFile) {

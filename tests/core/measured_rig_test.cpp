@@ -106,6 +106,22 @@ TEST(MeasuredRig, WinsOverTheRigFileBesideIt) {
               HasSubstr("latch 912.2 us (the rig file says 200)"));
 }
 
+TEST(MeasuredRig, AFileWithTheMeanLatchAloneIsToldOf) {
+  const testing::TemporaryFolder folder;
+  const Rig written = small_rig();
+  MeasuredRig old = some_measurement(written);
+  EXPECT_EQ(find_gap(old).problem, "");
+  old.controller->latch_most_us.reset();
+  write_file_atomically(folder / "r.toml", written.text);
+  write_file_atomically(folder / "r.measured.toml", to_toml(old));
+  ::testing::internal::CaptureStderr();
+  const Rig rig = read_rig(folder / "r.toml");
+  const std::string log = ::testing::internal::GetCapturedStderr();
+  EXPECT_EQ(rig.controller.latch_us, 812.25);
+  EXPECT_THAT(log, HasSubstr("r.measured.toml: it has no latch_most_us"));
+  EXPECT_THAT(log, HasSubstr("haarlight rig commission"));
+}
+
 TEST(MeasuredRig, AFaceIsWhereItWasCalibrated) {
   const testing::TemporaryFolder folder;
   const Rig written = small_rig();
