@@ -17,7 +17,7 @@ constexpr double kModelTol = 3e-3;    // relative error of a block that no noise
 constexpr double kFits = 4.0;         // robust mean square of z up to which two are the same
 constexpr double kLeastShare = 0.02;  // of another light that makes a frame wrong
 constexpr double kMostShare = 0.5;    // beyond, two pictures do not tell one light from another
-constexpr double kTellsApart = 0.1;   // up to it a picture that equals another's is suspect
+constexpr double kTellsApart = 0.1;   // share up to which like pictures are suspect
 constexpr int kWindow = 12;           // pictures that a controller may be late by
 constexpr int kLeastPoints = 8;
 constexpr double kLit2 = 2500.0;       // chi square of a picture that is not dark: 50 sigma
@@ -300,13 +300,10 @@ std::vector<int> PictureAgreement::newest(int pattern, int own) const {
   return found;
 }
 
-std::vector<int> PictureAgreement::look_alikes(int take, bool only_agreed) const {
+std::vector<int> PictureAgreement::look_alikes(int take) const {
   const Take& own = at(take);
   std::set<int> patterns;
   for (const int i : newest(own.pattern, -1)) {
-    if (!at(i).is_agreed) {
-      continue;
-    }
     const int end = std::min(i + kWindow + 1, static_cast<int>(takes_.size()));
     for (int k = std::max(0, i - kWindow); k < end; ++k) {
       patterns.insert(at(k).pattern);
@@ -317,7 +314,7 @@ std::vector<int> PictureAgreement::look_alikes(int take, bool only_agreed) const
   std::vector<int> alike;
   for (const int pattern : patterns) {
     for (const int i : newest(pattern, -1)) {
-      if (only_agreed && !at(i).is_agreed) {
+      if (!at(i).is_agreed) {
         continue;
       }
       const Vector weight = weights(own.sigma, at(i).sigma);
@@ -432,21 +429,18 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
   for (const int i : disagreeing) {  // those that agreed with each other, too
     doubt(i, finding);
   }
-  if (finding.other_share > kTellsApart) {
-    // Pictures that hardly differ: then one of another light before both may be this one.
-    if (!look_alikes(own, false).empty()) {
-      finding.agrees_with = -1;
-      finding.other_share = 1.0;
-    }
-    return;
-  }
-  for (const int i : look_alikes(own, true)) {
+  const double rate = std::max(1.0 - kForget, 1.0 / (1.0 + n_settled_++));
+  typical_log_share_ += rate * (std::log(finding.other_share) - typical_log_share_);
+  const bool tells_lights_apart =
+      finding.other_share <= kTellsApart ||
+      (n_settled_ >= kFewTakes && typical_log_share_ <= std::log(2.0 * kTellsApart));
+  for (const int i : look_alikes(own)) {
     // One of the two, or both, showed the other's light.
     const int other = at(i).pattern;
-    const bool is_new = alike_.insert(std::minmax(pattern, other)).second;
-    finding.note = fmt::format("shots {} and {} have different lights and the same picture{}",
-                               at(own).shot, at(i).shot,
-                               is_new ? ": both are taken again" : ", again and again");
+    const bool is_new = tells_lights_apart && alike_.insert(std::minmax(pattern, other)).second;
+    finding.note = fmt::format(
+        "shots {} and {} have different lights and the same picture{}", at(own).shot,
+        at(i).shot, is_new ? ": both are taken again" : "; neither proves its light");
     finding.agrees_with = -1;
     finding.other_share = 1.0;
     if (is_new) {

@@ -50,8 +50,8 @@ struct FrameLimits {
   /// pattern predicts; 0 = not checked.
   double level_tolerance = 0.2;
   int attempts = 3;  ///< of one shot, at least 1
-  /// A frame whose picture speaks for another light is taken again, and suspends the run when
-  /// it comes twice; else it is told (capture/picture_proof.h).
+  /// Frames of the same lights whose pictures contradict each other are taken again until two
+  /// agree; needs repeats (capture/picture_agreement.h). Else it is told.
   bool retake_wrong_light = false;
   friend bool operator==(const FrameLimits&, const FrameLimits&) = default;
 };

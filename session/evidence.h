@@ -60,9 +60,8 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   /// so.
   FrameVerdict verdict = FrameVerdict::good;
   std::optional<double> temperature_c;  ///< the controller's, read after the exposure
-  /// The frame's own pixels beside what the session predicted for its pattern: nearer to it
-  /// than to every other by more than 5 sigma (docs/numerics/light-proof.md). False: no such
-  /// proof, which is not a disproof: those are taken again.
+  /// Another frame of the same lights, before which another light was shown, has the same
+  /// picture (docs/numerics/light-proof.md). False: no such proof, which is no disproof.
   bool is_picture_proved = false;
   // Distances in sigma; nothing: there was no prediction.
   std::optional<double> picture_own_sigma;             ///< to its own prediction
