@@ -254,6 +254,15 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
     share =
         std::max({share, bound(fit.alpha, fit.alpha_sigma), bound(fit.beta, fit.beta_sigma)});
   }
+  // The light may have changed more than once meanwhile: then what was on is neither u nor v,
+  // but as far from S as they are. Its direction unknown, chi square of n points bounds it.
+  const auto n = static_cast<double>(n_points);
+  const double chi2 = ((ym - own_gain * xm).square() * weight).min(16.0).sum();
+  const double hidden2 = std::max(chi2 - n, 0.0) + kSigmas * std::sqrt(2.0 * n);
+  for (const Vector* d : {&u, &v}) {
+    const double length2 = (weight * d->square()).sum();
+    share = std::max(share, length2 > 0.0 ? std::sqrt(hidden2 / length2) : 0.0);
+  }
   pair.share = std::min(share, 1.0);
   pair.is_comparable = !pair.agrees || pair.share <= kMostShare;
   return pair;
