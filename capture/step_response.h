@@ -10,8 +10,9 @@
 ///
 /// A light is switched by a request that the host knows between its sending and its
 /// acknowledgement; the middle is t_l. The LED follows after `latch`, then ramps linearly over
-/// T: its whole way, 0 to 100 %. A frame's stamp ts is its first row's exposure start plus d, which the stamp's meaning
-/// gives: 0, E, or E + t_read. A row at `row` (0 first .. 1 last) starts row * skew later. With
+/// T: its whole way, 0 to 100 %. A frame's stamp ts is its first row's exposure start plus d,
+/// which the stamp's meaning gives: 0, E, or E + t_read. A row at `row` (0 first .. 1 last)
+/// starts row * skew later. With
 ///
 ///     x = (ts - t_l) + row skew + E - D,      D = d + latch
 ///

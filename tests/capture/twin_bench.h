@@ -54,7 +54,8 @@ inline Transport plane_transport(const TemporaryFolder& folder, const Rig& rig) 
 class TwinBench {
  public:
   /// @param lit_electrons  of a pixel under one light at the rig's exposure; 0: half the well
-  /// @param rendered  what each pixel sees of each light; nothing: of point sources on the plane
+  /// @param rendered  what each pixel sees of each light; nothing: of point sources on the
+  /// plane
   TwinBench(const Rig& written, const SimTruth& truth, std::uint64_t seed = 1,
             double lit_electrons = 0.0, std::optional<Transport> rendered = std::nullopt)
       : truth_rig_(apply_truth(truth, written)),
