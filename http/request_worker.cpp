@@ -29,22 +29,20 @@ RequestWorker::~RequestWorker() { close(); }
 
 void RequestWorker::push(Job job) {
   std::optional<Job> superseded;
-  bool is_taken = false;
+  std::optional<Job> refused;
   {
     const std::lock_guard lock(mutex_);
     const auto older =
         job.key.empty() ? waiting_.end()
                         : std::find_if(waiting_.begin(), waiting_.end(),
                                        [&](const Waiting& w) { return w.job.key == job.key; });
-    if (is_closed_) {
-      // Refused below.
-    } else if (older != waiting_.end()) {
+    if (!is_closed_ && older != waiting_.end()) {
       superseded = std::exchange(older->job, std::move(job));
       older->since = Clock::now();
-      is_taken = true;
-    } else if (waiting_.size() < max_waiting_) {
+    } else if (!is_closed_ && waiting_.size() < max_waiting_) {
       waiting_.push_back({std::move(job), Clock::now()});
-      is_taken = true;
+    } else {
+      refused = std::move(job);
     }
   }
   filled_.notify_one();
@@ -52,8 +50,8 @@ void RequestWorker::push(Job job) {
     superseded->done(error_response(409, "a newer request of the same client stands for this",
                                     "the request", "wait for the newer one's answer"));
   }
-  if (!is_taken) {
-    job.done(overloaded());
+  if (refused) {
+    refused->done(overloaded());
   }
 }
 
