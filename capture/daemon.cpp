@@ -874,6 +874,8 @@ std::string Daemon::metrics() const {
         c.strobe_unproven);
   count("table_mismatches_total", "Steps that showed another tag than the table's",
         c.table_mismatches);
+  count("frames_doubted_total", "Frames withdrawn, contradicted by others of their lights",
+        c.frames_doubted);
   count("commits_total", "Frames committed", c.commits);
   count("frames_shown_total", "Frames copied for people who look", n_frames_shown());
   count("event_lines_dropped_total", "Event lines lost to a slow disk",

@@ -89,7 +89,6 @@ void Stepper::on(const event::Run& run) {
   s_.failures = 0;
   s_.refusals = 0;
   s_.has_shown = false;
-  s_.wrong_lights.clear();
   s_.times_doubted.clear();
   s_.withdrawn.clear();
   s_.doubted.clear();
@@ -397,7 +396,6 @@ void Stepper::finish_abort() {
   s_.failures = 0;
   s_.retry_light_ns = s_.retry_camera_ns = s_.retry_disk_ns = s_.retry_evidence_ns =
       s_.retry_held_ns = s_.retry_wrong_light_ns = kNever;
-  s_.wrong_lights.clear();
   s_.times_doubted.clear();
   s_.withdrawn.clear();
   s_.doubted.clear();

@@ -70,7 +70,8 @@ inline constexpr std::uint32_t kNoEvidence = 1U << 3U;
 inline constexpr std::uint32_t kHeldBack = 1U << 4U;
 /// The session's folder was moved or deleted: looked for every second.
 inline constexpr std::uint32_t kFolderGone = 1U << 5U;
-/// Twice in a row a shot's picture was not that of its light: tried again every ten seconds.
+/// A shot was withdrawn twice, contradicted by other frames of its lights: tried again every
+/// ten seconds.
 inline constexpr std::uint32_t kWrongLight = 1U << 6U;
 /// "camera, disk"
 [[nodiscard]] std::string reasons_text(std::uint32_t reasons);
@@ -94,7 +95,6 @@ struct SequencerCounters {
   std::uint64_t duplicates = 0;
   std::uint64_t wrong_exposure = 0;
   std::uint64_t checks_failed = 0;
-  std::uint64_t wrong_lights = 0;     ///< of these: the picture of another pattern
   std::uint64_t frames_doubted = 0;   ///< committed, then contradicted by later pictures
   std::uint64_t confirms_failed = 0;  ///< the light changed by itself
   std::uint64_t retries = 0;          ///< shots shown again
@@ -140,7 +140,6 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   };
   /// Frames that came before the latch's read-back was told; judged when it is.
   std::vector<Stamped> early;
-  std::map<int, int> wrong_lights;      ///< pictures of another light, in a row, by shot
   std::set<int> withdrawn;              ///< committed once, and to be taken again
   std::map<int, int> times_doubted;     ///< of a shot, since the run was last suspended for it
   std::set<int> doubted;                ///< shots to be taken again once they are committed

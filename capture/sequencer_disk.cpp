@@ -19,7 +19,6 @@ void Stepper::on(const event::FrameChecked& e) {
   }
   s_.doubted.insert(e.doubted.begin(), e.doubted.end());
   if (e.problem.empty()) {
-    s_.wrong_lights.erase(it->shot);
     if (shot_state(it->shot) == ShotState::checking) {
       shot_state(it->shot) = ShotState::committing;
       out_.emplace_back(action::CommitFrame{it->frame, it->shot, it->attempt, e.evidence});
@@ -32,13 +31,6 @@ void Stepper::on(const event::FrameChecked& e) {
   s_.held.erase(it);
   drop(e.frame);
   retry(shot, e.problem);
-  if (e.verdict == FrameVerdict::wrong_light) {
-    ++s_.counters.wrong_lights;
-    if (++s_.wrong_lights[shot] >= kWrongLightsToSuspend) {
-      s_.wrong_lights.erase(shot);
-      suspend_for_light(e.problem, shot);
-    }
-  }
   withdraw_doubted();
   advance(std::nullopt);
 }

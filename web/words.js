@@ -33,8 +33,8 @@ export const REASONS = {
     'Something delays the light or the frames: check the frame rate, the settle times and the exposure in the rig file.'],
   held_back: ['The controller holds the lights back.',
     'Close the interlock, or let the lights cool down.'],
-  wrong_light: ['Twice in a row a picture was not that of its light.',
-    'Does the controller act late, or is an LED wired to another\'s place? It is tried again by itself.'],
+  wrong_light: ['Twice a picture contradicted another one of the same light.',
+    'Does the controller act late, or was something moved? It is tried again by itself.'],
 };
 
 /** What the daemon says of a reason is more particular than its name. */

@@ -408,32 +408,29 @@ Driver checking() {
   return d;
 }
 
-TEST(Sequencer, ThePictureOfAnotherLightIsTakenAgainAndTwiceInARowSuspends) {
+TEST(Sequencer, AShotThatIsContradictedForTheSecondTimeSuspendsForTenSeconds) {
   Driver d = checking();
-  d.state.wrong_lights[0] = 1;  // the second in a row
-  d.send(event::FrameChecked{.frame = 9,
-                             .shot = 0,
-                             .evidence = {},
-                             .problem = "the picture is that of light 7",
-                             .verdict = FrameVerdict::wrong_light});
+  d.state.times_doubted[0] = 1;
+  d.send(event::FrameChecked{.frame = 9, .shot = 0, .evidence = {}, .doubted = {0}});
+  EXPECT_EQ(d.state.phase, Phase::running) << "not committed yet";
+  d.send(event::FrameCommitted{.frame = 9, .shot = 0});
   EXPECT_EQ(d.state.phase, Phase::suspended);
   EXPECT_EQ(d.state.reasons, kWrongLight);
-  EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("light 7"));
-  EXPECT_EQ(d.state.counters.wrong_lights, 1U);
+  EXPECT_THAT(d.state.reason_text, ::testing::HasSubstr("another frame of its lights"));
+  EXPECT_EQ(d.state.shots[0], ShotState::pending);
   d.t_ns += 10'000'000'000;
   d.send(event::Tick{});
   EXPECT_EQ(d.state.reasons, 0U) << "tried again by itself";
 }
 
-TEST(Sequencer, OnePictureOfAnotherLightIsOnlyTakenAgain) {
+TEST(Sequencer, WithdrawnShotsAreTakenAmidThoseThatWaitAlready) {
   Driver d = checking();
-  d.send(event::FrameChecked{.frame = 9,
-                             .shot = 0,
-                             .evidence = {},
-                             .problem = "the picture is that of light 7",
-                             .verdict = FrameVerdict::wrong_light});
-  EXPECT_EQ(d.state.phase, Phase::running);
-  EXPECT_EQ(d.state.shots[0], ShotState::pending);
+  d.send(event::FrameChecked{.frame = 9, .shot = 0, .evidence = {}});
+  d.send(event::FrameCommitted{.frame = 9, .shot = 0});
+  d.state.pending = {1, 2, 3};
+  d.state.withdrawn = {2, 3};
+  d.send(event::Reshoot{{0}});
+  EXPECT_EQ(d.state.pending, (std::deque<int>{1, 2, 0, 3}));
 }
 
 TEST(Sequencer, AShotThatALaterPictureContradictsIsWithdrawnOnceItIsCommitted) {
