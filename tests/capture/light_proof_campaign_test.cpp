@@ -187,7 +187,7 @@ class LyingLab {
   /// A suspended run.
   void wait() {
     acts_.emplace_back(std::max(now_, acts_.back().first), -1);
-    now_ = acts_.back().first + 10e6;
+    now_ = acts_.back().first + 2e6;
   }
   [[nodiscard]] long n_frames() const { return n_frames_; }
   [[nodiscard]] std::int64_t last_start_ns() const {
