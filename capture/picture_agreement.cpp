@@ -286,6 +286,7 @@ void PictureAgreement::doubt(int take, AgreementFinding& finding) {
 }
 
 void PictureAgreement::doubt_pattern(int pattern, AgreementFinding& finding) {
+  disputed_.insert(pattern);
   std::vector<int>& takes = by_pattern_[static_cast<std::size_t>(pattern)];
   for (const int i : takes) {
     at(i).is_agreed = false;
@@ -486,21 +487,22 @@ void PictureAgreement::dispute(int own, const std::vector<int>& disagreeing,
 
 void PictureAgreement::separate(int own, AgreementFinding& finding) {
   const int pattern = at(own).pattern;
-  for (const int i : newest(pattern, own)) {
-    if (!at(i).is_kept || at(i).is_agreed) {
-      continue;
-    }
-    doubt(i, finding);
-    // Another light has to be shown between the two.
-    for (int k = own - 1; k >= 0 && !finding.is_given_up; --k) {
-      if (at(k).pattern >= 0 && at(k).pattern != pattern && at(k).is_kept) {
-        finding.doubted.insert(finding.doubted.begin(), at(k).shot);
-        at(k).is_kept = false;
-        take_of_shot_.erase(at(k).shot);
-        return;
-      }
-    }
+  const std::vector<int> takes = newest(pattern, own);
+  const auto partner =
+      std::find_if(takes.begin(), takes.end(), [this](int i) { return at(i).is_kept; });
+  if (partner == takes.end()) {
     return;
+  }
+  doubt(at(*partner).is_agreed ? own : *partner, finding);
+  // Another light has to be shown between the two.
+  for (int k = own - 1; k >= 0 && !finding.is_given_up; --k) {
+    if (at(k).pattern >= 0 && at(k).pattern != pattern && at(k).is_kept) {
+      finding.doubted.insert(finding.doubted.begin(), at(k).shot);
+      at(k).is_kept = false;
+      take_of_shot_.erase(at(k).shot);
+      disputed_.insert(at(k).pattern);
+      return;
+    }
   }
 }
 

@@ -71,7 +71,7 @@ inline constexpr std::uint32_t kHeldBack = 1U << 4U;
 /// The session's folder was moved or deleted: looked for every second.
 inline constexpr std::uint32_t kFolderGone = 1U << 5U;
 /// A shot was withdrawn twice, contradicted by other frames of its lights: tried again every
-/// ten seconds.
+/// two seconds.
 inline constexpr std::uint32_t kWrongLight = 1U << 6U;
 /// "camera, disk"
 [[nodiscard]] std::string reasons_text(std::uint32_t reasons);

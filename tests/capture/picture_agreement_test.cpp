@@ -186,7 +186,8 @@ TEST(PictureAgreement, TwoLightsThatShowOnePictureAreBothTakenAgainOnce) {
   }
   EXPECT_GE(n_doubted, 3);
   EXPECT_LE(n_doubted, 4);
-  for (const int shot : {3, 5, kLights + 2, kLights + 4}) {
+  // Now they are believed, with other lights between them: two LEDs may look alike.
+  for (const int shot : {3, 10, kLights + 4, 12, 5, 11, kLights + 2}) {
     EXPECT_THAT(lab.show(shot, seen(lab.light(shot))).doubted, IsEmpty()) << shot;
   }
 }
