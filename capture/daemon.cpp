@@ -284,6 +284,7 @@ class Daemon::Impl {
     std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns;
     std::shared_ptr<FrameChecker> checker;
     std::vector<ShotKind> kinds;
+    std::vector<int> doubted;  ///< a crash came between their doubt and their withdrawal
   };
   using Message = std::variant<EventBody, SessionOrder, Result<ReadySession>, PreviewOrder>;
 
@@ -299,6 +300,15 @@ class Daemon::Impl {
     out.checker =
         std::make_shared<FrameChecker>(*out.session.plan, out.session.form,
                                        light_layout(config_.rig, config_.rig.cameras.front()));
+    std::sort(out.session.evidence.begin(), out.session.evidence.end(),
+              [](const auto& a, const auto& b) {
+                return a.second.t_exposure_start_ns < b.second.t_exposure_start_ns;
+              });
+    for (const auto& [shot, evidence] : out.session.evidence) {
+      const std::vector<int> doubted = out.checker->remember(shot, evidence);
+      out.doubted.insert(out.doubted.end(), doubted.begin(), doubted.end());
+    }
+    out.session.evidence.clear();
     out.kinds = kinds_of(*out.session.plan);
     return out;
   }
@@ -513,6 +523,9 @@ class Daemon::Impl {
     }
     do_step(state, event::Run{std::move(ready->plan), std::move(opened.committed),
                               std::move(opened.next_attempt)});
+    if (!ready->doubted.empty()) {
+      do_step(state, event::Reshoot{std::move(ready->doubted)});
+    }
     {
       // After the step: the new session's name never stands beside the old one's "done".
       const std::lock_guard lock(mutex_);

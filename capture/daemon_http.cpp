@@ -201,9 +201,10 @@ class Handlers {
       return missing("no such session", "GET /v1/sessions lists them");
     }
     const DaemonState state = daemon_.state();
-    const bool is_active = state.session == folder->filename() && state.plan != nullptr;
+    const Plan* const plan = state.session == folder->filename() ? state.plan.get() : nullptr;
+    const bool is_active = plan != nullptr;
     const SessionInfo info = is_active ? SessionInfo{} : info_of(*folder);
-    const std::vector<Shot>& shots = is_active ? state.plan->shots : info.shots;
+    const std::vector<Shot>& shots = plan != nullptr ? plan->shots : info.shots;
     const std::vector<ShotState> states =
         is_active ? daemon_.shot_states() : std::vector<ShotState>();
     const PageOfList page = page_of(request, shots.size());

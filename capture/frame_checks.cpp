@@ -44,6 +44,13 @@ double scale_of(const FrameEvidence& evidence) {
   return evidence.exposure_read_us * std::pow(10.0, evidence.gain_db / 20.0);
 }
 
+/// To six figures, a thousandth of the noise, so that the evidence stays short.
+double rounded(double value) {
+  const double step =
+      std::pow(10.0, std::floor(std::log10(std::max(std::abs(value), 1e-30))) - 5.0);
+  return std::round(value / step) * step;
+}
+
 bool is_lit(ShotKind kind) { return kind != ShotKind::dark; }
 
 }  // namespace
@@ -81,6 +88,9 @@ FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form, const LightL
   n_samples_ = std::clamp<std::size_t>(share, kLeastSamples, kMaxSamples);
   if (!layout.faces.empty()) {
     proof_.emplace(plan, layout, form);
+    if (!references_.empty()) {
+      agreement_.emplace(plan);
+    }
   }
 }
 
@@ -90,17 +100,16 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
                     "a shot of the plan");
   describe_pixels<std::uint16_t>(active, form_, evidence);
   FrameFinding finding = judge(shot, active, evidence);
-  if (proof_ && finding.verdict == FrameVerdict::good) {
+  int& n_refused = refused_[shot];
+  if (n_refused + 1 >= limits_.attempts && finding.verdict != FrameVerdict::no_picture) {
+    finding.problem.clear();
+  }
+  if (proof_ && finding.is_taken()) {
     judge_light(shot, active, evidence, finding);
   }
   evidence.verdict = finding.verdict;
-  int& n_refused = refused_[shot];
-  const bool is_last = n_refused + 1 >= limits_.attempts;
   if (finding.verdict == FrameVerdict::good) {
     learn(shot, active, evidence);
-  } else if (is_last && finding.verdict != FrameVerdict::no_picture &&
-             finding.verdict != FrameVerdict::wrong_light) {
-    finding.problem.clear();
   }
   n_refused = finding.is_taken() ? 0 : n_refused + 1;
   return finding;
@@ -108,9 +117,15 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
 
 void FrameChecker::judge_light(int shot, ImageView<const std::uint16_t> active,
                                FrameEvidence& evidence, FrameFinding& finding) {
-  PictureFinding picture = proof_->judge(shot, active, evidence);
-  evidence.is_picture_proved = picture.kind == PictureFinding::Kind::proved;
-  if (picture.kind != PictureFinding::Kind::unpredicted) {
+  const std::optional<PointSamples> samples = proof_->sample(shot, active, evidence);
+  if (!samples) {
+    if (agreement_) {
+      agreement_->take_dark(evidence.t_exposure_start_ns);
+    }
+    return;
+  }
+  PictureFinding picture = proof_->judge(shot, *samples, evidence);
+  if (picture.is_predicted) {
     evidence.picture_own_sigma = picture.own_sigma;
   }
   if (picture.other >= 0) {
@@ -119,17 +134,53 @@ void FrameChecker::judge_light(int shot, ImageView<const std::uint16_t> active,
     evidence.picture_discrimination_sigma = picture.discrimination_sigma;
   }
   finding.note = std::move(picture.note);
-  const bool is_wrong = picture.kind == PictureFinding::Kind::wrong || picture.is_suspect;
-  if (limits_.retake_wrong_light) {
-    finding.verdict = is_wrong ? FrameVerdict::wrong_light : finding.verdict;
-    finding.problem = is_wrong ? std::move(picture.problem) : finding.problem;
-    finding.doubted = std::move(picture.doubted);
-  } else if (is_wrong) {
+  if (!picture.problem.empty() && !acts_on_agreement()) {
     finding.note = fmt::format(
-        "shot {}: {}. Is it that light? Taken all the same; retake_wrong_light = true in the "
-        "plan has such frames taken again",
+        "shot {}: {}. Is it that light? Taken all the same; repeats = 2 and "
+        "retake_wrong_light = true in the plan have such frames taken again",
         shot, picture.problem);
   }
+  if (agreement_) {
+    judge_agreement(shot, *samples, evidence, finding);
+  }
+}
+
+void FrameChecker::judge_agreement(int shot, const PointSamples& samples,
+                                   FrameEvidence& evidence, FrameFinding& finding) {
+  AgreementFinding found = agreement_->take(shot, samples, evidence.t_exposure_start_ns);
+  evidence.agrees_with = found.agrees_with;
+  if (found.agrees_with >= 0) {
+    evidence.other_light_at_most = found.other_share;
+  }
+  if (!found.note.empty()) {
+    finding.note = std::move(found.note);
+  }
+  evidence.is_picture_proved = found.agrees_with >= 0;
+  if (!limits_.retake_wrong_light) {
+    return;
+  }
+  for (int i = 0; i < kProofPoints; ++i) {
+    evidence.picture_points.push_back(samples.is_good[i] ? rounded(samples.mean[i])
+                                                         : kClippedPoint);
+  }
+  finding.doubted = std::move(found.doubted);
+  if (found.is_given_up) {
+    finding.verdict = FrameVerdict::wrong_light;
+  }
+}
+
+std::vector<int> FrameChecker::remember(int shot, const FrameEvidence& evidence) {
+  HAARLIGHT_EXPECTS(shot >= 0 && static_cast<std::size_t>(shot) < shots_.size(),
+                    "a shot of the plan");
+  if (!acts_on_agreement()) {
+    return {};
+  }
+  if (!is_lit(shots_[static_cast<std::size_t>(shot)].kind)) {
+    agreement_->take_dark(evidence.t_exposure_start_ns);
+  } else if (const auto samples = proof_->recall(evidence)) {
+    return agreement_->take(shot, *samples, evidence.t_exposure_start_ns).doubted;
+  }
+  return {};
 }
 
 FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active,
@@ -153,7 +204,7 @@ FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active
                         evidence.saturated_share, limits_.max_saturated_share)};
   }
   const double signal = (evidence.mean_dn - dark_dn_) / (form_.white_level - form_.black_level);
-  if ((is_flat_field || asked.exposure_us >= longest_us_) &&
+  if (limits_.min_signal_share > 0.0 && (is_flat_field || asked.exposure_us >= longest_us_) &&
       signal < limits_.min_signal_share) {
     return {FrameVerdict::too_dark,
             fmt::format("a mean signal of {:.3g} of the range in the longest exposure, "
@@ -161,7 +212,7 @@ FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active
                         signal, limits_.min_signal_share)};
   }
   const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
-  if (pattern < 0 || limits_.level_tolerance <= 0.0) {
+  if (pattern < 0 || limits_.level_tolerance <= 0.0 || acts_on_agreement()) {
     return {};
   }
   const Reference& reference = references_[static_cast<std::size_t>(pattern)];

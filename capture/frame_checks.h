@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "capture/picture_agreement.h"
 #include "capture/picture_proof.h"
 #include "capture/plan.h"
 #include "core/image.h"
@@ -46,8 +47,11 @@ struct FrameFinding {
 /// samples near 1 % would be those whose noise was high in v0); d the last dark frame's mean,
 /// or the black level. Fewer than 64 such samples prove nothing and pass.
 ///
-/// A frame that passes is held against what the session predicts for its light
-/// (capture/picture_proof.h).
+/// A frame that passes is held against the session's other frames of the same lights
+/// (capture/picture_agreement.h) and against what all its frames predict
+/// (capture/picture_proof.h). A plan with retake_wrong_light acts on the first where it shows a
+/// pattern more than once, then also in place of the level check, and else on the second;
+/// without, both only tell.
 class FrameChecker {
  public:
   /// @param layout  of the rig; without faces: no proof by light
@@ -59,6 +63,10 @@ class FrameChecker {
   /// @param shot  of the plan
   [[nodiscard]] FrameFinding check(int shot, ImageView<const std::uint16_t> active,
                                    FrameEvidence& evidence);
+
+  /// A frame that was committed before this run began, in the order of the exposures.
+  /// @return  shots that have to be taken again
+  [[nodiscard]] std::vector<int> remember(int shot, const FrameEvidence& evidence);
 
  private:
   struct Reference {
@@ -76,6 +84,11 @@ class FrameChecker {
   /// Judges by the picture what has passed everything else.
   void judge_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
                    FrameFinding& finding);
+  void judge_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
+                       FrameFinding& finding);
+  [[nodiscard]] bool acts_on_agreement() const {
+    return agreement_ && limits_.retake_wrong_light;
+  }
   void learn(int shot, ImageView<const std::uint16_t> active, const FrameEvidence& evidence);
 
   FrameForm form_;
@@ -89,6 +102,7 @@ class FrameChecker {
   double dark_dn_ = 0.0;
   std::size_t n_samples_ = 0;
   std::optional<PictureProof> proof_;
+  std::optional<PictureAgreement> agreement_;  ///< of a plan that shows a pattern twice
 };
 
 }  // namespace haarlight

@@ -29,6 +29,7 @@ struct TappedFrame {
 class FrameTap {
  public:
   FrameTap();
+  ~FrameTap() = default;
   FrameTap(const FrameTap&) = delete;
   FrameTap& operator=(const FrameTap&) = delete;
 

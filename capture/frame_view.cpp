@@ -81,7 +81,7 @@ struct PairSums {
       const bool is_used = first < clip && second < clip;
       const auto difference =
           static_cast<std::uint32_t>(is_used ? std::abs(first - second) : 0);
-      row_squares += difference * difference;
+      row_squares += std::uint64_t{difference} * difference;
       row_words += is_used ? static_cast<std::uint32_t>(first + second) : 0U;
       row_n += is_used ? 1U : 0U;
     }
@@ -142,8 +142,8 @@ std::vector<ColourCounts> count_words(ImageView<const std::uint16_t> words,
   for (int y = region.y; y < region.y + region.height; ++y) {
     const auto row = words.row(y);
     for (int x0 = region.x; x0 < std::min(region.x + step, region.x + region.width); ++x0) {
-      const auto c =
-          static_cast<std::size_t>(colours[static_cast<std::size_t>(2 * (y & 1) + (x0 & 1))]);
+      const auto c = static_cast<std::size_t>(
+          colours[2U * (static_cast<unsigned>(y) & 1U) + (static_cast<unsigned>(x0) & 1U)]);
       ColourCounts& counted = counts[c];
       for (int x = x0; x < region.x + region.width; x += step) {
         const std::uint16_t word = row[static_cast<std::size_t>(x)];
@@ -194,7 +194,7 @@ Sharpness measure_sharpness(ImageView<const std::uint16_t> words, const WordScal
   std::uint64_t n_all = 0;
   for (const PairSums& plane : planes) {
     if (plane.n > 0) {
-      const double pairs = static_cast<double>(plane.n);
+      const auto pairs = static_cast<double>(plane.n);
       const double level = static_cast<double>(plane.words) / (2.0 * pairs) - scale.black_dn;
       squares += static_cast<double>(plane.squares);
       level_squares += pairs * level * level;

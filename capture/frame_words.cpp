@@ -65,8 +65,16 @@ std::string light_words(const FrameEvidence& e) {
 
 std::string picture_words(const FrameEvidence& e) {
   if (e.verdict == FrameVerdict::wrong_light) {
-    return fmt::format("The picture looks like that of shot {}, not like its own light.",
-                       e.picture_other);
+    return "The picture never agreed with another frame of the same lights.";
+  }
+  if (e.agrees_with >= 0) {
+    return fmt::format(
+        "The picture itself proves the light: a frame of the same lights ({}), before which "
+        "another light was shown, is the same. At most {:.2g} % of its light can be the light "
+        "before.",
+        e.agrees_with == e.pattern_id ? "since taken again"
+                                      : fmt::format("shot {}", e.agrees_with),
+        100.0 * e.other_light_at_most.value_or(1.0));
   }
   if (!e.picture_own_sigma) {
     return "Nothing of this session predicted the picture: its light rests on the "
@@ -75,14 +83,12 @@ std::string picture_words(const FrameEvidence& e) {
   if (e.picture_other < 0) {
     return "No other pattern was near enough to compare the picture with.";
   }
-  const std::string distances = fmt::format(
-      "{:.1f} sigma from its own prediction, {:.1f} from that of shot {}, the "
-      "nearest other; the two lie {:.1f} apart",
+  return fmt::format(
+      "What other lights let expect of the picture: {:.1f} sigma from its own prediction, "
+      "{:.1f} from that of shot {}, the "
+      "nearest other; the two lie {:.1f} apart. That is no proof.",
       *e.picture_own_sigma, e.picture_other_sigma.value_or(0.0), e.picture_other,
       e.picture_discrimination_sigma.value_or(0.0));
-  return e.is_picture_proved
-             ? fmt::format("The picture itself proves the light: {}.", distances)
-             : fmt::format("The picture cannot tell the light from another: {}.", distances);
 }
 
 std::string time_words(const FrameEvidence& e) {

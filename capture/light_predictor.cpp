@@ -110,18 +110,6 @@ LightPredictor::Prediction LightPredictor::predict(std::span<const DrivenLight> 
   return out;
 }
 
-LightPredictor::Prediction LightPredictor::predict_without(std::span<const DrivenLight> lit,
-                                                           const PointValues& seen,
-                                                           double rho) const {
-  // With C after the update: 1 - v / rho = rho / (v_before + rho).
-  Prediction out = predict(lit);
-  const double left = std::max(1.0 - out.spread / rho, 1e-9);
-  out.mean = seen - (seen - out.mean) / left;
-  out.spread = out.spread / left;
-  out.variance = out.spread * scale2_;
-  return out;
-}
-
 void LightPredictor::learn_scale(const Gain& gain, double n_equal, const PointValues& seen,
                                  const PointValues& noise) {
   if (n_learned_ < kReady) {
@@ -141,8 +129,8 @@ void LightPredictor::learn_scale(const Gain& gain, double n_equal, const PointVa
   }
 }
 
-double LightPredictor::learn(std::span<const DrivenLight> lit, const PointValues& seen,
-                             const PointValues& noise) {
+void LightPredictor::learn(std::span<const DrivenLight> lit, const PointValues& seen,
+                           const PointValues& noise) {
   const Gain gain = gain_of(lit);
   double sum = 0.0;
   double sum2 = 0.0;
@@ -155,14 +143,6 @@ double LightPredictor::learn(std::span<const DrivenLight> lit, const PointValues
   const double rho = std::max(kLeastRho * sum2, median(noise / scale2_));
   update(gain, seen, rho);
   ++n_learned_;
-  return rho;
-}
-
-void LightPredictor::forget(std::span<const DrivenLight> lit, const PointValues& seen,
-                            double rho) {
-  // Taken back: the same step with a noise of -rho.
-  update(gain_of(lit), seen, -rho);
-  --n_learned_;
 }
 
 void LightPredictor::update(const Gain& gain, const PointValues& seen, double rho) {

@@ -47,15 +47,9 @@ class LightPredictor {
   };
   /// O(lit lights of a face x its lights); O(64) for a single light.
   [[nodiscard]] Prediction predict(std::span<const DrivenLight> lit) const;
-  /// As if the frame that was learned as `seen` had never been.
-  [[nodiscard]] Prediction predict_without(std::span<const DrivenLight> lit,
-                                           const PointValues& seen, double rho) const;
-
   /// @param noise  variances of `seen`
-  /// @return       rho, to be handed back to forget()
-  double learn(std::span<const DrivenLight> lit, const PointValues& seen,
-               const PointValues& noise);
-  void forget(std::span<const DrivenLight> lit, const PointValues& seen, double rho);
+  void learn(std::span<const DrivenLight> lit, const PointValues& seen,
+             const PointValues& noise);
 
   /// Variance of a single light, in units of s_i^2: 1 is nothing known of it.
   [[nodiscard]] double spread_of(int light) const;

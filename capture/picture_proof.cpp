@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <utility>
 
 #include <fmt/format.h>
@@ -29,12 +30,10 @@ constexpr double kFits = 4.0;         // mean square of z up to which a predicti
 constexpr double kDisagrees = 9.0;    // beyond: not the picture of the earlier frame
 constexpr int kMoved = 4;             // such frames in a row: the scene is another
 constexpr double kHuber = 2.0;
-constexpr double kKnown = 0.5;               // v of a light beyond which nothing is said of it
-constexpr double kDark = 0.1;                // of the predicted light: none
-constexpr double kDarkBefore = 0.75;         // the same after a dark frame
-constexpr std::size_t kRecent = 12;          // patterns that a controller may be late by
-constexpr std::size_t kMostLearned = 16384;  // shots of the second look: 34 MB
-constexpr int kMostDoubted = 64;             // of one second look
+constexpr double kKnown = 0.5;        // v of a light beyond which nothing is said of it
+constexpr double kDark = 0.1;         // of the predicted light: none
+constexpr double kDarkBefore = 0.75;  // the same after a dark frame
+constexpr std::size_t kRecent = 12;   // patterns that a controller may be late by
 constexpr int kLeastPoints = 8;
 constexpr std::int64_t kPauseNs = 1'000'000'000;
 constexpr double kLit = 2500.0;  // chi square of a picture that is not dark: 50 sigma
@@ -178,11 +177,9 @@ PointValues block_means(ImageView<const std::uint16_t> active) {
 PointSamples sample_points(ImageView<const std::uint16_t> active, const FrameForm& form,
                            const SensorNoise& noise, const PointValues& dark_dn,
                            double exposure_us, double gain_db) {
-  PointSamples out;
-  const double gain = std::pow(10.0, gain_db / 20.0);
-  const double scale = exposure_us * gain;
-  const double dn_per_e = gain / noise.gain_e_per_dn;
+  const double scale = exposure_us * std::pow(10.0, gain_db / 20.0);
   const PointValues means = block_means(active);
+  Eigen::Array<bool, kProofPoints, 1> good;
   for (int i = 0; i < kProofPoints; ++i) {
     const Block block = block_at(i, active.height(), active.width());
     bool is_good = true;
@@ -191,13 +188,26 @@ PointSamples sample_points(ImageView<const std::uint16_t> active, const FrameFor
         is_good = is_good && active(y, x) < form.saturation_dn();
       }
     }
-    const double signal = means[i] - dark_dn[i];
+    good[i] = is_good;
+  }
+  return samples_of((means - dark_dn) / scale, good, form, noise, exposure_us, gain_db);
+}
+
+PointSamples samples_of(const PointValues& mean,
+                        const Eigen::Array<bool, kProofPoints, 1>& is_good,
+                        const FrameForm& form, const SensorNoise& noise, double exposure_us,
+                        double gain_db) {
+  PointSamples out{.mean = mean, .is_good = is_good};
+  const double gain = std::pow(10.0, gain_db / 20.0);
+  const double scale = exposure_us * gain;
+  const double dn_per_e = gain / noise.gain_e_per_dn;
+  const double read = noise.read_e * dn_per_e;
+  for (int i = 0; i < kProofPoints; ++i) {
+    const Block block = block_at(i, form.height, form.width);
     const double n = static_cast<double>(block.height) * block.width;
-    const double read = noise.read_e * dn_per_e;
-    const double one = std::max(signal, 0.0) * dn_per_e + 2.0 * read * read + 1.0 / 6.0;
-    out.mean[i] = signal / scale;
+    const double one =
+        std::max(mean[i] * scale, 0.0) * dn_per_e + 2.0 * read * read + 1.0 / 6.0;
     out.noise[i] = one / (n * scale * scale);
-    out.is_good[i] = is_good;
   }
   return out;
 }
@@ -210,7 +220,6 @@ PictureProof::PictureProof(const Plan& plan, const LightLayout& layout, const Fr
   }
   HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a place for each light of the plan");
   shot_of_light_.assign(static_cast<std::size_t>(n_lights), -1);
-  is_looked_at_.assign(plan.shots.size(), false);
   std::map<std::vector<std::pair<int, int>>, int> index;
   for (const Shot& shot : plan.shots) {
     std::vector<std::pair<int, int>> key;
@@ -225,7 +234,6 @@ PictureProof::PictureProof(const Plan& plan, const LightLayout& layout, const Fr
       pattern_of_.push_back(-1);
       continue;
     }
-    ++n_lit_shots_;
     const auto [it, is_new] = index.emplace(std::move(key), static_cast<int>(patterns_.size()));
     if (is_new) {
       pattern.is_single = pattern.lit.size() == 1;
@@ -282,7 +290,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
   PictureFinding finding;
   double& rest = own_fit.rest;
   double& gain = own_fit.gain;
-  finding.kind = PictureFinding::Kind::unproven;
+  finding.is_predicted = true;
   const PointValues inverse_variance = y.is_good.select(
       1.0 / (kappa2 * (own.variance + variance_of(y, kModelTol))), PointValues::Zero());
   gain = fit_gain(y.mean, own.mean, inverse_variance);
@@ -354,21 +362,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
               false);
     }
   }
-  if (is_wrong) {
-    finding.kind = PictureFinding::Kind::wrong;
-  } else if (std::isfinite(least) && least > kNearer && rest <= kFits) {
-    finding.kind = PictureFinding::Kind::proved;
-  }
   return finding;
-}
-
-bool PictureProof::is_same_picture(const PointSamples& a, const PointSamples& b) const {
-  const Eigen::Array<bool, kProofPoints, 1> counts = a.is_good && b.is_good;
-  const PointValues inverse_variance = counts.select(
-      1.0 / (variance_of(a, kModelTol) + variance_of(b, kModelTol)), PointValues::Zero());
-  const double g = fit_gain(a.mean, b.mean, inverse_variance);
-  return robust_square((a.mean - g * b.mean).square() * inverse_variance, counts, true) <=
-         kFits;
 }
 
 int PictureProof::repeated_shot(int shot, const PointSamples& y) {
@@ -411,20 +405,34 @@ void PictureProof::note_difference(double square) {
   ++n_differences_;
 }
 
-PictureFinding PictureProof::judge(int shot, ImageView<const std::uint16_t> active,
-                                   const FrameEvidence& evidence) {
-  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
-  if (pattern < 0) {
+std::optional<PointSamples> PictureProof::sample(int shot,
+                                                 ImageView<const std::uint16_t> active,
+                                                 const FrameEvidence& evidence) {
+  if (pattern_of_[static_cast<std::size_t>(shot)] < 0) {
     dark_dn_ = block_means(active);
     is_after_dark_ = true;
-    return {};
+    return std::nullopt;
   }
+  return sample_points(active, form_, layout_.noise, dark_dn_, evidence.exposure_read_us,
+                       evidence.gain_db);
+}
+
+std::optional<PointSamples> PictureProof::recall(const FrameEvidence& evidence) const {
+  if (evidence.picture_points.size() != kProofPoints) {
+    return std::nullopt;
+  }
+  const PointValues mean = Eigen::Map<const PointValues>(evidence.picture_points.data());
+  return samples_of(mean, mean != kClippedPoint, form_, layout_.noise,
+                    evidence.exposure_read_us, evidence.gain_db);
+}
+
+PictureFinding PictureProof::judge(int shot, const PointSamples& y,
+                                   const FrameEvidence& evidence) {
+  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
   if (evidence.t_exposure_start_ns - last_start_ns_ > kPauseNs) {
     is_after_dark_ = true;  // paused or suspended in between
   }
   last_start_ns_ = evidence.t_exposure_start_ns;
-  const PointSamples y = sample_points(active, form_, layout_.noise, dark_dn_,
-                                       evidence.exposure_read_us, evidence.gain_db);
   if (!predictor_) {
     predictor_.emplace(
         layout_.faces);  // here: 15 ms for 1024 lights, not on the control thread
@@ -439,9 +447,8 @@ PictureFinding PictureProof::judge(int shot, ImageView<const std::uint16_t> acti
   if (predictor_->is_ready()) {
     finding = compare(pattern, y, own, others_of(shot), is_direct, fit);
     const bool is_seen = (own.mean.square() / variance_of(y, kModelTol)).sum() > kLit;
-    if (finding.kind != PictureFinding::Kind::wrong && is_seen &&
+    if (finding.problem.empty() && is_seen &&
         fit.gain < (is_after_dark_ ? kDarkBefore : kDark)) {
-      finding.kind = PictureFinding::Kind::wrong;
       finding.problem =
           fmt::format("only {:.0f} % of the light that is predicted", 100.0 * fit.gain);
     }
@@ -452,187 +459,46 @@ PictureFinding PictureProof::judge(int shot, ImageView<const std::uint16_t> acti
       finding = {};
       finding.note =
           "the pictures are no longer those of earlier frames of the same lights: the scene "
-          "has changed; the proof by light begins anew";
-    } else if (disagrees && finding.kind != PictureFinding::Kind::wrong) {
-      finding.kind = PictureFinding::Kind::wrong;
+          "has changed; its pictures are predicted anew";
+    } else if (disagrees && finding.problem.empty()) {
       finding.problem = "not the picture of an earlier frame of the same pattern";
     }
   }
   const int repeated = repeated_shot(shot, y);
   const bool is_lit = (y.mean.square() / variance_of(y, kModelTol)).sum() > kLit;
-  const bool is_still_dark = is_after_dark_ && !is_lit;
-  if (is_still_dark && finding.kind != PictureFinding::Kind::wrong) {
-    finding.kind = PictureFinding::Kind::wrong;
+  if (is_after_dark_ && !is_lit && finding.problem.empty()) {
     finding.problem = "as dark as before this light";
   }
-  if (repeated >= 0 && finding.kind != PictureFinding::Kind::wrong) {
-    finding.kind = PictureFinding::Kind::wrong;
+  if (repeated >= 0 && finding.problem.empty()) {
     finding.other = repeated;
     finding.problem =
         fmt::format("the same picture as {}, which was shown before", pattern_words(repeated));
-  }
-  const auto refused = refused_.find(shot);
-  if (finding.kind == PictureFinding::Kind::wrong && refused != refused_.end() &&
-      is_same_picture(refused->second.samples, y)) {
-    believe_again(shot, is_direct, repeated >= 0 || is_still_dark, refused->second.n, finding);
   }
   recent_.push_back({shot, y});
   if (recent_.size() > kRecent) {
     recent_.erase(recent_.begin());
   }
   is_after_dark_ = is_after_dark_ && !is_lit;
-  if (finding.kind == PictureFinding::Kind::wrong) {
-    const int n = refused != refused_.end() ? refused->second.n + 1 : 1;
-    refused_[shot] = {y, n};
-    is_after_dark_ = is_after_dark_ || n % 2 == 0;  // the run is suspended, and dark
-    return finding;
-  }
-  const bool was_refused = refused_.erase(shot) > 0;
-  if (finding.is_suspect) {
+  if (!finding.problem.empty()) {
     return finding;  // nothing is learned of it
   }
-  if (!was_refused && fit.towards_last != 0.0) {
+  if (fit.towards_last != 0.0) {
     // What a good frame seems to have of the one before is z of unit variance, were the errors
     // of the predictions independent from point to point: three of four lie within 1.15 kappa.
     const bool is_beyond = std::abs(fit.towards_last) > 1.15 * std::sqrt(kappa2);
     kappa2 = std::clamp(kappa2 * std::exp(is_beyond ? 3.0 * kKappaRate : -kKappaRate), 1.0,
                         kMostKappa2);
   }
-  learn(shot, y, own, is_direct ? fit.gain : 1.0);
-  if (static_cast<int>(learned_.size()) == n_lit_shots_) {
-    for (const int doubted : look_again()) {
-      finding.doubted.push_back(doubted);
-    }
-  }
+  const PointValues mean =
+      y.is_good.select(y.mean / std::clamp(is_direct ? fit.gain : 1.0, 0.8, 1.25), own.mean);
+  predictor_->learn(p.lit, mean, variance_of(y, kModelTol));
+  learned_.insert(shot);
   return finding;
-}
-
-void PictureProof::believe_again(int shot, bool is_direct, bool is_repeated, int n_refused,
-                                 PictureFinding& finding) {
-  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
-  const bool is_like_other = !is_direct && finding.other >= 0 &&
-                             finding.own_sigma - finding.other_sigma > kNearer &&
-                             finding.discrimination_sigma > 2.0 * kNearer;
-  if (is_repeated) {
-    // A controller that still shows an older pattern shows it twice: after a rest it will not.
-    if (n_refused < 2) {
-      return;
-    }
-    finding.is_suspect = true;
-  } else if (is_like_other) {
-    // Smoothness alone stops no run: a gloss may look like another light. What comes twice the
-    // same is taken, and said.
-    const bool is_learned = learned_.count(finding.other) > 0;
-    if (is_learned && !is_looked_at_[static_cast<std::size_t>(finding.other)]) {
-      // One of the two showed the other's light: that one's frame is taken again too.
-      is_looked_at_[static_cast<std::size_t>(finding.other)] = true;
-      finding.doubted =
-          doubt_pattern(pattern_of_[static_cast<std::size_t>(finding.other)], shot);
-    } else {
-      finding.is_suspect = true;
-    }
-  } else if (is_direct) {
-    finding.doubted = doubt_pattern(pattern, shot);
-  } else {
-    kappa2_[0] = std::min(2.0 * kappa2_[0], kMostKappa2);
-  }
-  finding.kind = PictureFinding::Kind::unproven;
-}
-
-void PictureProof::learn(int shot, const PointSamples& y, const LightPredictor::Prediction& own,
-                         double gain) {
-  forget(shot);
-  Learned learned;
-  learned.samples = y;
-  learned.mean = y.is_good.select(y.mean / std::clamp(gain, 0.8, 1.25), own.mean);
-  if (recent_.size() > 1) {
-    learned.before = recent_[recent_.size() - 2].samples.mean;
-    learned.shot_before = recent_[recent_.size() - 2].shot;
-  }
-  const Pattern& p =
-      patterns_[static_cast<std::size_t>(pattern_of_[static_cast<std::size_t>(shot)])];
-  learned.rho = predictor_->learn(p.lit, learned.mean, variance_of(y, kModelTol));
-  if (learned_.size() < kMostLearned) {
-    learned_[shot] = std::move(learned);
-  }
-}
-
-void PictureProof::forget(int shot) {
-  const auto it = learned_.find(shot);
-  if (it == learned_.end()) {
-    return;
-  }
-  const Pattern& p =
-      patterns_[static_cast<std::size_t>(pattern_of_[static_cast<std::size_t>(shot)])];
-  predictor_->forget(p.lit, it->second.mean, it->second.rho);
-  learned_.erase(it);
-}
-
-std::vector<int> PictureProof::doubt_pattern(int pattern, int but_shot) {
-  std::vector<int> doubted;
-  for (const int shot : patterns_[static_cast<std::size_t>(pattern)].shots) {
-    if (shot != but_shot && learned_.count(shot) > 0) {
-      forget(shot);
-      doubted.push_back(shot);
-    }
-  }
-  return doubted;
-}
-
-PictureFinding PictureProof::compare_without(int shot) const {
-  const Learned& seen = learned_.at(shot);
-  const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
-  const auto own = predictor_->predict_without(patterns_[static_cast<std::size_t>(pattern)].lit,
-                                               seen.mean, seen.rho);
-  std::vector<Other> others;
-  if (seen.shot_before >= 0 &&
-      pattern_of_[static_cast<std::size_t>(seen.shot_before)] != pattern) {
-    others.push_back({seen.shot_before, seen.before, true});
-  }
-  Fit fit;
-  return compare(pattern, seen.samples, own, others, false, fit);
-}
-
-std::vector<int> PictureProof::look_again() {
-  // The worst first: a wrong frame makes its neighbours look wrong.
-  std::vector<int> suspects;
-  for (const auto& [shot, seen] : learned_) {
-    if (!is_looked_at_[static_cast<std::size_t>(shot)] &&
-        compare_without(shot).kind == PictureFinding::Kind::wrong) {
-      suspects.push_back(shot);
-    }
-  }
-  std::vector<int> doubted;
-  while (!suspects.empty() && static_cast<int>(doubted.size()) < kMostDoubted) {
-    std::vector<std::pair<double, int>> left;
-    for (const int shot : suspects) {
-      const PictureFinding finding = compare_without(shot);
-      if (finding.kind == PictureFinding::Kind::wrong) {
-        left.emplace_back(finding.own_sigma - finding.other_sigma, shot);
-      }
-    }
-    suspects.clear();
-    if (left.empty()) {
-      break;
-    }
-    const int worst = std::max_element(left.begin(), left.end())->second;
-    for (const auto& [by, shot] : left) {
-      if (shot != worst) {
-        suspects.push_back(shot);
-      }
-    }
-    is_looked_at_[static_cast<std::size_t>(worst)] = true;
-    refused_[worst] = {learned_.at(worst).samples, 1};
-    forget(worst);
-    doubted.push_back(worst);
-  }
-  return doubted;
 }
 
 void PictureProof::start_again() {
   predictor_.emplace(layout_.faces);
   learned_.clear();
-  refused_.clear();
   recent_.clear();
   n_disagreed_ = 0;
 }

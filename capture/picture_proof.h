@@ -2,8 +2,8 @@
 
 #include <array>
 #include <cstdint>
-#include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -29,34 +29,35 @@ struct LightLayout {
 
 /// Means of small blocks in the middle of the 8 x 8 cells of a picture, at unit exposure.
 struct PointSamples {
-  PointValues mean = PointValues::Zero();       ///< counts a microsecond at 0 dB, less dark
-  PointValues noise = PointValues::Zero();      ///< its variance: photons, reading, rounding
-  Eigen::Array<bool, kProofPoints, 1> is_good;  ///< no clipped pixel
+  PointValues mean = PointValues::Zero();   ///< counts a microsecond at 0 dB, less dark
+  PointValues noise = PointValues::Zero();  ///< its variance: photons, reading, rounding
+  Eigen::Array<bool, kProofPoints, 1> is_good =
+      Eigen::Array<bool, kProofPoints, 1>::Constant(false);  ///< no clipped pixel
 };
 /// @param dark_dn  of each point
 [[nodiscard]] PointSamples sample_points(ImageView<const std::uint16_t> active,
                                          const FrameForm& form, const SensorNoise& noise,
                                          const PointValues& dark_dn, double exposure_us,
                                          double gain_db);
+/// The same from known means, at unit exposure.
+[[nodiscard]] PointSamples samples_of(const PointValues& mean,
+                                      const Eigen::Array<bool, kProofPoints, 1>& is_good,
+                                      const FrameForm& form, const SensorNoise& noise,
+                                      double exposure_us, double gain_db);
 /// The blocks' means in counts.
 [[nodiscard]] PointValues block_means(ImageView<const std::uint16_t> active);
 
+/// Of evidence.picture_points: no value. (Means less dark may be negative, by noise.)
+inline constexpr double kClippedPoint = -1e9;
+
 struct PictureFinding {
-  enum class Kind {
-    unpredicted,  ///< nothing to compare with yet
-    unproven,     ///< a prediction that does not tell it from another pattern, or does not fit
-    proved,       ///< nearer to its own than to every other by more than 5 sigma
-    wrong,        ///< nearer to another, or mixed with the one before, by more than 5 sigma
-  };
-  Kind kind = Kind::unpredicted;
+  bool is_predicted = false;          ///< the distances mean something
   double own_sigma = 0.0;             ///< distance to its own prediction
   double other_sigma = 0.0;           ///< and to the nearest other one
   double discrimination_sigma = 0.0;  ///< between the two; 0: no other
   int other = -1;                     ///< a shot of that other pattern
-  std::string problem;                ///< for wrong, in words
-  std::vector<int> doubted;           ///< earlier shots that have to be taken again
-  bool is_suspect = false;  ///< taken although it came again and again like another light's
-  std::string note;         ///< worth a line in the log
+  std::string problem;  ///< what speaks for another light by more than 5 sigma; or empty
+  std::string note;     ///< worth a line in the log
 };
 
 /// Judges the frames of one session in the order of their exposures. One thread.
@@ -64,12 +65,15 @@ class PictureProof {
  public:
   PictureProof(const Plan& plan, const LightLayout& layout, const FrameForm& form);
 
-  /// Judges a lit frame and, unless it is wrong, learns it. One that comes again the same
-  /// where only smoothness was against it is believed; if it looks like another light it is
-  /// taken as suspect, or that light's frame is doubted instead.
-  /// When the last lit shot is learned all frames are looked at once more, each beside what all
-  /// others predict.
-  [[nodiscard]] PictureFinding judge(int shot, ImageView<const std::uint16_t> active,
+  /// A lit frame's samples; nothing of a dark one, which is learned as the sensor's black.
+  [[nodiscard]] std::optional<PointSamples> sample(int shot,
+                                                   ImageView<const std::uint16_t> active,
+                                                   const FrameEvidence& evidence);
+  /// What evidence.picture_points were made of; nothing where there are none.
+  [[nodiscard]] std::optional<PointSamples> recall(const FrameEvidence& evidence) const;
+
+  /// Judges a lit frame and, unless something speaks against it, learns it.
+  [[nodiscard]] PictureFinding judge(int shot, const PointSamples& samples,
                                      const FrameEvidence& evidence);
 
  private:
@@ -78,20 +82,9 @@ class PictureProof {
     std::vector<int> shots;
     bool is_single = false;
   };
-  struct Learned {
-    PointValues mean;
-    PointSamples samples;
-    double rho = 0.0;
-    PointValues before = PointValues::Zero();  ///< what the frame before it showed
-    int shot_before = -1;
-  };
   struct Shown {
     int shot = -1;
     PointSamples samples;
-  };
-  struct Refused {
-    PointSamples samples;
-    int n = 0;  ///< refused so far
   };
   struct Other {
     int shot = -1;
@@ -113,17 +106,6 @@ class PictureProof {
   /// patterns look alike here anyway.
   [[nodiscard]] int repeated_shot(int shot, const PointSamples& y);
   void note_difference(double square);
-  /// A refused frame that came again the same.
-  void believe_again(int shot, bool is_direct, bool is_repeated, int n_refused,
-                     PictureFinding& finding);
-  [[nodiscard]] bool is_same_picture(const PointSamples& a, const PointSamples& b) const;
-  void learn(int shot, const PointSamples& y, const LightPredictor::Prediction& own,
-             double gain);
-  void forget(int shot);
-  [[nodiscard]] std::vector<int> doubt_pattern(int pattern, int but_shot);
-  /// A learned frame beside what all others predict.
-  [[nodiscard]] PictureFinding compare_without(int shot) const;
-  [[nodiscard]] std::vector<int> look_again();
   void start_again();
   [[nodiscard]] std::string pattern_words(int shot) const;
 
@@ -133,12 +115,9 @@ class PictureProof {
   std::vector<Pattern> patterns_;
   std::vector<int> pattern_of_;  ///< of a shot; -1: a dark one
   std::vector<int> shot_of_light_;
-  int n_lit_shots_ = 0;
-  std::map<int, Learned> learned_;
-  std::map<int, Refused> refused_;  ///< the last one of a shot
-  std::vector<bool> is_looked_at_;  ///< doubted by the second look, once a shot
-  std::vector<Shown> recent_;       ///< newest last
-  bool is_after_dark_ = true;       ///< no light was seen since all were off
+  std::set<int> learned_;      ///< shots
+  std::vector<Shown> recent_;  ///< newest last
+  bool is_after_dark_ = true;  ///< no light was seen since all were off
   std::int64_t last_start_ns_ = 0;
   PointValues dark_dn_;
   // Between the pictures of successive patterns: log of the square of z, mean and variance.

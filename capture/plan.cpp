@@ -153,6 +153,13 @@ PlanSettings read_settings(ConfigTable& root) {
   limits.attempts =
       static_cast<int>(root.integer_or("attempts", limits.attempts, {.min = 1, .max = 100}));
   limits.retake_wrong_light = root.flag_or("retake_wrong_light", limits.retake_wrong_light);
+  if (limits.retake_wrong_light && plan.repeats < 2) {
+    root.problem(
+        "retake_wrong_light",
+        "retake_wrong_light holds two frames of the same lights against each other, and "
+        "each is taken only once",
+        "add repeats = 2");
+  }
   for (ConfigTable& table : root.tables("pattern")) {
     plan.list.push_back(read_pattern(table));
   }

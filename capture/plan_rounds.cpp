@@ -105,9 +105,18 @@ std::vector<Shot> arrange_shots(const PlanSettings& settings, const Rig& rig,
                                 const std::vector<double>& exposures) {
   Rounds rounds(settings, rig);
   rounds.append_flats(exposures.front());
+  // Every other repeat backwards from the middle, where frames of the same lights have to
+  // agree: then no light has the same ones before it again.
+  std::vector<std::vector<LightLevel>> backwards;
+  if (settings.limits.retake_wrong_light) {
+    backwards.assign(patterns.rbegin(), patterns.rend());
+    std::rotate(backwards.begin(),
+                backwards.begin() + static_cast<std::ptrdiff_t>(patterns.size() / 2),
+                backwards.end());
+  }
   for (const double exposure_us : exposures) {
     for (int i = 0; i < settings.repeats && !patterns.empty(); ++i) {
-      rounds.append_round(patterns, exposure_us);
+      rounds.append_round(i % 2 == 1 && !backwards.empty() ? backwards : patterns, exposure_us);
     }
     rounds.append_spare_darks(exposure_us);
   }

@@ -14,7 +14,7 @@ constexpr int kSecondsAMinute = 60;
 constexpr std::size_t kMaxSeconds = 600;
 constexpr std::size_t kMaxMinutes = 720;
 constexpr double kFullLevel = 65535.0;
-constexpr double kLeastTau_s = 1e-3;
+constexpr double kLeastTauS = 1e-3;
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 
@@ -25,7 +25,7 @@ RigWatch::RigWatch(const Rig& rig, std::int64_t now_ns)
   for (std::size_t f = 0; f < rig.faces.size(); ++f) {
     const Face& face = rig.faces[f];
     watts_of_face_.push_back(face.element_power.value());
-    tau_s_of_face_.push_back(std::max(kLeastTau_s, face.heat_tau_s));
+    tau_s_of_face_.push_back(std::max(kLeastTauS, face.heat_tau_s));
     face_of_.insert(face_of_.end(), static_cast<std::size_t>(face.n_lights()),
                     static_cast<int>(f));
   }

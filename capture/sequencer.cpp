@@ -90,6 +90,8 @@ void Stepper::on(const event::Run& run) {
   s_.refusals = 0;
   s_.has_shown = false;
   s_.wrong_lights.clear();
+  s_.times_doubted.clear();
+  s_.withdrawn.clear();
   s_.doubted.clear();
   if (s_.phase == Phase::safe_off) {
     log("state", "safe-off: the run waits for a person");
@@ -160,7 +162,12 @@ bool Stepper::withdraw(const std::vector<int>& shots) {
       continue;
     }
     shot_state(shot) = ShotState::pending;
-    s_.pending.push_back(shot);
+    // Amid those that wait already: in another order than before, so that other lights come
+    // before them.
+    const auto again = std::find_if(s_.pending.begin(), s_.pending.end(),
+                                    [this](int s) { return s_.withdrawn.count(s) > 0; });
+    s_.pending.insert(again + (s_.pending.end() - again) / 2, shot);
+    s_.withdrawn.insert(shot);
     --s_.n_committed;
     withdrawn.push_back(shot);
   }
@@ -181,7 +188,11 @@ void Stepper::withdraw_doubted() {
   for (const int shot : shots) {
     s_.doubted.erase(shot);
     ++s_.counters.frames_doubted;
-    log("retry", "its picture is contradicted by later ones", shot);
+    log("retry", "its picture is contradicted by another one", shot);
+    if (++s_.times_doubted[shot] >= kWrongLightsToSuspend) {
+      s_.times_doubted.erase(shot);
+      suspend_for_light("its picture contradicts that of another frame of its lights", shot);
+    }
   }
   withdraw(shots);
 }
@@ -387,6 +398,8 @@ void Stepper::finish_abort() {
   s_.retry_light_ns = s_.retry_camera_ns = s_.retry_disk_ns = s_.retry_evidence_ns =
       s_.retry_held_ns = s_.retry_wrong_light_ns = kNever;
   s_.wrong_lights.clear();
+  s_.times_doubted.clear();
+  s_.withdrawn.clear();
   s_.doubted.clear();
   s_.abort_deadline_ns = kNever;
   enter(Phase::idle, "aborted");

@@ -141,6 +141,8 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   /// Frames that came before the latch's read-back was told; judged when it is.
   std::vector<Stamped> early;
   std::map<int, int> wrong_lights;      ///< pictures of another light, in a row, by shot
+  std::set<int> withdrawn;              ///< committed once, and to be taken again
+  std::map<int, int> times_doubted;     ///< of a shot, since the run was last suspended for it
   std::set<int> doubted;                ///< shots to be taken again once they are committed
   int failures = 0;                     ///< shots tried in a row without a commit
   std::optional<double> temperature_c;  ///< the controller's, newest

@@ -18,13 +18,13 @@ void Stepper::on(const event::FrameChecked& e) {
     log("light", e.note, e.shot);
   }
   s_.doubted.insert(e.doubted.begin(), e.doubted.end());
-  withdraw_doubted();
   if (e.problem.empty()) {
     s_.wrong_lights.erase(it->shot);
     if (shot_state(it->shot) == ShotState::checking) {
       shot_state(it->shot) = ShotState::committing;
       out_.emplace_back(action::CommitFrame{it->frame, it->shot, it->attempt, e.evidence});
     }
+    withdraw_doubted();
     return;
   }
   ++s_.counters.checks_failed;  // also said by the writer, which checks once more
@@ -34,18 +34,27 @@ void Stepper::on(const event::FrameChecked& e) {
   retry(shot, e.problem);
   if (e.verdict == FrameVerdict::wrong_light) {
     ++s_.counters.wrong_lights;
-    if (++s_.wrong_lights[shot] >= kWrongLightsToSuspend && s_.phase == Phase::running) {
+    if (++s_.wrong_lights[shot] >= kWrongLightsToSuspend) {
       s_.wrong_lights.erase(shot);
-      s_.retry_wrong_light_ns = t_ + kWrongLightRetryNs;
-      add_reason(kWrongLight,
-                 fmt::format("twice in a row not the picture of its light: {}. Does the "
-                             "controller act late, or is an LED wired to another's place? "
-                             "Tried again in 10 s",
-                             e.problem),
-                 shot);
+      suspend_for_light(e.problem, shot);
     }
   }
+  withdraw_doubted();
   advance(std::nullopt);
+}
+
+void Stepper::suspend_for_light(const std::string& problem, int shot) {
+  if (s_.phase != Phase::running) {
+    return;
+  }
+  s_.retry_wrong_light_ns = t_ + kWrongLightRetryNs;
+  add_reason(
+      kWrongLight,
+      fmt::format("twice not the picture of its light: {}. Does the controller act late, "
+                  "is an LED wired to another's place, or was something moved? Tried "
+                  "again in 10 s",
+                  problem),
+      shot);
 }
 
 void Stepper::on(const event::FrameCommitted& e) {

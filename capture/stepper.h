@@ -130,6 +130,7 @@ class Stepper {
   bool withdraw(const std::vector<int>& shots);
   /// Those of the doubted shots that are committed by now.
   void withdraw_doubted();
+  void suspend_for_light(const std::string& problem, int shot);
 
   // sequencer_shot.cpp
   void begin_shot(std::optional<ConfirmRequest> confirm);

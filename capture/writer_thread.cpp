@@ -188,6 +188,9 @@ Result<OpenSession> WriterThread::make_or_reopen(SessionOrder order) {
   for (std::size_t i = 0; i < order.plan.shots.size(); ++i) {
     session.next_attempt.push_back(writer_->next_attempt(static_cast<int>(i)));
   }
+  if (order.plan.limits.retake_wrong_light) {
+    session.evidence = writer_->committed_evidence();
+  }
   session.recovery = writer_->recovery();
   session.plan = std::make_shared<const Plan>(std::move(order.plan));
   return session;

@@ -40,6 +40,9 @@ struct OpenSession {
   FrameForm form;  ///< as the session was begun with
   std::vector<bool> committed;
   std::vector<int> next_attempt;
+  /// Of the committed frames, where the plan has frames agree with each other
+  /// (retake_wrong_light).
+  std::vector<std::pair<int, FrameEvidence>> evidence;
   RecoveryReport recovery;
 };
 

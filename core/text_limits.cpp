@@ -32,22 +32,20 @@ std::size_t end_of_toml_string(std::string_view text, std::size_t at, std::size_
       }
       ++line;
     }
-    if (is_basic && text[at] == '\\' && at + 1 < text.size() && text[at + 1] != '\n') {
-      at += 2;
-    } else if (text[at] != quote) {
-      ++at;
-    } else if (!is_long) {
+    if (text[at] == quote && !is_long) {
       return at + 1;
-    } else if (text.substr(at, 3) == three) {
+    }
+    if (text[at] == quote && text.substr(at, 3) == three) {
       // Up to two quotes may stand before the three that end it.
       at += 3;
       for (int i = 0; i < 2 && at < text.size() && text[at] == quote; ++i) {
         ++at;
       }
       return at;
-    } else {
-      ++at;
     }
+    const bool is_escape =
+        is_basic && text[at] == '\\' && at + 1 < text.size() && text[at + 1] != '\n';
+    at += is_escape ? 2 : 1;
   }
   return at;
 }

@@ -14,7 +14,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::array<std::string_view, 38> kFields = {"kind",
+constexpr std::array<std::string_view, 41> kFields = {"kind",
                                                       "pattern_id",
                                                       "tag",
                                                       "tag_echo",
@@ -51,7 +51,10 @@ constexpr std::array<std::string_view, 38> kFields = {"kind",
                                                       "picture_own_sigma",
                                                       "picture_other_sigma",
                                                       "picture_discrimination_sigma",
-                                                      "picture_other"};
+                                                      "picture_other",
+                                                      "agrees_with",
+                                                      "other_light_at_most",
+                                                      "picture_points"};
 
 // Bit 0: FrameEvidence::is_read_back, bit 1: is_picture_proved.
 constexpr std::array<std::string_view, 4> kProofWords = {"tag", "read_back", "tag+picture",
@@ -60,6 +63,7 @@ constexpr std::array<std::string_view, 4> kProofWords = {"tag", "read_back", "ta
 constexpr std::int64_t kMin64 = std::numeric_limits<std::int64_t>::min();
 constexpr std::int64_t kMax64 = std::numeric_limits<std::int64_t>::max();
 constexpr double kMostSigma = 1e12;
+constexpr std::size_t kMostPoints = 64;
 constexpr std::int64_t kMaxU32 = std::numeric_limits<std::uint32_t>::max();
 
 std::vector<std::string_view> sync_words() {
@@ -150,6 +154,12 @@ std::string evidence_to_json(const FrameEvidence& e) {
   json["picture_other_sigma"] = number_or_null(e.picture_other_sigma);
   json["picture_discrimination_sigma"] = number_or_null(e.picture_discrimination_sigma);
   json["picture_other"] = e.picture_other;
+  json["agrees_with"] = e.agrees_with;
+  json["other_light_at_most"] = number_or_null(e.other_light_at_most);
+  json["picture_points"] = nlohmann::ordered_json::array();
+  for (const double value : e.picture_points) {
+    json["picture_points"].push_back(finite(value));
+  }
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
@@ -210,6 +220,18 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   if (value.has("picture_other")) {
     e.picture_other =
         static_cast<int>(value["picture_other"].integer(-1, std::numeric_limits<int>::max()));
+  }
+  if (value.has("agrees_with")) {
+    e.agrees_with =
+        static_cast<int>(value["agrees_with"].integer(-1, std::numeric_limits<int>::max()));
+    e.other_light_at_most = find_number(value, "other_light_at_most", 0.0, 1.0);
+    const std::vector<JsonValue> points = value["picture_points"].elements();
+    if (points.size() > kMostPoints) {
+      value["picture_points"].refuse("more than 64 points", "is it a haarlight session?");
+    }
+    for (const JsonValue& point : points) {
+      e.picture_points.push_back(point.number());
+    }
   }
   return e;
 }

@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/rig.h"
 #include "session/frame_verdict.h"
@@ -68,6 +69,15 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   std::optional<double> picture_other_sigma;           ///< to the nearest other one
   std::optional<double> picture_discrimination_sigma;  ///< between the two
   int picture_other = -1;  ///< a shot of that other pattern; -1: none
+  /// An earlier shot of the same lights, before which another light was shown, and which has
+  /// the same picture; -1: none.
+  int agrees_with = -1;
+  /// So much of this frame's light, and of that one's, came at most from the light before, 0 ..
+  /// 1 at 5 sigma; nothing: agrees_with is -1.
+  std::optional<double> other_light_at_most;
+  /// Where frames have to agree, by the plan: the means of 8 x 8 blocks, row by row, less dark,
+  /// in counts a microsecond at 0 dB; -1e9: clipped. Else empty.
+  std::vector<double> picture_points;
 
   friend bool operator==(const FrameEvidence&, const FrameEvidence&) = default;
 };

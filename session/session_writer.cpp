@@ -692,6 +692,16 @@ const RecoveryReport& SessionWriter::recovery() const { return impl_->recovery; 
 const std::vector<bool>& SessionWriter::committed() const { return impl_->committed; }
 const std::string& SessionWriter::plan_json() const { return impl_->plan; }
 
+std::vector<std::pair<int, FrameEvidence>> SessionWriter::committed_evidence() const {
+  std::vector<std::pair<int, FrameEvidence>> found;
+  for (const auto& [key, row] : impl_->rows) {
+    if (row.state == RowState::committed) {
+      found.emplace_back(row.shot, evidence_from_json(row.evidence, row.file));
+    }
+  }
+  return found;
+}
+
 int SessionWriter::next_attempt(int shot) const {
   return impl_->next_attempt.at(static_cast<std::size_t>(shot));
 }

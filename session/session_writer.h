@@ -62,6 +62,8 @@ class SessionWriter {
   [[nodiscard]] const RecoveryReport& recovery() const;
   /// Shots that have a committed frame, one flag a shot.
   [[nodiscard]] const std::vector<bool>& committed() const;
+  /// Of the committed frames, by shot.
+  [[nodiscard]] std::vector<std::pair<int, FrameEvidence>> committed_evidence() const;
   /// Attempts already used by a shot (the next attempt's number).
   [[nodiscard]] int next_attempt(int shot) const;
   /// The plan as stored, bytes unchanged.

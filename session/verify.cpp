@@ -147,11 +147,39 @@ void check_strays(const fs::path& folder, const SessionInfo& info, VerifyReport&
   }
 }
 
+/// The earlier frames with which later ones of the same lights say they agree.
+std::set<int> frames_in_agreement(const SessionInfo& info, VerifyReport& report) {
+  std::map<int, const FrameRecord*> by_shot;
+  for (const FrameRecord& frame : info.frames) {
+    by_shot[frame.shot] = &frame;
+  }
+  std::set<int> agreed;
+  for (const FrameRecord& frame : info.frames) {
+    const int with = frame.evidence.agrees_with;
+    if (with < 0 || with == frame.shot) {
+      continue;
+    }
+    const auto other = by_shot.find(with);
+    if (other == by_shot.end() || info.shots[static_cast<std::size_t>(with)].lit !=
+                                      info.shots[static_cast<std::size_t>(frame.shot)].lit) {
+      report.problems.push_back(
+          fmt::format("{}: agrees_with names shot {}, which has other lights: was it altered?",
+                      frame.file, with));
+    } else if (other->second->evidence.t_exposure_start_ns <
+               frame.evidence.t_exposure_start_ns) {
+      agreed.insert(with);  // else it was taken again since
+    }
+  }
+  return agreed;
+}
+
 /// Attempts that the pixel checks refused, and frames that were taken in spite of them.
 void note_verdicts(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
+  const std::set<int> agreed = frames_in_agreement(info, report);
   for (const FrameRecord& frame : info.frames) {
     if (frame.evidence.kind != EvidenceKind::asserted) {
-      ++(frame.evidence.is_picture_proved ? report.n_by_picture : report.n_by_word);
+      const bool is_proved = frame.evidence.is_picture_proved || agreed.count(frame.shot) > 0;
+      ++(is_proved ? report.n_by_picture : report.n_by_word);
     }
     if (frame.evidence.verdict != FrameVerdict::good) {
       ++report.n_suspect;

@@ -56,35 +56,5 @@ TEST(LightPredictor, ASumOfLightsIsTheSumOfTheirPictures) {
   EXPECT_LT((predictor.predict(sum).mean - expected).abs().maxCoeff(), 0.1);
 }
 
-TEST(LightPredictor, WhatWasLearnedCanBeTakenBack) {
-  LightPredictor predictor(kFace);
-  for (int k = 0; k < 36; ++k) {
-    predictor.learn(light(k), picture(k), noise());
-  }
-  const auto before = predictor.predict(light(10));
-  const PointValues wrong = picture(35);
-  const double rho = predictor.learn(light(9), wrong, noise());
-  EXPECT_GT((predictor.predict(light(9)).mean - picture(9)).abs().maxCoeff(), 0.5);
-  predictor.forget(light(9), wrong, rho);
-  const auto after = predictor.predict(light(10));
-  // Doubles through one step and back, conditioned by v / rho <= 1e4.
-  EXPECT_LT((after.mean - before.mean).abs().maxCoeff(), 1e-6);
-  EXPECT_NEAR(after.spread, before.spread, 1e-8);
-}
-
-TEST(LightPredictor, WithoutAFrameIsAsIfItHadNeverBeen) {
-  LightPredictor predictor(kFace);
-  for (int k = 0; k < 36; ++k) {
-    if (k != 21) {
-      predictor.learn(light(k), picture(k), noise());
-    }
-  }
-  const auto never = predictor.predict(light(21));
-  const double rho = predictor.learn(light(21), picture(21), noise());
-  const auto without = predictor.predict_without(light(21), picture(21), rho);
-  EXPECT_LT((without.mean - never.mean).abs().maxCoeff(), 1e-6);
-  EXPECT_NEAR(without.spread / never.spread, 1.0, 1e-6);
-}
-
 }  // namespace
 }  // namespace haarlight

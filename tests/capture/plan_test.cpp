@@ -368,7 +368,7 @@ TEST(Plan, FlatFramesComeFirstInTheirOwnExposure) {
 TEST(Plan, LimitsOfFramesAreReadAndOutOfRangeRefused) {
   const Plan plan = plan_of(
       "patterns = \"one_at_a_time\"\nmax_saturated_share = 0.02\nmin_signal_share = 0.1\n"
-      "level_tolerance = 0.3\nattempts = 4\nretake_wrong_light = true\n");
+      "level_tolerance = 0.3\nattempts = 4\nrepeats = 2\nretake_wrong_light = true\n");
   const FrameLimits expected{0.02, 0.1, 0.3, 4, true};
   EXPECT_EQ(plan.limits, expected);
   EXPECT_EQ(plan_from_json(plan_to_json(plan), "plan.json").limits, expected);
@@ -376,6 +376,25 @@ TEST(Plan, LimitsOfFramesAreReadAndOutOfRangeRefused) {
               HasSubstr("max_saturated_share"));
   EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nattempts = 0\n"),
               HasSubstr("attempts"));
+  EXPECT_THAT(refusal_of("patterns = \"one_at_a_time\"\nretake_wrong_light = true\n"),
+              HasSubstr("add repeats = 2"));
+}
+
+TEST(Plan, WhereFramesHaveToAgreeEveryOtherRepeatRunsBackwards) {
+  const auto lights = [](const std::string& more) {
+    std::vector<int> found;
+    for (const Shot& shot :
+         plan_of("patterns = \"one_at_a_time\"\nlights = [1, 4, 9, 16]\nrepeats = 3\n" + more)
+             .shots) {
+      found.push_back(shot.lit[0].light);
+    }
+    return found;
+  };
+  EXPECT_EQ(lights(""), (std::vector<int>{1, 4, 9, 16, 1, 4, 9, 16, 1, 4, 9, 16}));
+  // From the middle: no light follows the same one, and none itself, in passes one after
+  // another.
+  EXPECT_EQ(lights("retake_wrong_light = true\n"),
+            (std::vector<int>{1, 4, 9, 16, 4, 1, 16, 9, 1, 4, 9, 16}));
 }
 
 }  // namespace

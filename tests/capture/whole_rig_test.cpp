@@ -52,7 +52,7 @@ class WholeRig : public ::testing::Test {
         .make_camera = [&] { return make_camera(rig.cameras.front()); },
         .storage = storage_.get(),
         .has_http = false});
-    const auto deadline = std::chrono::steady_clock::now() + 60s;
+    const auto deadline = std::chrono::steady_clock::now() + limit_;
     const auto wait_until = [&](auto predicate) {
       while (!predicate(daemon.state())) {
         if (std::chrono::steady_clock::now() > deadline) {
@@ -96,8 +96,9 @@ class WholeRig : public ::testing::Test {
   std::unique_ptr<Storage> storage_ = std::make_unique<DiskStorage>();
   std::unique_ptr<VirtualRig> rig_;
   SequencerCounters counters_;
-  std::string more_plan_;          ///< further keys of the plan
-  std::filesystem::path session_;  ///< the last one
+  std::chrono::seconds limit_{60};  ///< of a run
+  std::string more_plan_;           ///< further keys of the plan
+  std::filesystem::path session_;   ///< the last one
   VirtualRigOptions options_;
 };
 
@@ -192,6 +193,26 @@ TEST_F(LateRig, TheSameWhereTheHostTriggers) {
 TEST_F(LateRig, TheSameWhereTheControllerTriggers) {
   set_sync("controller-leads");
   capture_late(LateActing::Shows::in_order);
+}
+
+TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
+  transports_.clear();
+  const CameraSpec& camera = wanted_.cameras.front();
+  transports_.push_back(testing::waved_transport(folder_, camera.frame_width,
+                                                 camera.active_rows, wanted_.n_lights()));
+  more_plan_ =
+      "lights = [0, 4, 9, 13, 18, 22, 27, 31, 36, 40, 45, 49, 54, 58, 63]\nrepeats = 2\n"
+      "retake_wrong_light = true\n";
+  limit_ = 300s;  // each suspension takes 10
+  FaultScript faults;
+  faults.late_light = {.share = 0.1, .shows = LateActing::Shows::at_once};
+  capture(faults);  // and looks at the light that each frame really saw
+  EXPECT_GT(counters_.frames_doubted, 0U) << "none was late?";
+  fmt::print("{} frames committed, {} of them withdrawn, {} suspensions\n", counters_.commits,
+             counters_.frames_doubted, counters_.suspensions);
+  const VerifyReport report = verify_session(session_);
+  EXPECT_TRUE(report.is_good()) << report.problems.front();
+  EXPECT_EQ(report.n_by_picture, 30);
 }
 
 TEST_F(WholeRig, LateLostRepeatedStaleAndSwappedFramesChangeNothing) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+#include <string>
 #include <vector>
 
 #include "sim/transport_file.h"
@@ -10,23 +12,44 @@
 
 namespace haarlight::testing {
 
-/// Each light k shows `values[k]` in every pixel.
-inline Transport flat_transport(const TemporaryFolder& folder, int width, int height,
-                                const std::vector<float>& values) {
+inline Transport made_transport(const TemporaryFolder& folder, int width, int height,
+                                const std::vector<float>& planes) {
   TransportData data;
   data.width = width;
   data.height = height;
-  data.n_lights = static_cast<int>(values.size());
+  data.n_lights = static_cast<int>(planes.size() / static_cast<std::size_t>(width * height));
   data.key = std::string(32, 'a');
   data.seconds = 1.0;
+  data.planes = planes;
+  write_transport(folder / "transport.bin", data);
+  return Transport::open(folder / "transport.bin");
+}
+
+/// Each light k shows `values[k]` in every pixel.
+inline Transport flat_transport(const TemporaryFolder& folder, int width, int height,
+                                const std::vector<float>& values) {
   std::vector<float> planes;
   for (const float value : values) {
     planes.insert(planes.end(),
                   static_cast<std::size_t>(width) * static_cast<std::size_t>(height), value);
   }
-  data.planes = planes;
-  write_transport(folder / "transport.bin", data);
-  return Transport::open(folder / "transport.bin");
+  return made_transport(folder, width, height, planes);
+}
+
+/// Each light shows another smooth picture, between a half and one and a half.
+inline Transport waved_transport(const TemporaryFolder& folder, int width, int height,
+                                 int n_lights) {
+  std::vector<float> planes;
+  for (int k = 0; k < n_lights; ++k) {
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const double across = (1.0 + 0.3 * (k % 7)) * 6.0 * x / width;
+        const double down = (1.0 + 0.2 * (k % 5)) * 6.0 * y / height;
+        planes.push_back(static_cast<float>(1.0 + 0.5 * std::sin(2.4 * k + across + down)));
+      }
+    }
+  }
+  return made_transport(folder, width, height, planes);
 }
 
 /// A camera of 64 x 56, 48 rows active, without noise unless asked.
