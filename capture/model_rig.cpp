@@ -343,6 +343,7 @@ void ModelRig::expose_frame(std::uint64_t generation) {
       return;
     }
     ModelFrame frame;
+    frame.start_ns = start_ns;
     frame.truth = truth_between(start_ns, end_ns);
     const bool is_next =
         !frame.truth.is_mixed && frame.truth.tag == clean_tag_ && clean_latch_ == n_latches_;
@@ -372,6 +373,7 @@ void ModelRig::expose_frame(std::uint64_t generation) {
     if (!delivered_.empty() && happens(faults.frame_stale)) {
       const auto i =
           static_cast<std::size_t>(chance() * static_cast<double>(delivered_.size()));
+      frame.start_ns = delivered_[i].start_ns;
       frame.truth = delivered_[i].truth;
       frame.pixel_hash = delivered_[i].pixel_hash;
     }
@@ -409,12 +411,32 @@ void ModelRig::deliver(const ModelFrame& frame) {
   }
   const std::uint64_t id = next_frame_++;
   frames_.emplace(id, frame);
-  const std::uint64_t n_off = state_.counters.off_rhythm;
+  const SequencerCounters before = state_.counters;
+  const std::int64_t trigger_ns =
+      config_.sync == SyncMode::light_leads
+          ? (state_.trigger_ns == kNever ? state_.triggered_ns : kNever)
+          : state_.receipt.t_command_ns + static_cast<std::int64_t>(config_.trigger_us * 1e3);
+  const bool is_shots_own =
+      state_.current >= 0 &&
+      (state_.step == ShotStep::settle || state_.step == ShotStep::collect) &&
+      frame.start_ns >= trigger_ns && !frame.truth.is_mixed &&
+      frame.truth.tag == plan_->shots[static_cast<std::size_t>(state_.current)].tag;
   FrameInfo info = frame.info;
   info.arrival_ns = now_ns_;
   send(event::FrameArrived{id, stream_, info, frame.pixel_hash, true});
   outcome_.n_false += frame.is_stamp_false ? 1 : 0;
-  outcome_.n_suspected += !frame.is_stamp_false && state_.counters.off_rhythm > n_off ? 1 : 0;
+  // Triggered: of the shot's own trigger and light, nothing else against it, and refused.
+  const SequencerCounters& after = state_.counters;
+  const auto n_faulty = [](const SequencerCounters& c) {
+    return c.frames_damaged + c.frames_out_of_order + c.stamps_ahead + c.duplicates +
+           c.wrong_exposure;
+  };
+  const bool is_triggered =
+      config_.sync == SyncMode::light_leads || config_.sync == SyncMode::controller_leads;
+  const bool is_refused = is_triggered && is_shots_own && n_faulty(after) == n_faulty(before) &&
+                          after.frames_unused > before.frames_unused;
+  const bool is_suspected = is_refused || after.off_rhythm > before.off_rhythm;
+  outcome_.n_suspected += !frame.is_stamp_false && is_suspected ? 1 : 0;
 }
 
 // ---- disk

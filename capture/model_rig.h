@@ -87,6 +87,7 @@ void set_sync_mode(ModelRigConfig& rig, SyncMode sync);
 struct ModelFrame {
   FrameInfo info;
   FrameTag truth;
+  std::int64_t start_ns = 0;  ///< of its exposure
   std::uint64_t pixel_hash = 0;
   int n_clean = 0;  ///< how manieth wholly clean frame since the latch, from 0
   bool is_stamp_false = false;
@@ -100,8 +101,10 @@ struct ModelOutcome {
   int n_commits = 0;
   int n_wrong = 0;            ///< of them: saw something else; told, not a problem, where asked
   std::uint64_t n_false = 0;  ///< frames that came with a false stamp
-  std::uint64_t n_suspected = 0;  ///< frames off the rhythm whose stamp was true
-  std::uint64_t n_late = 0;       ///< changes of light after their acknowledgement
+  /// Frames of a true stamp refused for it: off the rhythm, or, where they are triggered,
+  /// though they saw the light of their shot alone.
+  std::uint64_t n_suspected = 0;
+  std::uint64_t n_late = 0;  ///< changes of light after their acknowledgement
   SequencerCounters counters;
 };
 

@@ -44,6 +44,10 @@ void ModelRig::end_job(std::optional<EventBody> answer) {
 void ModelRig::change_light(std::uint32_t tag, std::int64_t delay_ns) {
   ++n_latches_;
   shown_tag_ = tag;
+  // A light on its way to another one turns from where it is: it does not arrive there first.
+  if (light_.back().t_ns > now_ns_ + delay_ns) {
+    light_.pop_back();
+  }
   const std::int64_t begin_ns = std::max(now_ns_ + delay_ns, light_.back().t_ns);
   light_.push_back({begin_ns, tag, false});
   light_.push_back({begin_ns + static_cast<std::int64_t>(config_.rise_us * 1e3), tag, true});

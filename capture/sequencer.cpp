@@ -43,6 +43,10 @@ void Stepper::on(const event::Tick&) {
     s_.triggered_ns = t_;
     out_.emplace_back(action::TriggerCamera{});
   }
+  if (s_.waits_for_pulse && s_.pulse_over_ns <= t_) {
+    s_.waits_for_pulse = false;
+    advance(std::nullopt);
+  }
   if (s_.shot_deadline_ns <= t_) {
     on_shot_timeout();
   }
@@ -200,9 +204,10 @@ void Stepper::close_step() {
   if (s_.phase == Phase::aborting) {
     finish_abort();
   }
-  s_.deadline_ns = std::min({s_.retry_light_ns, s_.retry_camera_ns, s_.retry_disk_ns,
-                             s_.retry_evidence_ns, s_.retry_held_ns, s_.retry_wrong_light_ns,
-                             s_.shot_deadline_ns, s_.trigger_ns, s_.abort_deadline_ns});
+  s_.deadline_ns =
+      std::min({s_.retry_light_ns, s_.retry_camera_ns, s_.retry_disk_ns, s_.retry_evidence_ns,
+                s_.retry_held_ns, s_.retry_wrong_light_ns, s_.shot_deadline_ns, s_.trigger_ns,
+                s_.abort_deadline_ns, s_.waits_for_pulse ? s_.pulse_over_ns : kNever});
 }
 
 std::vector<SequencerState::Held>::iterator Stepper::find_held(std::uint64_t frame) {
@@ -283,6 +288,11 @@ void Stepper::advance(std::optional<ConfirmRequest> confirm) {
       lights_off(confirm);
     }
     preflight();
+  } else if (has_room && !s_.pending.empty() && is_pulse_open()) {
+    s_.waits_for_pulse = true;
+    if (confirm || !s_.is_dark) {
+      lights_off(confirm);
+    }
   } else if (has_room && !s_.pending.empty()) {
     draw_dark();
     begin_shot(confirm);

@@ -36,6 +36,11 @@
 /// truly dark then: stamps alone are looked at. A period that is not learnt in time suspends
 /// the run (kNoEvidence). Triggered frames have no period: there the light is latched at once.
 /// A preview takes no frame and waits for none.
+///
+/// What is triggered has its trigger in the stamp's place, as long as no other trigger's frame
+/// can be taken for it. One that brought no frame (a latch without an answer, a pause) may
+/// still expose one: the next is given so much later that no false stamp bridges it, a latch
+/// that was never read back counting until the last moment at which it may act.
 
 namespace haarlight {
 
@@ -110,6 +115,8 @@ struct SequencerCounters {
   std::uint64_t suspensions = 0;
   std::uint64_t commits = 0;
 };
+
+inline constexpr std::int64_t kNoPulse = std::numeric_limits<std::int64_t>::min();
 
 /// All that the sequencer knows. Plain data; copyable.
 struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted for readers
@@ -205,6 +212,10 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   std::int64_t trigger_ns = kNever;    ///< light leads: expose then
   std::int64_t triggered_ns =
       kNever;  ///< light leads: the present shot's exposure was asked for
+  /// Controller leads: from then on the pulse of a latch whose frame was not taken belongs to
+  /// no frame that could be taken. kNever: latched, and the controller has not answered yet.
+  std::int64_t pulse_over_ns = kNoPulse;
+  bool waits_for_pulse = false;  ///< the next latch waits for that
   int n_buffers = 0;
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;

@@ -30,6 +30,7 @@ void Stepper::on(const event::LightConnected& e) {
   }
   s_.boot_id = e.boot_id;
   s_.is_job_open = false;
+  note_job_end();
   s_.table_depth = e.table_depth;
   s_.block.table.clear();
   s_.is_light_connected = true;
@@ -41,6 +42,7 @@ void Stepper::on(const event::LightDark& e) {
   if (e.job == s_.job) {
     s_.is_job_open = false;
     s_.light_faults = 0;
+    note_job_end();
   }
 }
 
@@ -90,6 +92,7 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
   ++s_.counters.light_faults;
   ++s_.light_faults;
   s_.is_job_open = false;
+  note_job_end();
   const int shot = shot_under_way();
   leave_shot();
   s_.block.table.clear();  // what a fault has left of it is not known

@@ -16,8 +16,9 @@ using namespace sequencing;
 
 namespace {
 
-/// Light leads: a shot that was given up may have left a trigger whose frame still comes. The
-/// next trigger is kept so far from it that no false stamp takes one exposure for the other.
+/// A shot that was given up may have left a trigger (light leads) or a latch whose pulse
+/// (controller leads) still exposes a frame. The next one is kept so far from it that no false
+/// stamp takes one exposure for the other.
 constexpr std::int64_t kOpenTriggerNs = 20 * kMs;
 
 }  // namespace
@@ -37,6 +38,9 @@ void Stepper::on(const event::LightShown& e) {
   s_.refusals = 0;
   s_.has_shown = true;
   s_.receipt = e.receipt;
+  if (s_.plan->sync == SyncMode::controller_leads) {
+    s_.pulse_over_ns = e.receipt.t_shown_ns + kOpenTriggerNs;
+  }
   s_.t_stable_ns = e.receipt.t_shown_ns + s_.plan->settle_ns;
   s_.step = t_ < s_.t_stable_ns ? ShotStep::settle : ShotStep::collect;
   s_.discarded = 0;
@@ -50,10 +54,7 @@ void Stepper::on(const event::LightShown& e) {
   s_.shot_deadline_ns = std::max(t_, s_.t_stable_ns) + kShotSlackNs +
                         static_cast<std::int64_t>(kShotFrames * frame_us * 1e3);
   if (s_.plan->sync == SyncMode::light_leads) {
-    s_.trigger_ns = std::max(t_, s_.t_stable_ns);
-    if (s_.triggered_ns != kNever) {
-      s_.trigger_ns = std::max(s_.trigger_ns, s_.triggered_ns + kOpenTriggerNs);
-    }
+    s_.trigger_ns = next_trigger_ns();
   }
   // Their stamps decide, not the order in which two threads were heard.
   for (const SequencerState::Stamped& stamped : std::exchange(s_.early, {})) {
@@ -87,7 +88,8 @@ void Stepper::on(const event::LightConfirmed& e) {
   const bool is_newest = waiting.job == s_.job;
   if (is_newest) {
     s_.is_job_open = false;
-    leave_shot();  // the light thread did not go on to show it
+    s_.pulse_over_ns = kNoPulse;  // nothing was latched
+    leave_shot();                 // the light thread did not go on to show it
   }
   const bool is_reboot = e.boot_id != s_.boot_id;
   retry(waiting.shot,
@@ -117,7 +119,22 @@ void Stepper::begin_shot(std::optional<ConfirmRequest> confirm) {
   }
   s_.is_dark = false;
   s_.is_job_open = true;
+  s_.waits_for_pulse = false;
+  if (s_.plan->sync == SyncMode::controller_leads) {
+    s_.pulse_over_ns = kNever;
+  }
   out_.emplace_back(action::ShowShot{++s_.job, shot, shot_of(shot).tag, confirm});
+}
+
+bool Stepper::is_pulse_open() const {
+  return s_.plan->sync == SyncMode::controller_leads && !s_.plan->is_preview &&
+         t_ < s_.pulse_over_ns;
+}
+
+void Stepper::note_job_end() {
+  if (s_.pulse_over_ns == kNever) {
+    s_.pulse_over_ns = t_ + kShownWithinNs + kOpenTriggerNs;
+  }
 }
 
 void Stepper::return_to_pending(int shot) {
@@ -211,7 +228,7 @@ void Stepper::ask_again(const event::FrameArrived& e) {
     return;
   }
   if (s_.plan->sync == SyncMode::light_leads) {
-    s_.trigger_ns = std::max(t_, s_.t_stable_ns);
+    s_.trigger_ns = next_trigger_ns();
   } else if (s_.plan->sync == SyncMode::controller_leads &&
              e.info.timestamp_ns > s_.receipt.t_command_ns) {
     const int shot = s_.current;
@@ -221,6 +238,13 @@ void Stepper::ask_again(const event::FrameArrived& e) {
     retry(shot, "the triggered frame was not clean");
     advance(std::nullopt);
   }
+}
+
+std::int64_t Stepper::next_trigger_ns() const {
+  // A stamp that comes early by its jitter is no doubt of a frame begun this much later.
+  const std::int64_t stable_ns = std::max(t_, s_.t_stable_ns + kGuardNs);
+  return s_.triggered_ns == kNever ? stable_ns
+                                   : std::max(stable_ns, s_.triggered_ns + kOpenTriggerNs);
 }
 
 void Stepper::drop_early() {
@@ -273,6 +297,7 @@ bool Stepper::accept(const SequencerState::Stamped& stamped) {
   s_.shot_deadline_ns = kNever;
   s_.trigger_ns = kNever;
   s_.triggered_ns = kNever;
+  s_.pulse_over_ns = kNoPulse;
   // The job that asks about this frame is the next one that advance() issues.
   s_.awaiting =
       SequencerState::Awaiting{e.frame, s_.job + 1, i_shot, attempt, std::move(evidence)};

@@ -144,6 +144,13 @@ class Stepper {
   void judge(const SequencerState::Stamped& stamped);
   /// A frame of the present shot was refused: in the triggered modes no other comes by itself.
   void ask_again(const event::FrameArrived& e);
+  /// Light leads: the light stands, and no open trigger's exposure can be taken for the next.
+  [[nodiscard]] std::int64_t next_trigger_ns() const;
+  /// Controller leads: a pulse of a latch that was given up may still come.
+  [[nodiscard]] bool is_pulse_open() const;
+  /// The light thread ended the newest job, and with it all before: where nothing was read back
+  /// a latch among them acts within kShownWithinNs from now, or never.
+  void note_job_end();
   void drop_early();
   /// Takes a frame whose stamp proves a clean exposure; the controller is asked next.
   bool accept(const SequencerState::Stamped& stamped);

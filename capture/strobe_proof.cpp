@@ -67,16 +67,19 @@ StrobeProof prove_by_strobe(const std::deque<StepReading>& readings,
       !is_at(last, during.counter + 1)) {
     return proof;
   }
-  const std::int64_t settled_ns = window.start_ns - timing.settle_ns;
-  const Span lit = timing.every == 1 ? readings_in(readings, before_ns + g, settled_ns)
-                                     : in_frame(1 - timing.every);
-  const bool has_room = timing.every > 1 || settled_ns - before_ns - g >= period / 2;
+  // Before the exposure, in the first frame of its step.
+  const std::int64_t lit_ns = strobe_ns - timing.every * period;
+  const std::int64_t lit_end_ns =
+      std::min(window.start_ns - timing.settle_ns, lit_ns + period - g);
+  const Span lit = readings_in(readings, lit_ns + g, lit_end_ns);
+  const bool has_room = lit_end_ns - lit_ns - g >= period / 2;
   if (is_at(lit, during.counter)) {
     proof.t_shown_ns = lit.t_first_ack_ns;
-  } else if (lit.has_reading || has_room || !is_at(in_frame(-1), during.counter - 1)) {
+  } else if (lit.has_reading || has_room ||
+             !is_at(in_frame(-timing.every), during.counter - 1) ||
+             !is_at(in_frame(1 - timing.every), during.counter)) {
     return proof;
   }
-  const std::int64_t lit_ns = strobe_ns - timing.every * period;
   proof.t_stable_ns = lit_ns + timing.settle_ns;
   if (proof.t_stable_ns > window.start_ns) {
     return proof;

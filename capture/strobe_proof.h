@@ -27,8 +27,9 @@
 /// which come to the same. A single lost, false or late edge voids its frame.
 ///
 /// A table that steps at every d-th strobe (d >= 2) lights the last of d frames cleanly. There
-/// (a) is: k in frame n - d + 1 already; and (c) holds until frame n + d, as a false edge would
-/// shift the beat of the steps.
+/// (a) asks for k in frame n - d + 1 already, before (start - settle); where the exposure
+/// begins so early that a reading cannot be expected, for k - 1 in frame n - d and k in n - d
+/// + 1. And (c) holds until frame n + d, as a false edge would shift the beat of the steps.
 
 namespace haarlight {
 

@@ -301,6 +301,72 @@ TEST(Sequencer, WhereTheCameraIsTriggeredTheLightWaitsForNoFrame) {
   EXPECT_NE(devices_there(preview).find<action::ShowShot>(), nullptr) << "preview";
 }
 
+/// Controller leads: shot 0 was latched at 1 ms and given up at 2 ms.
+Driver given_up(const EventBody& answer) {
+  Driver d = devices_there(two_shots_in(SyncMode::controller_leads));
+  d.t_ns = 2'000'000;
+  d.send(answer);
+  return d;
+}
+
+/// Dark until `latch_ns`, then latched.
+void expect_latched_at(Driver d, std::int64_t latch_ns) {
+  EXPECT_EQ(d.find<action::ShowShot>(), nullptr);
+  ASSERT_NE(d.find<action::LightsOff>(), nullptr);
+  d.t_ns = 3'000'000;
+  d.send(event::LightDark{d.state.job});
+  ASSERT_EQ(d.state.deadline_ns, latch_ns);
+  d.t_ns = latch_ns;
+  d.send(event::Tick{});
+  EXPECT_NE(d.find<action::ShowShot>(), nullptr);
+}
+
+TEST(Sequencer, ThePulseOfALatchGivenUpIsWaitedForInTheDark) {
+  const std::uint64_t job = devices_there(two_shots_in(SyncMode::controller_leads)).state.job;
+  // It may act 100 ms after its fault and is told apart 20 ms later.
+  expect_latched_at(given_up(event::LightFault{job, Errc::timeout, "no answer"}), 122'000'000);
+  expect_latched_at(given_up(event::LightShown{job, {1'000'000, 1'050'000, 1'100'000, 9}}),
+                    122'000'000);
+  // Read back, it has acted: only its pulse is open.
+  Driver d = given_up(event::LightShown{job, {1'000'000, 1'050'000, 1'100'000, 1}});
+  d.send(event::Pause{});
+  ASSERT_NE(d.find<action::LightsOff>(), nullptr);
+  d.send(event::LightDark{d.state.job});
+  d.send(event::Resume{});
+  EXPECT_EQ(d.find<action::ShowShot>(), nullptr);
+  EXPECT_EQ(d.state.deadline_ns, 21'100'000);
+  // Given up before its answer: it counts from the answer to what was asked next.
+  d = given_up(event::Pause{});
+  d.send(event::Resume{});
+  EXPECT_EQ(d.find<action::ShowShot>(), nullptr);
+  EXPECT_EQ(d.state.deadline_ns, kNever);
+  d.t_ns = 5'000'000;
+  d.send(event::LightDark{d.state.job});
+  EXPECT_EQ(d.state.deadline_ns, 125'000'000);
+  d.t_ns = 125'000'000;
+  d.send(event::Tick{});
+  EXPECT_NE(d.find<action::ShowShot>(), nullptr);
+}
+
+TEST(Sequencer, AFrameOfAnOpenTriggerDoesNotBringTheNextOneForward) {
+  Driver d = devices_there(two_shots_in(SyncMode::light_leads));
+  d.t_ns = 1'200'000;
+  d.send(event::LightShown{d.state.job, {1'000'000, 1'050'000, 1'100'000, 1}});
+  EXPECT_EQ(d.state.trigger_ns, 1'300'000) << "a guard after the light stands";
+  d.t_ns = 1'300'000;
+  d.send(event::Tick{});
+  ASSERT_NE(d.find<action::TriggerCamera>(), nullptr);
+  d.send(event::Pause{});
+  d.send(event::LightDark{d.state.job});
+  d.send(event::Resume{});
+  d.t_ns = 3'200'000;
+  d.send(event::LightShown{d.state.job, {3'000'000, 3'050'000, 3'100'000, 1}});
+  ASSERT_EQ(d.state.trigger_ns, 21'300'000) << "20 ms after the one that is open";
+  d.t_ns = 4'000'000;
+  d.send(frame_at(1, 3'500'000));
+  EXPECT_EQ(d.state.trigger_ns, 21'300'000);
+}
+
 TEST(Sequencer, APeriodThatIsNotLearntInTimeSuspendsDarkAndIsWaitedForAgain) {
   for (const SyncMode sync : {SyncMode::free_run, SyncMode::camera_leads}) {
     SCOPED_TRACE(to_string(sync));

@@ -92,6 +92,33 @@ TEST(StrobeProof, EverySecondStrobeProvesTheSecondFrameAlone) {
   EXPECT_EQ(prove_by_strobe(readings, frame(1), second).verdict, StrobeVerdict::unproven);
 }
 
+TEST(StrobeProof, ALightIsShownBeforeItsExposureAtEverySecondStrobeToo) {
+  StrobeTiming second = kTiming;
+  second.every = 2;
+  // A rolling shutter: exposed from -6 to 10 ms, lit at -10 ms.
+  const ExposureWindow rolling{-6 * kMs, 10 * kMs};
+  const std::deque<StepReading> rest = {reading(-2, 7), reading(5, 7), reading(15, 8),
+                                        reading(25, 8)};
+  const auto with = [&rest](StepReading first) {
+    std::deque<StepReading> all = rest;
+    all.push_front(first);
+    return all;
+  };
+  const StrobeProof seen = prove_by_strobe(with(reading(-8, 7)), rolling, second);
+  EXPECT_EQ(seen.verdict, StrobeVerdict::proven);
+  EXPECT_EQ(seen.t_shown_ns, -8 * kMs + 100 * kUs);
+  // None fits between -9 and -6.5 ms: the frame before says that it stepped there.
+  const StrobeProof between = prove_by_strobe(with(reading(-12, 6)), rolling, second);
+  EXPECT_EQ(between.verdict, StrobeVerdict::proven);
+  EXPECT_EQ(between.t_shown_ns, std::nullopt) << "not a reading amid the exposure";
+  EXPECT_EQ(prove_by_strobe(with(reading(-12, 7)), rolling, second).verdict,
+            StrobeVerdict::unproven);
+  EXPECT_EQ(prove_by_strobe(rest, rolling, second).verdict, StrobeVerdict::unproven);
+  EXPECT_EQ(prove_by_strobe(with(reading(-8, 6)), rolling, second).verdict,
+            StrobeVerdict::unproven)
+      << "the step came late";
+}
+
 TEST(StrobeProof, AFalseEdgeThatShiftsTheBeatVoidsTheFrame) {
   StrobeTiming second = kTiming;
   second.every = 2;
