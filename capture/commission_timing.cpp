@@ -23,6 +23,7 @@ constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
 constexpr double kExposureTol = 0.04;    // of an exposure: a wrong unit is further off
 constexpr double kSureSigmas = 4.0;
+constexpr double kDoubtSigmas = 2.0;
 constexpr double kLargeFactor = 1.5;  // of an exposure: never by a jackknife's luck
 constexpr int kMoreRounds = 8;        // of further steps, where an exposure's scale is open
 constexpr double kLinearTol = 0.01;   // of the signal: less than twice at twice the exposure
@@ -310,9 +311,10 @@ struct ExposureVerdict {
 };
 
 /// Two exposures must agree: a slow LED stretches the shorter one more. Open: off by more than
-/// kSureSigmas of the stated sigma, which so few steps may state too small (sure_sigmas).
+/// `doubt_sigmas` of the stated sigma, but not surely, as so few steps may state it too small
+/// (sure_sigmas).
 ExposureVerdict judge_exposure(const std::vector<StepSample>& samples, double long_us,
-                               double short_us) {
+                               double short_us, double doubt_sigmas) {
   const std::optional<ExposureScale> one = exposure_scale(samples, long_us);
   const std::optional<ExposureScale> two = exposure_scale(samples, short_us);
   if (!one || !two) {
@@ -326,7 +328,7 @@ ExposureVerdict judge_exposure(const std::vector<StepSample>& samples, double lo
   const double apart = std::abs(two->value - one->value);
   const double tol = kExposureTol * one->value;
   const double known = kSureSigmas * std::hypot(one->sigma, two->sigma);
-  if (off <= std::max(kExposureTol, kSureSigmas * one->sigma) ||
+  if (off <= std::max(kExposureTol, doubt_sigmas * one->sigma) ||
       apart > std::max(tol, std::hypot(sure(*one), sure(*two)))) {
     return {ExposureVerdict::as_said, *one};
   }
@@ -335,14 +337,17 @@ ExposureVerdict judge_exposure(const std::vector<StepSample>& samples, double lo
 }
 
 /// A camera whose exposures are not what it says, as when the unit of its control is unknown.
+/// @param doubt_sigmas  so far off is not passed over while steps can be taken
 /// @param samples  all so far
 /// @param more     takes further steps at both exposures; called while they leave it open, with
 ///                 1, 2, .. kMoreRounds
 void require_true_exposure(const CommissionBench& bench, double long_us, double short_us,
+                           double doubt_sigmas,
                            const std::function<std::vector<StepSample>()>& samples,
                            const std::function<void(int)>& more) {
   for (int round = 1;; ++round) {
-    const auto [kind, scale] = judge_exposure(samples(), long_us, short_us);
+    const auto [kind, scale] = judge_exposure(samples(), long_us, short_us,
+                                              round > kMoreRounds ? kSureSigmas : doubt_sigmas);
     if (kind == ExposureVerdict::as_said) {
       return;
     }
@@ -492,13 +497,15 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   take_references(bench, half);
   run.scan(half, scan_steps(half.exposure_us));
   const auto prompt = [&] { return prompt_steps(samples, run.shown()); };
-  require_true_exposure(bench, full.exposure_us, half.exposure_us, prompt, [&](int round) {
-    for (const Lamp* lamp : {&full, &half}) {
-      (void)bench.set_exposure(lamp->exposure_us);
-      const int n = scan_steps(lamp->exposure_us);
-      run.scan(*lamp, n, round * n);
-    }
-  });
+  // The fine steps tell more anyway: only what may be sure already is looked into here.
+  require_true_exposure(bench, full.exposure_us, half.exposure_us, kSureSigmas, prompt,
+                        [&](int round) {
+                          for (const Lamp* lamp : {&full, &half}) {
+                            (void)bench.set_exposure(lamp->exposure_us);
+                            const int n = scan_steps(lamp->exposure_us);
+                            run.scan(*lamp, n, round * n);
+                          }
+                        });
   const std::optional<StepFit> coarse = fit_steps(prompt());
   if (!coarse) {
     throw_no_steps(bench);
@@ -553,11 +560,12 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   fine(brief, 0);
   run.forget_arrivals();
   fine(full, 0);
-  require_true_exposure(bench, full.exposure_us, brief.exposure_us, prompt, [&](int round) {
-    fine(brief, round);
-    run.forget_arrivals();
-    fine(full, round);
-  });
+  require_true_exposure(bench, full.exposure_us, brief.exposure_us, kDoubtSigmas, prompt,
+                        [&](int round) {
+                          fine(brief, round);
+                          run.forget_arrivals();
+                          fine(full, round);
+                        });
   result.samples = prompt();
   result.short_us = brief.exposure_us;
   const std::optional<StepFit> free = fit_steps(result.samples);
