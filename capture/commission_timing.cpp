@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <string>
 
 #include <fmt/format.h>
 
@@ -21,7 +23,9 @@ constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
 constexpr double kExposureTol = 0.04;    // of an exposure: a wrong unit is further off
 constexpr double kSureSigmas = 4.0;
+constexpr double kDoubtSigmas = 2.0;
 constexpr double kLargeFactor = 1.5;  // of an exposure: never by a jackknife's luck
+constexpr int kMoreRounds = 8;        // of further steps, where an exposure's scale is open
 constexpr double kLinearTol = 0.01;   // of the signal: less than twice at twice the exposure
 constexpr double kBackOff = 0.6;      // of a level that was not linear: try this one
 constexpr double kNearlyDark = 0.2;   // of what is wanted, after half of the lights left
@@ -230,10 +234,11 @@ class StepRun {
   }
 
   /// Steps spread evenly over the frame period, each followed far enough for any stamp.
-  void scan(const Lamp& lamp, int n) {
+  /// @param first  number of the first, where an earlier scan goes on
+  void scan(const Lamp& lamp, int n, int first = 0) {
     begin(lamp);
     const double period = bench_.period_us();
-    for (int i = 0; i < n; ++i) {
+    for (int i = first; i < first + n; ++i) {
       const double phase = std::fmod(i * kGolden, 1.0) * period;
       const std::int64_t soon = bench_.now_ns() + bench_.lead_ns() + 1'000'000;
       const double past = us_between(soon, bench_.last_stamp_ns());
@@ -299,32 +304,68 @@ double sure_sigmas(int n) {
   return std::sqrt(dof * std::expm1(z2));
 }
 
-/// A camera whose exposures are not what it says, as when the unit of its control is unknown.
-/// Two exposures must agree: a slow LED stretches the shorter one more.
-void require_true_exposure(const CommissionBench& bench, const std::vector<StepSample>& samples,
-                           double long_us, double short_us) {
+/// The long exposure's scale, and what the two exposures say of it.
+struct ExposureVerdict {
+  enum { as_said, open, wrong } kind = as_said;
+  ExposureScale scale;
+};
+
+/// Two exposures must agree: a slow LED stretches the shorter one more. Open: off by more than
+/// `doubt_sigmas` of the stated sigma, but not surely, as so few steps may state it too small
+/// (sure_sigmas).
+ExposureVerdict judge_exposure(const std::vector<StepSample>& samples, double long_us,
+                               double short_us, double doubt_sigmas) {
   const std::optional<ExposureScale> one = exposure_scale(samples, long_us);
   const std::optional<ExposureScale> two = exposure_scale(samples, short_us);
   if (!one || !two) {
-    return;
+    return {};
   }
   const bool is_large = std::abs(std::log(one->value)) > std::log(kLargeFactor);
   const auto sure = [is_large](const ExposureScale& scale) {
     return (is_large ? kSureSigmas : sure_sigmas(scale.n_steps)) * scale.sigma;
   };
-  const double one_sure = sure(*one);
-  const double both_sure = std::hypot(one_sure, sure(*two));
-  const bool is_off = std::abs(one->value - 1.0) > std::max(kExposureTol, one_sure);
-  const bool is_common =
-      std::abs(two->value - one->value) <= std::max(kExposureTol * one->value, both_sure);
-  if (is_off && is_common) {
-    throw Error(fmt::format("an exposure of {:.0f} us lasts {:.3f} +- {:.3f} times as long as "
-                            "the camera says",
-                            long_us, one->value, one->sigma),
-                bench.spec().device,
-                fmt::format("set exposure_unit_us to {:.3g} times what it is now "
-                            "(docs/cameras.md), then begin again",
-                            one->value));
+  const double off = std::abs(one->value - 1.0);
+  const double apart = std::abs(two->value - one->value);
+  const double tol = kExposureTol * one->value;
+  const double known = kSureSigmas * std::hypot(one->sigma, two->sigma);
+  if (off <= std::max(kExposureTol, doubt_sigmas * one->sigma) ||
+      apart > std::max(tol, std::hypot(sure(*one), sure(*two)))) {
+    return {ExposureVerdict::as_said, *one};
+  }
+  const bool is_sure = off > sure(*one) && apart <= std::max(tol, known);
+  return {is_sure ? ExposureVerdict::wrong : ExposureVerdict::open, *one};
+}
+
+/// A camera whose exposures are not what it says, as when the unit of its control is unknown.
+/// @param doubt_sigmas  so far off is not passed over while steps can be taken
+/// @param samples  all so far
+/// @param more     takes further steps at both exposures; called while they leave it open, with
+///                 1, 2, .. kMoreRounds
+void require_true_exposure(const CommissionBench& bench, double long_us, double short_us,
+                           double doubt_sigmas,
+                           const std::function<std::vector<StepSample>()>& samples,
+                           const std::function<void(int)>& more) {
+  for (int round = 1;; ++round) {
+    const auto [kind, scale] = judge_exposure(samples(), long_us, short_us,
+                                              round > kMoreRounds ? kSureSigmas : doubt_sigmas);
+    if (kind == ExposureVerdict::as_said) {
+      return;
+    }
+    const std::string found = fmt::format(
+        "an exposure of {:.0f} us lasts {:.3f} +- {:.3f} times as long as the camera "
+        "says",
+        long_us, scale.value, scale.sigma);
+    const std::string cure = fmt::format(
+        "set exposure_unit_us to {:.3g} times what it is now (docs/cameras.md)", scale.value);
+    if (kind == ExposureVerdict::wrong) {
+      throw Error(found, bench.spec().device, cure + ", then begin again");
+    }
+    if (round > kMoreRounds) {
+      throw Error(
+          fmt::format("it may be that {}: {} steps leave it open", found, scale.n_steps),
+          bench.spec().device, "commission again; if this comes again, " + cure);
+    }
+    more(round);
   }
 }
 
@@ -455,9 +496,17 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   Lamp half = full;
   take_references(bench, half);
   run.scan(half, scan_steps(half.exposure_us));
-  const std::optional<StepFit> coarse = fit_steps(prompt_steps(samples, run.shown()));
-  require_true_exposure(bench, prompt_steps(samples, run.shown()), full.exposure_us,
-                        half.exposure_us);
+  const auto prompt = [&] { return prompt_steps(samples, run.shown()); };
+  // The fine steps tell more anyway: only what may be sure already is looked into here.
+  require_true_exposure(bench, full.exposure_us, half.exposure_us, kSureSigmas, prompt,
+                        [&](int round) {
+                          for (const Lamp* lamp : {&full, &half}) {
+                            (void)bench.set_exposure(lamp->exposure_us);
+                            const int n = scan_steps(lamp->exposure_us);
+                            run.scan(*lamp, n, round * n);
+                          }
+                        });
+  const std::optional<StepFit> coarse = fit_steps(prompt());
   if (!coarse) {
     throw_no_steps(bench);
   }
@@ -484,21 +533,18 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
                          std::max(full.lit.high_share, full.dark.high_share + 3.0));
   take_references(bench, brief);
   StepModel model = coarse->model;
-  for (const Lamp* lamp : {&brief, &full}) {
-    (void)bench.set_exposure(lamp->exposure_us);
+  const auto fine = [&](const Lamp& lamp, int round) {
+    (void)bench.set_exposure(lamp.exposure_us);
     bench.settle();
-    if (lamp == &full) {
-      run.forget_arrivals();
-    }
-    run.begin(*lamp);
-    const double e = lamp->exposure_us;
+    run.begin(lamp);
+    const double e = lamp.exposure_us;
     const double offset = model.offset_us.back() + slope * (e - model.exposures_us.back());
     const double skew = std::max(0.0, model.skew_us);
     const double ramp = std::max(model.rise_us, model.fall_us);
     for (int i = 0; i < options.fine_steps; ++i) {
       // The middle row ends its exposure x after the light begins to change.
       const double span = e + std::min(ramp, e) + skew;
-      const int pair = i / 2;  // one switch on, one off
+      const int pair = (round * options.fine_steps + i) / 2;  // one switch on, one off
       const double u = std::fmod(pair * kGolden + 0.5 * (i % 2), 1.0);
       const double x = -0.15 * e - 0.5 * skew + u * (span + 0.3 * e);
       const double behind_stamp = 0.5 * skew + e - offset - x;
@@ -507,12 +553,21 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
           us_between(bench.now_ns() + bench.lead_ns() + 1'000'000, base) / period;
       const std::int64_t target = base + ns_of(std::ceil(std::max(0.0, late)) * period);
       run.step(target, offset + ramp + 500.0);
-      progress(0.55 + 0.2 * (lamp == &full ? 1.0 : 0.0) + 0.2 * (i + 1.0) / options.fine_steps);
+      progress(0.55 + 0.2 * (&lamp == &full ? 1.0 : 0.0) +
+               0.2 * (i + 1.0) / options.fine_steps);
     }
-  }
-  result.samples = prompt_steps(samples, run.shown());
+  };
+  fine(brief, 0);
+  run.forget_arrivals();
+  fine(full, 0);
+  require_true_exposure(bench, full.exposure_us, brief.exposure_us, kDoubtSigmas, prompt,
+                        [&](int round) {
+                          fine(brief, round);
+                          run.forget_arrivals();
+                          fine(full, round);
+                        });
+  result.samples = prompt();
   result.short_us = brief.exposure_us;
-  require_true_exposure(bench, result.samples, full.exposure_us, brief.exposure_us);
   const std::optional<StepFit> free = fit_steps(result.samples);
   if (!free) {
     throw_no_steps(bench);

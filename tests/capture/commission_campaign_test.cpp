@@ -17,7 +17,8 @@
 /// @file
 /// Random truths: whatever the rig is, commissioning either measures it within the uncertainty
 /// that it states, or says what is wrong with it. HAARLIGHT_TRUTHS: how many (60 for the table
-/// of docs/numerics/commissioning.md); HAARLIGHT_SEED replays a run.
+/// of docs/numerics/commissioning.md); HAARLIGHT_SEED replays a run, with HAARLIGHT_TRUTH=n the
+/// one truth n of it.
 
 namespace haarlight {
 namespace {
@@ -189,8 +190,10 @@ constexpr double kNever = 6.0;
 TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
   const auto n = static_cast<int>(testing::number_from("HAARLIGHT_TRUTHS", 6));
   const std::uint64_t seed = testing::drawn_seed();
+  const auto first = static_cast<int>(testing::number_from("HAARLIGHT_TRUTH", 0));
+  const int end = std::getenv("HAARLIGHT_TRUTH") == nullptr ? n : first + 1;
   Tally tally;
-  for (int i = 0; i < n; ++i) {
+  for (int i = first; i < end; ++i) {
     const RandomTruth r = draw(hash_key(seed, static_cast<std::uint64_t>(i)));
     fmt::print("truth {}: {}\n", i, r.words);
     TwinBench bench(r.written, r.truth, hash_key(seed, 99, static_cast<std::uint64_t>(i)),
