@@ -310,7 +310,7 @@ std::vector<int> PictureAgreement::newest(int pattern, int own) const {
   return found;
 }
 
-std::vector<int> PictureAgreement::look_alikes(int take) const {
+std::vector<int> PictureAgreement::look_alikes(int take, bool only_agreed) const {
   const Take& own = at(take);
   std::set<int> patterns;
   for (const int i : newest(own.pattern, -1)) {
@@ -324,7 +324,7 @@ std::vector<int> PictureAgreement::look_alikes(int take) const {
   std::vector<int> alike;
   for (const int pattern : patterns) {
     for (const int i : newest(pattern, -1)) {
-      if (!at(i).is_agreed) {
+      if (only_agreed && !at(i).is_agreed) {
         continue;
       }
       const Vector weight = weights(own.sigma, at(i).sigma);
@@ -444,7 +444,7 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
   const bool tells_lights_apart =
       finding.other_share <= kTellsApart ||
       (n_settled_ >= kFewTakes && typical_log_share_ <= std::log(2.0 * kTellsApart));
-  for (const int i : look_alikes(own)) {
+  for (const int i : look_alikes(own, tells_lights_apart)) {
     // One of the two, or both, showed the other's light.
     const int other = at(i).pattern;
     const bool is_new = tells_lights_apart && alike_.insert(std::minmax(pattern, other)).second;

@@ -69,8 +69,8 @@ class PictureAgreement {
   [[nodiscard]] std::pair<double, double> expected_gain(const Take& a, const Take& b) const;
   void learn_gain(int a, int b);
   [[nodiscard]] std::vector<int> pictures_before(int take) const;
-  /// Agreed takes of other patterns, shown near it, that are the same picture.
-  [[nodiscard]] std::vector<int> look_alikes(int take) const;
+  /// Takes of other patterns, shown near it, that are the same picture.
+  [[nodiscard]] std::vector<int> look_alikes(int take, bool only_agreed) const;
   /// No light to be seen, where most frames have some.
   [[nodiscard]] bool is_dark(int take);
   void doubt_dark(int own, AgreementFinding& finding);
