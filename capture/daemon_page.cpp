@@ -53,8 +53,8 @@ struct ShownSession {
   bool is_active = false;
 
   [[nodiscard]] const std::vector<Shot>& shots() const {
-    HAARLIGHT_EXPECTS(plan != nullptr || info != nullptr, "a session that was found");
-    return plan != nullptr ? plan->shots : info->shots;
+    const Plan* const running = plan.get();
+    return running != nullptr ? running->shots : info->shots;
   }
 };
 
