@@ -28,6 +28,11 @@ constexpr int kMostBack = 256;         // takes that are searched for what was s
 constexpr std::int64_t kPauseNs = 1'000'000'000;
 constexpr double kLeastLogSigma = 0.003;
 constexpr double kMostLogSigma = 0.2;
+constexpr std::size_t kRests = 64;     // pairs from which the noise is learned
+constexpr std::size_t kFewRests = 24;  // before it is: a quarter of them good, one is by 99.9 %
+constexpr double kEven = 8.0;          // between the best of the pairs and three of four
+constexpr double kLeastRest = 0.5;     // of 24 to 64 pairs whose noise is as stated
+constexpr double kMostKappa2 = 400.0;
 constexpr double kForget = 0.95;  // of what is known of the gain, a pair
 
 using Vector = Eigen::Array<double, kProofPoints, 1>;
@@ -186,6 +191,22 @@ void PictureAgreement::learn_gain(int a, int b) {
   rate_den_ = kForget * rate_den_ + seconds * seconds;
 }
 
+void PictureAgreement::learn_noise(double rest) {
+  if (!std::isfinite(rest)) {
+    return;
+  }
+  rests_.push_back(rest);
+  if (rests_.size() > kRests) {
+    rests_.pop_front();
+  }
+  if (rests_.size() >= kFewRests) {
+    // Were the noise as stated, the best of so many pairs would be far below 1, whatever the
+    // lights did in the others.
+    const double least = *std::min_element(rests_.begin(), rests_.end());
+    kappa2_ = std::clamp(least / kLeastRest, 1.0, kMostKappa2);
+  }
+}
+
 PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   const Take& x = at(a);
   const Take& y = at(b);
@@ -193,7 +214,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   if (x.visit == y.visit) {
     return pair;
   }
-  const Vector weight = weights(x.sigma, y.sigma);
+  const Vector weight = weights(x.sigma, y.sigma) / kappa2_;
   const Vector xm = x.mean.cast<double>();
   const Vector ym = y.mean.cast<double>();
   const auto n_points = (weight > 0.0).count();
@@ -210,6 +231,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   const double own_gain = (weight * xm * ym).sum() / (weight * xm * xm).sum();
   const double rest = robust_square(
       (ym - own_gain * xm).square() * weight / (0.5 * (1.0 + own_gain * own_gain)), weight);
+  pair.rest = rest * kappa2_;
   pair.agrees = rest <= kFits && std::abs(own_gain - gain) <= kSigmas * gain_sigma;
   double share = 0.0;
   const auto look_at = [&](const Vector& later, const Vector& earlier, double g, double g_sigma,
@@ -327,7 +349,7 @@ std::vector<int> PictureAgreement::look_alikes(int take, bool only_agreed) const
       if (only_agreed && !at(i).is_agreed) {
         continue;
       }
-      const Vector weight = weights(own.sigma, at(i).sigma);
+      const Vector weight = weights(own.sigma, at(i).sigma) / kappa2_;
       const Vector z = own.mean.cast<double>() - at(i).mean.cast<double>();
       if (robust_square(z.square() * weight, weight) <= kFits) {
         alike.push_back(i);
@@ -372,9 +394,11 @@ AgreementFinding PictureAgreement::take(int shot, const PointSamples& samples,
     return finding;
   }
   std::vector<int> disagreeing;
+  double least_rest = std::numeric_limits<double>::infinity();
   int best = -1;
   for (const int i : newest(at(own).pattern, own)) {
     const Pair pair = compare(i, own);
+    least_rest = std::min(least_rest, pair.rest);
     if (!pair.is_comparable) {
       continue;
     }
@@ -385,6 +409,7 @@ AgreementFinding PictureAgreement::take(int shot, const PointSamples& samples,
       finding.other_share = pair.share;
     }
   }
+  learn_noise(least_rest);
   if (best >= 0) {
     settle(own, best, disagreeing, finding);
   } else if (!disagreeing.empty()) {

@@ -2,6 +2,8 @@
 
 #include <array>
 #include <cstdint>
+#include <deque>
+#include <limits>
 #include <map>
 #include <optional>
 #include <set>
@@ -62,12 +64,15 @@ class PictureAgreement {
   struct Pair {
     bool is_comparable = false;
     bool agrees = false;
-    double share = 1.0;  ///< at most, of the light before
+    double share = 1.0;                                     ///< at most, of the light before
+    double rest = std::numeric_limits<double>::infinity();  ///< robust mean square of z
   };
   [[nodiscard]] Pair compare(int a, int b) const;
   /// Gain of `b` over `a`, its prior's mean and sigma.
   [[nodiscard]] std::pair<double, double> expected_gain(const Take& a, const Take& b) const;
   void learn_gain(int a, int b);
+  /// @param rest  the least of a new take beside its others
+  void learn_noise(double rest);
   [[nodiscard]] std::vector<int> pictures_before(int take) const;
   /// Takes of other patterns, shown near it, that are the same picture.
   [[nodiscard]] std::vector<int> look_alikes(int take, bool only_agreed) const;
@@ -104,6 +109,8 @@ class PictureAgreement {
   double rate_den_ = 0.0;
   double log_sigma_ = 0.05;
   int n_gains_ = 0;
+  std::deque<double> rests_;
+  double kappa2_ = 1.0;  ///< factor of the variances: the rig file's noise may be too small
   double typical_log_share_ = 0.0;  ///< of what pairs say of other lights
   int n_settled_ = 0;
 };
