@@ -341,11 +341,10 @@ void ModelRig::expose_frame(std::uint64_t generation) {
   const std::uint64_t sequence = sequence_++;
   const std::int64_t start_ns = now_ns_;
   const double exposure_us = exposure_us_;
-  const auto exposure_ns = static_cast<std::int64_t>(exposure_us * 1e3);
-  const std::int64_t end_ns =
-      start_ns + exposure_ns + static_cast<std::int64_t>(config_.skew_us * 1e3);
-  const std::int64_t read_ns =
-      start_ns + exposure_ns + static_cast<std::int64_t>(config_.read_us * 1e3);
+  // In whole ns as exposure_window() has them: a frame handed on at its very end came after it.
+  const std::int64_t exposure_ns = std::llround(exposure_us * 1e3);
+  const std::int64_t end_ns = start_ns + exposure_ns + std::llround(config_.skew_us * 1e3);
+  const std::int64_t read_ns = start_ns + exposure_ns + std::llround(config_.read_us * 1e3);
   schedule_strobes(sequence, end_ns);
   // The stamp is taken before the frame is handed on.
   const std::int64_t jitter_ns = stamp_jitter_ns();
