@@ -198,14 +198,17 @@ void ModelRig::perform(const Action& action) {
   } else if (const auto* start = std::get_if<action::StartCamera>(&action)) {
     ++generation_;
     is_streaming_ = false;
-    at(now_ns_ + some_ns(20000.0),
-       [this, a = *start] { start_camera(a.stream, a.exposure_us); });
+    after_camera(some_ns(20000.0), [this, a = *start, g = generation_] {
+      start_camera(g, a.stream, a.exposure_us);
+    });
   } else if (std::get_if<action::StopCamera>(&action) != nullptr) {
     ++generation_;
     is_streaming_ = false;
   } else if (const auto* set = std::get_if<action::SetExposure>(&action)) {
-    at(now_ns_ + some_ns(2000.0), [this, a = *set] {
-      if (is_streaming_) {
+    after_camera(some_ns(2000.0), [this, a = *set, g = generation_] {
+      if (g != generation_) {  // stopped since: that comes after it, and so does its answer
+        send(event::ExposureSet{a.request, a.exposure_us});
+      } else if (is_streaming_) {
         next_exposure_us_ = a.exposure_us;
         exposure_delay_ = 1 + static_cast<int>(chance() * 2.0);
         send(event::ExposureSet{a.request, a.exposure_us});
@@ -257,13 +260,22 @@ void ModelRig::perform(const Action& action) {
 // ---- camera
 // ----------------------------------------------------------------------------------
 
-void ModelRig::start_camera(std::uint64_t stream, double exposure_us) {
-  stream_ = stream;
+void ModelRig::after_camera(std::int64_t takes_ns, std::function<void()> work) {
+  camera_idle_ns_ = std::max(now_ns_, camera_idle_ns_) + takes_ns;
+  at(camera_idle_ns_, std::move(work));
+}
+
+void ModelRig::start_camera(std::uint64_t generation, std::uint64_t stream,
+                            double exposure_us) {
   if (now_ns_ < camera_back_ns_) {
     send(event::CameraFault{stream, Errc::device_gone, "no such device"});
     return;
   }
-  ++generation_;
+  if (generation != generation_) {  // stopped since: it answers, and delivers nothing
+    send(event::CameraStarted{stream, exposure_us, config_.n_buffers});
+    return;
+  }
+  stream_ = stream;
   is_streaming_ = true;
   exposure_us_ = next_exposure_us_ = exposure_us;
   exposure_delay_ = 0;
@@ -285,10 +297,9 @@ void ModelRig::trigger() {
   if (!is_streaming_ || now_ns_ < camera_free_ns_ || happens(config_.faults.trigger_lost)) {
     return;
   }
-  const double busy_us = std::max(next_exposure_us_, exposure_us_) +
-                         std::max(config_.read_us, config_.skew_us) + 50.0;
-  camera_free_ns_ = now_ns_ + static_cast<std::int64_t>(busy_us * 1e3);
   expose_frame(generation_);
+  const double busy_us = exposure_us_ + std::max(config_.read_us, config_.skew_us) + 50.0;
+  camera_free_ns_ = now_ns_ + static_cast<std::int64_t>(busy_us * 1e3);
 }
 
 /// The free-running sensor, which never stops.
@@ -330,11 +341,10 @@ void ModelRig::expose_frame(std::uint64_t generation) {
   const std::uint64_t sequence = sequence_++;
   const std::int64_t start_ns = now_ns_;
   const double exposure_us = exposure_us_;
-  const auto exposure_ns = static_cast<std::int64_t>(exposure_us * 1e3);
-  const std::int64_t end_ns =
-      start_ns + exposure_ns + static_cast<std::int64_t>(config_.skew_us * 1e3);
-  const std::int64_t read_ns =
-      start_ns + exposure_ns + static_cast<std::int64_t>(config_.read_us * 1e3);
+  // In whole ns as exposure_window() has them: a frame handed on at its very end came after it.
+  const std::int64_t exposure_ns = std::llround(exposure_us * 1e3);
+  const std::int64_t end_ns = start_ns + exposure_ns + std::llround(config_.skew_us * 1e3);
+  const std::int64_t read_ns = start_ns + exposure_ns + std::llround(config_.read_us * 1e3);
   schedule_strobes(sequence, end_ns);
   // The stamp is taken before the frame is handed on.
   const std::int64_t jitter_ns = stamp_jitter_ns();

@@ -185,7 +185,9 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   void schedule_strobes(std::uint64_t sequence, std::int64_t end_ns);
 
   // Camera.
-  void start_camera(std::uint64_t stream, double exposure_us);
+  /// The camera's thread does one command after the other.
+  void after_camera(std::int64_t takes_ns, std::function<void()> work);
+  void start_camera(std::uint64_t generation, std::uint64_t stream, double exposure_us);
   void expose(std::uint64_t generation);
   void expose_frame(std::uint64_t generation);
   [[nodiscard]] std::int64_t stamp_jitter_ns();
@@ -240,6 +242,7 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   std::uint64_t stream_ = 0;      ///< the sequencer's name for it
   bool is_streaming_ = false;
   std::int64_t camera_back_ns_ = 0;
+  std::int64_t camera_idle_ns_ = 0;  ///< its commands so far are done
   std::uint64_t sequence_ = 0;
   double exposure_us_ = 0.0;
   double next_exposure_us_ = 0.0;

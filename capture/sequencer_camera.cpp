@@ -109,6 +109,7 @@ void Stepper::stop_camera() {
   }
   s_.is_camera_started = false;
   s_.is_camera_starting = false;
+  s_.is_exposure_open = false;  // its answer, if one still comes, is not the next stream's
   s_.camera_faults = 0;
   s_.retry_camera_ns = kNever;
 }

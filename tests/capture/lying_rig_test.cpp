@@ -55,11 +55,11 @@ struct Tally {
         c.off_rhythm, c.rhythm_unknown, c.frames_out_of_order, c.duplicates, c.confirms_failed,
         c.strobe_unproven, c.table_mismatches, sum.n_suspected, needless_percent(), c.retries);
   }
-  /// What is measured is 0.03 % where the camera runs freely and up to 0.17 % where it is
-  /// triggered, not all of it for the stamp; with room for the chance of a small run.
+  /// What is measured is up to 0.04 % where the camera runs freely and 0.003 % where it is
+  /// triggered; with room for the chance of a small run.
   [[nodiscard]] double most_needless(SyncMode sync) const {
     const bool is_free = sync == SyncMode::free_run || sync == SyncMode::camera_leads;
-    const double mean = (is_free ? 1e-3 : 3e-3) * static_cast<double>(sum.counters.frames);
+    const double mean = (is_free ? 1e-3 : 2e-4) * static_cast<double>(sum.counters.frames);
     return mean + 4.0 * std::sqrt(mean) + 1.0;
   }
   [[nodiscard]] double needless_percent() const {

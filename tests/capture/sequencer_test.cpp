@@ -120,6 +120,26 @@ TEST(SequencerSimulation, WithoutFaultsALightTakesTwoFramesAndNothingIsRetried) 
   EXPECT_LE(static_cast<double>(outcome.counters.frames), 2.3 * 200);
 }
 
+// The devices' threads do one command after the other: a camera that is stopped while it starts
+// and started again delivers the second stream. Aborts alone cost no shot its frame.
+TEST(SequencerSimulation, AbortsAloneCostNoShotItsFrame) {
+  std::uint64_t n_starts = 0;
+  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+    ModelRigConfig config;
+    config.seed = seed;
+    config.faults.abort_rate = 5.0;
+    set_sync_mode(config, seed % 2 == 0 ? SyncMode::light_leads : SyncMode::controller_leads);
+    const auto plan = random_model_plan(config, 200);
+    ModelRig rig(config, plan);
+    const ModelOutcome outcome = rig.run(std::vector<bool>(plan->shots.size(), false),
+                                         std::vector<int>(plan->shots.size(), 0));
+    ASSERT_TRUE(outcome.is_done && outcome.problem.empty()) << seed << outcome.problem;
+    EXPECT_EQ(outcome.counters.shot_timeouts, 0U) << seed << "\n" << tail_of(rig);
+    n_starts += rig.state().stream;
+  }
+  EXPECT_GT(n_starts, 400U);
+}
+
 // ---- single steps
 // ----------------------------------------------------------------------------
 
@@ -740,6 +760,31 @@ TEST(Sequencer, AnAbortEndsWithoutAnswersWithin200Ms) {
   d.t_ns += 150'000'000;
   d.send(event::Tick{});
   EXPECT_EQ(d.state.phase, Phase::idle);
+}
+
+// The camera's thread may be at it still when the run is aborted and started again.
+TEST(Sequencer, AnExposureSetForARunThatWasAbortedDoesNotEndTheNextOne) {
+  auto plan = std::make_shared<SequencerPlan>(*two_shots());
+  plan->shots[1].exposure_us = 2000.0;
+  Driver d = devices_there(plan);
+  send_frames(d, FrameRhythm::kFirst, 0);
+  d.t_ns = 1'200'000;
+  d.send(event::LightShown{d.state.job, LatchReceipt{1'000'000, 1'050'000, 1'100'000, 1}});
+  d.t_ns = 4'000'000;
+  d.send(frame_at(1, 3'900'000));
+  const auto* set = d.find<action::SetExposure>();
+  ASSERT_NE(set, nullptr);
+  const std::uint64_t request = set->request;
+  d.send(event::Abort{});
+  d.t_ns += 150'000'000;
+  d.send(event::Tick{});
+  ASSERT_NE(d.find<action::StopCamera>(), nullptr);
+  d.send(event::Run{plan, {false, false}, {0, 0}});
+  d.send(event::LightConnected{d.state.job, 77, 16});
+  ASSERT_NE(d.find<action::StartCamera>(), nullptr);
+  EXPECT_EQ(d.find<action::StartCamera>()->exposure_us, 1000.0);
+  d.send(event::ExposureSet{request, 2000.0});
+  EXPECT_EQ(d.state.phase, Phase::preflight) << d.state.reason_text;
 }
 
 TEST(Sequencer, ACameraThatCannotSetTheExposureEndsTheRun) {
