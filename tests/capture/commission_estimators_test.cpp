@@ -1,6 +1,7 @@
 #include <cmath>
 #include <numeric>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
@@ -172,6 +173,32 @@ TEST(FitSteps, IsNotMovedByAFewWildSteps) {
   const auto fit = fit_steps(samples);
   ASSERT_TRUE(fit);
   EXPECT_NEAR(fit->model.offset_us[1], 812.0, 30.0);
+}
+
+/// An LED that settles as 1 - exp(-t / tau) has no end of its ramp; the fit gives the straight
+/// line that fits best. The share of an exposure E that begins with the light is
+/// 1 - tau (1 - exp(-x / tau)) / E.
+TEST(FitSteps, AnExponentialLightGivesTheLengthOfAStraightLine) {
+  for (const double tau : {50.0, 100.0, 200.0}) {
+    const StepModel even{{500.0, 4000.0}, {812.0, 812.0}, 0.0, 4.0 * tau, 4.0 * tau};
+    auto samples = made_steps(even, 120, 8, 0.0, 0.0);
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      StepSample& s = samples[i];
+      const double x = s.after_us + s.exposure_us - 812.0;  // end of exposure after the light
+      const auto lit = [tau](double t) {
+        return t > 0.0 ? t - tau * -std::expm1(-t / tau) : 0.0;
+      };
+      const double share = (lit(x) - lit(x - s.exposure_us)) / s.exposure_us;
+      s.level = (s.rises ? share : 1.0 - share) + 0.002 * standard_normal(hash_key(5, i));
+      s.sigma = 0.002;
+    }
+    const auto fit = fit_steps(samples);
+    ASSERT_TRUE(fit);
+    fmt::print(
+        "tau {} us: rise {:.2f} tau, fall {:.2f} tau, offsets {:.2f} and {:.2f} tau late\n",
+        tau, fit->model.rise_us / tau, fit->model.fall_us / tau,
+        (fit->model.offset_us[0] - 812.0) / tau, (fit->model.offset_us[1] - 812.0) / tau);
+  }
 }
 
 TEST(ExposureScale, IsTheSlopeOfTheShare) {

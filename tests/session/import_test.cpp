@@ -214,6 +214,18 @@ TEST(Import, ReplacesAnImportOnlyWhenForcedAndNeverACapture) {
   EXPECT_TRUE(verify_session(folder.path() / "captured").is_good());
 }
 
+TEST(Import, ReadsNoSessionOfMoreThan64MiBBeforeItReplacesIt) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  const fs::path out = folder.path() / "out";
+  write_capture(in, ".png");
+  (void)import_pictures(in, in / "dirs.lp", out);
+  fs::resize_file(out / "session.json", (std::uintmax_t{64} << 20U) + 1);  // a hole
+  EXPECT_THAT(
+      refusal(in, in / "dirs.lp", out, {.force = true}),
+      testing::AllOf(HasSubstr("session.json"), HasSubstr("67108865 bytes, more than")));
+}
+
 TEST(Import, SubtractsTheAmbientPicture) {
   TemporaryFolder folder;
   const fs::path in = folder.path() / "in";
