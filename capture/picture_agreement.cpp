@@ -200,10 +200,12 @@ void PictureAgreement::learn_noise(double rest) {
     rests_.pop_front();
   }
   if (rests_.size() >= kFewRests) {
-    // Were the noise as stated, the best of so many pairs would be far below 1, whatever the
-    // lights did in the others.
-    const double least = *std::min_element(rests_.begin(), rests_.end());
-    kappa2_ = std::clamp(least / kLeastRest, 1.0, kMostKappa2);
+    // Were the noise as stated, the best of so many pairs would be far below 1. Were it the
+    // lights, the pairs would differ much.
+    std::vector<double> sorted(rests_.begin(), rests_.end());
+    std::sort(sorted.begin(), sorted.end());
+    const bool is_noise = sorted[3 * sorted.size() / 4] <= kEven * sorted.front();
+    kappa2_ = is_noise ? std::clamp(sorted.front() / kLeastRest, 1.0, kMostKappa2) : 1.0;
   }
 }
 

@@ -395,6 +395,21 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(self.run_line("check session").returncode, BAD_INPUT)
         self.assertEqual(self.run_line("check {rig} --as car").returncode, USAGE)
 
+    def test_check_warns_of_a_measured_file_with_the_mean_latch_alone(self):
+        text = ('[measured]\ndate = "2026-11-21T10:20:46Z"\ntool = "haarlight"\n'
+                'rig_hash = "0"\n\n[measured.controller]\nwith = "x"\nidentity = "y"\n'
+                'latch_us = { value = 812, sigma = 3.5, n = 120 }\n')
+        most = "latch_most_us = { value = 912, sigma = 20, n = 120 }\n"
+        for name, body, is_warned in (("old", text, True), ("new", text + most, False)):
+            with self.subTest(file=name):
+                (self.folder / f"{name}.measured.toml").write_text(body)
+                done = self.run_line(f"check {name}.measured.toml")
+                self.assertEqual(done.returncode, DONE, done.stderr)
+                shown = done.stdout + done.stderr
+                self.assertEqual("warning: it has no latch_most_us" in shown, is_warned, shown)
+                self.assertEqual("cure: measure again (haarlight rig commission)" in shown,
+                                 is_warned, shown)
+
     def test_rig_predict_tells_the_numbers_of_the_rig(self):
         cube = str(SOURCE / "configs/rigs/cube32.toml")
         shown = self.run_line(f"rig predict {cube} --object-height 150,150 --receiver=-100 --json")
