@@ -227,7 +227,9 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
     pair.is_comparable = n_points >= kLeastPoints && difference > kLit2;
     return pair;
   }
-  const auto [gain, gain_sigma] = expected_gain(x, y);
+  const std::pair<double, double> expected = expected_gain(x, y);
+  const double gain = expected.first;
+  const double gain_sigma = expected.second;
   const std::vector<int> before_x = pictures_before(a);
   const std::vector<int> before_y = pictures_before(b);
   const double own_gain = (weight * xm * ym).sum() / (weight * xm * xm).sum();
