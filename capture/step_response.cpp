@@ -205,7 +205,7 @@ Eigen::VectorXd solve(Eigen::MatrixXd normal, Eigen::VectorXd gradient,
     normal.noalias() -= d.cross * d.cross.transpose() / pivot;
     gradient.noalias() -= d.cross * (d.gradient / pivot);
   }
-  const Eigen::VectorXd step = normal.ldlt().solve(gradient);
+  Eigen::VectorXd step = normal.ldlt().solve(gradient);
   for (std::size_t i = 0; i < delays.size(); ++i) {
     const OwnDelay& d = delays[i];
     late[i] += (d.gradient - d.cross.dot(step)) / (d.normal * (1.0 + damping));

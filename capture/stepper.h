@@ -25,7 +25,7 @@ inline constexpr std::int64_t kDiskRetryNs = 1000 * kMs;
 inline constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
 inline constexpr std::int64_t kHeldRetryNs = 1000 * kMs;
 inline constexpr std::int64_t kWrongLightRetryNs = 2'000 * kMs;
-inline constexpr int kWrongLightsToSuspend = 2;  ///< of one shot, in a row
+inline constexpr int kWrongLightsToSuspend = 2;  ///< withdrawals of one shot
 /// An abort is promised within 200 ms; the rest is for the threads and the answer.
 inline constexpr std::int64_t kAbortLimitNs = 150 * kMs;
 /// Beside the frames: late delivery, a busy host.

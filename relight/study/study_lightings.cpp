@@ -104,7 +104,7 @@ std::vector<StudyLighting> lightings_from_json(const std::filesystem::path& file
                                                int n_lights) {
   std::vector<StudyLighting> all;
   try {
-    const nlohmann::ordered_json root =
+    const auto root =
         parse_json<nlohmann::ordered_json>(read_file(file, kMaxJsonBytes), file.string());
     if (!root.is_object() || root.empty()) {
       throw Error("no lightings", file.string(), "write {\"name\": [a number a light], ...}");

@@ -17,9 +17,11 @@ PointValues picture(int k) {
   PointValues out;
   for (int i = 0; i < kProofPoints; ++i) {
     const double u = k % 6 - 2.5;
-    const double v = k / 6 - 2.5;
+    const int row = k / 6;
+    const double v = row - 2.5;
     const double x = i % 8 - 3.5;
-    const double y = i / 8 - 3.5;
+    const int down = i / 8;
+    const double y = down - 3.5;
     const double noise =
         standard_normal(hash_key(static_cast<std::uint64_t>(k), static_cast<std::uint64_t>(i)));
     out[i] = 10.0 / (1.0 + 0.02 * (u - x) * (u - x) + 0.03 * (v - y) * (v - y)) + 0.01 * noise;

@@ -122,8 +122,8 @@ class LyingLab {
       wiring_.push_back(k);
     }
     if (flaws.is_swapped) {
-      const int k = transport.n_lights() / 2 + 3;
-      std::swap(wiring_[static_cast<std::size_t>(k)], wiring_[static_cast<std::size_t>(k + 1)]);
+      const auto k = static_cast<std::size_t>(transport.n_lights()) / 2 + 3;
+      std::swap(wiring_[k], wiring_[k + 1]);
     }
   }
 
@@ -159,7 +159,7 @@ class LyingLab {
       }
     }
     double wrong = 0.0;
-    expected_.assign(kWidth * kHeight, 0.0);
+    expected_.assign(std::size_t{kWidth} * kHeight, 0.0);
     for (const auto& [lit, us] : shares) {
       const bool is_own = lit >= 0 && plan_.shots[static_cast<std::size_t>(lit)].lit ==
                                           plan_.shots[static_cast<std::size_t>(shot)].lit;
@@ -173,7 +173,7 @@ class LyingLab {
     const double white = std::exp2(camera_.bits) - 1.0;
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
-        const double mean = expected_[static_cast<std::size_t>(y * kWidth + x)];
+        const double mean = expected_[pixel(y, x)];
         const double e = std::min(
             mean + std::sqrt(mean + camera_.noise.read_e * camera_.noise.read_e) * normal(),
             camera_.noise.full_well_e);
@@ -209,11 +209,14 @@ class LyingLab {
       for (int y = 0; y < kHeight; ++y) {
         const auto row = plane.row(y);
         for (int x = 0; x < kWidth; ++x) {
-          expected_[static_cast<std::size_t>(y * kWidth + x)] +=
+          expected_[pixel(y, x)] +=
               factor * static_cast<double>(row[static_cast<std::size_t>(x)]);
         }
       }
     }
+  }
+  [[nodiscard]] static std::size_t pixel(int y, int x) {
+    return static_cast<std::size_t>(y) * kWidth + static_cast<std::size_t>(x);
   }
   double uniform() { return uniform_unit(hash_key(seed_, ++n_random_)); }
   double normal() { return standard_normal(hash_key(seed_, ++n_random_)); }

@@ -54,7 +54,8 @@ class Scene {
         double e = 0.0;
         for (const auto& [k, share] : lights) {
           const double dx = x - 10.0 * (k % kSide) - 7.0 - shift;
-          const double dy = y - 8.0 * static_cast<double>(k / kSide) - 4.0;
+          const int row = k / kSide;
+          const double dy = y - 8.0 * row - 4.0;
           e += share * 6000.0 / (1.0 + 0.002 * (dx * dx + dy * dy));
         }
         const double noise = std::sqrt(e + 64.0) * standard_normal(hash_key(77, ++n_));

@@ -102,11 +102,13 @@ TEST(WriteImage, PngAndExrCarryTheirNotesAndTheSamePictureGivesTheSameBytes) {
          {notes[0], notes[1], PictureNote{"haarlightProgram", "haarlight " HAARLIGHT_VERSION},
           PictureNote{"haarlightExposure", is_png ? "2.5" : "1"}}) {
       const std::string zero(1, '\0');
-      const std::string expected = is_png
-                                       ? big_endian(note.name.size() + 1 + note.text.size()) +
-                                             "tEXt" + note.name + zero + note.text
-                                       : note.name + zero + "string" + zero +
-                                             little_endian(note.text.size()) + note.text;
+      std::string expected = note.name + zero;
+      if (is_png) {
+        expected.insert(0, big_endian(note.name.size() + 1 + note.text.size()) + "tEXt");
+      } else {
+        expected += "string" + zero + little_endian(note.text.size());
+      }
+      expected += note.text;
       EXPECT_NE(bytes.find(expected), std::string::npos) << name << ": " << note.name;
     }
     write_image(folder / name, image.view(), 2.5, notes);

@@ -71,8 +71,9 @@ std::string problem_of(const Bracket& b, std::uint64_t seed) {
                           (index == 2 ? b.lie : 1.0);
         for (int y = 0; y < kHeight; ++y) {
           for (int x = 0; x < kWidth; ++x) {
-            const auto key = hash_key(seed, static_cast<std::uint64_t>(index),
-                                      static_cast<std::uint64_t>(y * kWidth + x));
+            const auto key = hash_key(
+                seed, static_cast<std::uint64_t>(index),
+                static_cast<std::uint64_t>(y) * kWidth + static_cast<std::uint64_t>(x));
             const double mean =
                 us * middle * std::pow(10.0, b.decades * (x / (kWidth - 1.0) - 0.5));
             const double electrons =

@@ -10,6 +10,7 @@
 
 // libpng leaves OpenImageIO's functions by longjmp, past the destructors of their strings: 31
 // bytes a damaged PNG, which is not ours to mend.
+// NOLINTNEXTLINE(readability-identifier-naming): the sanitizer's name
 extern "C" const char* __asan_default_options() { return "detect_leaks=0"; }
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
