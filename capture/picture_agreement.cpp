@@ -238,13 +238,16 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   pair.rest = rest * kappa2_;
   pair.agrees = rest <= kFits && std::abs(own_gain - gain) <= kSigmas * gain_sigma;
   double share = 0.0;
+  const auto seen_in = [this](int i, const Vector& of) -> Vector {
+    return at(i).sigma.isFinite().select(of, Vector::Zero());  // a clipped point has no value
+  };
   const auto look_at = [&](const Vector& later, const Vector& earlier, double g, double g_sigma,
                            const std::vector<int>& before) {
     for (const int i : before) {
       const Take& other = at(i);
       const Vector c = other.mean.cast<double>();
       const Vector u = c - earlier;
-      const Shares fit = fit_shares(later, earlier, u, nullptr, weight, g, g_sigma);
+      const Shares fit = fit_shares(later, earlier, u, nullptr, seen_in(i, weight), g, g_sigma);
       const bool is_wrong = std::isfinite(fit.alpha_sigma) && fit.alpha > kLeastShare &&
                             fit.alpha > kSigmas * fit.alpha_sigma;
       pair.agrees = pair.agrees && !is_wrong;
@@ -261,11 +264,15 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   };
   const Vector u = direction(before_y);
   const Vector v = direction(before_x);
+  Vector seen = weight;
+  for (const std::vector<int>* before : {&before_x, &before_y}) {
+    seen = before->empty() ? seen : seen_in(before->front(), seen);
+  }
   const auto bound = [](double value, double sigma) {
     return std::isfinite(sigma) ? std::max(value, 0.0) + kSigmas * sigma : 1.0;
   };
   const auto one = [&](const Vector& d, double sign) {
-    const Shares fit = fit_shares(ym, xm, d, nullptr, weight, gain, gain_sigma);
+    const Shares fit = fit_shares(ym, xm, d, nullptr, seen, gain, gain_sigma);
     return bound(sign * fit.alpha, fit.alpha_sigma);
   };
   if (!before_y.empty()) {
@@ -275,8 +282,8 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
     share = std::max(share, one(v, -1.0));
   }
   if (!before_x.empty() && !before_y.empty() &&
-      (weight * u * v).sum() > 0.0) {  // else neither can make up for the other
-    const Shares fit = fit_shares(ym, xm, u, &v, weight, gain, gain_sigma);
+      (seen * u * v).sum() > 0.0) {  // else neither can make up for the other
+    const Shares fit = fit_shares(ym, xm, u, &v, seen, gain, gain_sigma);
     share =
         std::max({share, bound(fit.alpha, fit.alpha_sigma), bound(fit.beta, fit.beta_sigma)});
   }
@@ -286,7 +293,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   const double chi2 = ((ym - own_gain * xm).square() * weight).min(16.0).sum();
   const double hidden2 = std::max(chi2 - n, 0.0) + kSigmas * std::sqrt(2.0 * n);
   for (const Vector* d : {&u, &v}) {
-    const double length2 = (weight * d->square()).sum();
+    const double length2 = (seen * d->square()).sum();
     share = std::max(share, length2 > 0.0 ? std::sqrt(hidden2 / length2) : 0.0);
   }
   pair.share = std::min(share, 1.0);
@@ -469,7 +476,8 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
     doubt(i, finding);
   }
   const double rate = std::max(1.0 - kForget, 1.0 / (1.0 + n_settled_++));
-  typical_log_share_ += rate * (std::log(finding.other_share) - typical_log_share_);
+  typical_log_share_ +=
+      rate * (std::log(std::max(finding.other_share, 1e-6)) - typical_log_share_);
   const bool tells_lights_apart =
       finding.other_share <= kTellsApart ||
       (n_settled_ >= kFewTakes && typical_log_share_ <= std::log(2.0 * kTellsApart));
