@@ -6,6 +6,7 @@
 #include <thread>
 #include <vector>
 
+#include <Eigen/Core>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -73,7 +74,9 @@ class WholeRig : public ::testing::Test {
     ASSERT_TRUE(wait_until([](const DaemonState& s) { return s.phase == Phase::done; }))
         << to_string(daemon.state().phase) << ": " << daemon.state().reason_text;
     counters_ = daemon.state().counters;
-    expect_true_session(receipt.folder);
+    if (tags_are_exact_) {
+      expect_true_session(receipt.folder);
+    }
     EXPECT_TRUE(rig_->controller().lit().pattern->empty()) << "the lights are left on";
   }
 
@@ -98,6 +101,7 @@ class WholeRig : public ::testing::Test {
   SequencerCounters counters_;
   std::chrono::seconds limit_{60};  ///< of a run
   std::string more_plan_;           ///< further keys of the plan
+  bool tags_are_exact_ = true;      ///< of every committed frame
   std::filesystem::path session_;   ///< the last one
   VirtualRigOptions options_;
 };
@@ -168,6 +172,45 @@ class LateRig : public WholeRig {
     const VerifyReport report = verify_session(session_);
     EXPECT_TRUE(report.is_good()) << report.problems.front();
   }
+  /// Share of a frame's light that another pattern of its session gave, by least squares on the
+  /// true planes: of a late write of the same light the tag rows say the wrong shot, not the
+  /// wrong light.
+  [[nodiscard]] double other_light(const Session& session, const FrameRecord& frame) const {
+    const auto light_of = [&](int shot) {
+      return session.info().shots.at(static_cast<std::size_t>(shot)).lit.front().light;
+    };
+    const auto plane = [this](int light) {
+      const ImageView<const float> view = transports_.front().plane(light);
+      return Eigen::Map<const Eigen::ArrayXf>(view.data(), view.height() * view.width())
+          .cast<double>()
+          .eval();
+    };
+    const Image<float> pixels = session.read_rows(frame, 0, session.info().form.height);
+    const Eigen::ArrayXd seen =
+        Eigen::Map<const Eigen::ArrayXf>(pixels.view().data(),
+                                         pixels.view().height() * pixels.view().width())
+            .cast<double>() -
+        wanted_.cameras.front().noise.black_dn;
+    const Eigen::ArrayXd own = plane(light_of(frame.shot));
+    double share = 0.0;
+    double most = 0.0;  // how much of the residual goes
+    for (const Shot& shot : session.info().shots) {
+      const int light = shot.lit.front().light;
+      if (light == light_of(frame.shot)) {
+        continue;
+      }
+      const Eigen::ArrayXd other = plane(light);
+      const double cross = (own * other).sum() / (own * own).sum();
+      const Eigen::ArrayXd rest = other - cross * own;
+      const double b = (rest * seen).sum() / (rest * rest).sum();
+      const double a = (own * seen).sum() / (own * own).sum() - cross * b;
+      if (b > 0.0 && b * b * (rest * rest).sum() > most) {
+        most = b * b * (rest * rest).sum();
+        share = b / (std::max(a, 0.0) + b);
+      }
+    }
+    return share;
+  }
   double late_ms_ = 0.0;  ///< the longest from acknowledgement to read-back
 };
 
@@ -206,12 +249,23 @@ TEST_F(LateRig, WhereTheReadBackLiesTwoFramesOfEachLightHaveToAgree) {
   limit_ = 200s;  // each suspension takes two
   FaultScript faults;
   faults.late_light = {.share = 0.1, .shows = LateActing::Shows::at_once};
-  capture(faults);  // and looks at the light that each frame really saw
+  tags_are_exact_ = false;
+  capture(faults);
   EXPECT_GT(counters_.frames_doubted, 0U) << "none was late?";
   fmt::print("{} frames committed, {} of them withdrawn, {} suspensions\n", counters_.commits,
              counters_.frames_doubted, counters_.suspensions);
   const VerifyReport report = verify_session(session_);
   EXPECT_TRUE(report.is_good()) << report.problems.front();
+  const Session session = Session::open(session_);
+  double most = 0.0;
+  for (const FrameRecord& frame : session.info().frames) {
+    const double share = other_light(session, frame);
+    most = std::max(most, share);
+    // 0.003: what the noise of 3072 pixels makes of none.
+    EXPECT_LE(share, frame.evidence.other_light_at_most.value_or(0.03) + 0.003) << frame.file;
+    EXPECT_LE(share, 0.03) << frame.file;
+  }
+  fmt::print("{:.2f} % of another light at most\n", 100.0 * most);
   // One that was taken again only to show another light in between may have had the same before
   // it.
   EXPECT_GE(report.n_by_picture, 27);
