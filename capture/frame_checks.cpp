@@ -57,32 +57,28 @@ bool is_lit(ShotKind kind) { return kind != ShotKind::dark; }
 
 FrameChecker::FrameChecker(const Plan& plan, const FrameForm& form, const LightLayout& layout)
     : form_(form), limits_(plan.limits), dark_dn_(form.black_level) {
-  std::map<std::vector<std::pair<int, int>>, std::vector<int>> shots_of;
+  const std::vector<int> numbers = same_lights(plan.shots);
+  std::vector<int> n_shots(plan.shots.size(), 0);
+  for (const int number : numbers) {
+    n_shots[static_cast<std::size_t>(std::max(number, 0))] += number >= 0 ? 1 : 0;
+  }
+  std::map<int, int> reference_of;
   for (const Shot& shot : plan.shots) {
     shots_.push_back(Shot{shot.index, shot.kind, {}, shot.exposure_us});
     pattern_of_.push_back(-1);
-    if (!is_lit(shot.kind)) {
-      continue;
+    const int number = numbers[static_cast<std::size_t>(shot.index)];
+    if (number >= 0 && n_shots[static_cast<std::size_t>(number)] > 1) {
+      const auto found = reference_of.emplace(number, static_cast<int>(references_.size()));
+      pattern_of_.back() = found.first->second;
+      if (found.second) {
+        references_.emplace_back();
+      }
     }
     if (shot.kind == ShotKind::light) {
       shortest_us_ =
           shortest_us_ > 0.0 ? std::min(shortest_us_, shot.exposure_us) : shot.exposure_us;
       longest_us_ = std::max(longest_us_, shot.exposure_us);
     }
-    std::vector<std::pair<int, int>> key;
-    for (const LightLevel& light : shot.lit) {
-      key.emplace_back(light.light, light.level);
-    }
-    shots_of[key].push_back(shot.index);
-  }
-  for (const auto& [key, shots] : shots_of) {
-    if (shots.size() < 2) {
-      continue;
-    }
-    for (const int shot : shots) {
-      pattern_of_[static_cast<std::size_t>(shot)] = static_cast<int>(references_.size());
-    }
-    references_.emplace_back();
   }
   const std::size_t share = references_.empty() ? 0 : kAllSamples / references_.size();
   n_samples_ = std::clamp<std::size_t>(share, kLeastSamples, kMaxSamples);

@@ -13,19 +13,16 @@ namespace haarlight {
 namespace {
 
 constexpr double kSigmas = 5.0;
-constexpr double kModelTol = 3e-3;    // relative error of a block that no noise explains
 constexpr double kFits = 4.0;         // robust mean square of z up to which two are the same
 constexpr double kLeastShare = 0.02;  // of another light that makes a frame wrong
 constexpr double kMostShare = 0.5;    // beyond, two pictures do not tell one light from another
 constexpr double kTellsApart = 0.1;   // share up to which like pictures are suspect
 constexpr int kWindow = 12;           // pictures that a controller may be late by
 constexpr int kLeastPoints = 8;
-constexpr double kLit2 = 2500.0;       // chi square of a picture that is not dark: 50 sigma
 constexpr int kMostDoubts = 16;        // of one shot
 constexpr int kFewTakes = 8;           // before a dark picture says anything
 constexpr std::size_t kMostTakes = 8;  // of one pattern that are compared with a new one
 constexpr int kMostBack = 256;         // takes that are searched for what was shown before
-constexpr std::int64_t kPauseNs = 1'000'000'000;
 constexpr double kLeastLogSigma = 0.003;
 constexpr double kMostLogSigma = 0.2;
 constexpr std::size_t kRests = 64;     // pairs from which the noise is learned
@@ -90,42 +87,11 @@ Vector weights(const Points& sigma_a, const Points& sigma_b) {
   return variance.isFinite().select(1.0 / variance, Vector::Zero());
 }
 
-/// Median of z^2 over that of a normal z.
-double robust_square(const Vector& z2, const Vector& weight) {
-  std::array<double, kProofPoints> values{};
-  std::size_t n = 0;
-  for (int i = 0; i < kProofPoints; ++i) {
-    if (weight[i] > 0.0) {
-      values[n++] = z2[i];
-    }
-  }
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
-  std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(n));
-  return n == 0 ? 0.0 : *middle / 0.4549;
-}
-
 }  // namespace
 
-PictureAgreement::PictureAgreement(const Plan& plan) {
-  std::map<std::vector<std::pair<int, int>>, int> index;
-  for (const Shot& shot : plan.shots) {
-    std::vector<std::pair<int, int>> key;
-    for (const LightLevel& light : shot.lit) {
-      if (light.level > 0) {
-        key.emplace_back(light.light, light.level);
-      }
-    }
-    if (key.empty()) {
-      pattern_of_.push_back(-1);
-      continue;
-    }
-    const auto [it, is_new] =
-        index.emplace(std::move(key), static_cast<int>(by_pattern_.size()));
-    if (is_new) {
-      by_pattern_.emplace_back();
-    }
-    pattern_of_.push_back(it->second);
-  }
+PictureAgreement::PictureAgreement(const Plan& plan) : pattern_of_(same_lights(plan.shots)) {
+  const auto last = std::max_element(pattern_of_.begin(), pattern_of_.end());
+  by_pattern_.resize(last == pattern_of_.end() ? 0 : static_cast<std::size_t>(*last + 1));
 }
 
 void PictureAgreement::push(Take take) {
@@ -220,11 +186,11 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   const Vector xm = x.mean.cast<double>();
   const Vector ym = y.mean.cast<double>();
   const auto n_points = (weight > 0.0).count();
-  if (n_points < kLeastPoints || (weight * xm * xm).sum() < kLit2 ||
-      (weight * ym * ym).sum() < kLit2) {
+  if (n_points < kLeastPoints || (weight * xm * xm).sum() < kLitSquare ||
+      (weight * ym * ym).sum() < kLitSquare) {
     // Nothing to see in one of them. Dark and lit do not agree all the same.
     const double difference = (weight * (xm - ym).square()).sum();
-    pair.is_comparable = n_points >= kLeastPoints && difference > kLit2;
+    pair.is_comparable = n_points >= kLeastPoints && difference > kLitSquare;
     return pair;
   }
   const std::pair<double, double> expected = expected_gain(x, y);
@@ -234,7 +200,8 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   const std::vector<int> before_y = pictures_before(b);
   const double own_gain = (weight * xm * ym).sum() / (weight * xm * xm).sum();
   const double rest = robust_square(
-      (ym - own_gain * xm).square() * weight / (0.5 * (1.0 + own_gain * own_gain)), weight);
+      (ym - own_gain * xm).square() * weight / (0.5 * (1.0 + own_gain * own_gain)),
+      weight > 0.0);
   pair.rest = rest * kappa2_;
   pair.agrees = rest <= kFits && std::abs(own_gain - gain) <= kSigmas * gain_sigma;
   double share = 0.0;
@@ -362,7 +329,7 @@ std::vector<int> PictureAgreement::look_alikes(int take, bool only_agreed) const
       }
       const Vector weight = weights(own.sigma, at(i).sigma) / kappa2_;
       const Vector z = own.mean.cast<double>() - at(i).mean.cast<double>();
-      if (robust_square(z.square() * weight, weight) <= kFits) {
+      if (robust_square(z.square() * weight, weight > 0.0) <= kFits) {
         alike.push_back(i);
         break;
       }
@@ -377,7 +344,7 @@ AgreementFinding PictureAgreement::take(int shot, const PointSamples& samples,
                         pattern_of_[static_cast<std::size_t>(shot)] >= 0,
                     "a lit shot of the plan");
   if (!takes_.empty() && takes_.back().pattern >= 0 &&
-      start_ns - takes_.back().start_ns > kPauseNs) {
+      start_ns - takes_.back().start_ns > kDarkPauseNs) {
     take_dark(start_ns);  // paused or suspended in between
   }
   Take taken;
@@ -385,7 +352,7 @@ AgreementFinding PictureAgreement::take(int shot, const PointSamples& samples,
   taken.pattern = pattern_of_[static_cast<std::size_t>(shot)];
   taken.start_ns = start_ns;
   taken.is_kept = true;
-  const Vector tolerance = kModelTol * samples.mean.abs();
+  const Vector tolerance = kPointModelTol * samples.mean.abs();
   taken.mean = samples.mean.cast<float>();
   taken.sigma = samples.is_good
                     .select((samples.noise + tolerance.square()).sqrt(),
@@ -434,7 +401,7 @@ AgreementFinding PictureAgreement::take(int shot, const PointSamples& samples,
 bool PictureAgreement::is_dark(int take) {
   Take& own = at(take);
   const Vector weight = weights(own.sigma, Points::Zero().eval());
-  own.is_lit = (weight * own.mean.cast<double>().square()).sum() >= kLit2;
+  own.is_lit = (weight * own.mean.cast<double>().square()).sum() >= kLitSquare;
   const bool is_odd = n_lit_ >= kFewTakes && n_lit_ > 4 * n_unlit_;
   ++(own.is_lit ? n_lit_ : n_unlit_);
   return !own.is_lit && is_odd;
@@ -516,10 +483,11 @@ void PictureAgreement::dispute(int own, const std::vector<int>& disagreeing,
   if (finding.doubted.empty() && !finding.is_given_up) {
     separate(own, finding);
   }
-  finding.note = fmt::format(
-      "shots {} and {} have the same lights and other pictures: {}", at(own).shot,
-      at(disagreeing.front()).shot,
-      finding.is_given_up ? "taken all the same, after too many attempts" : "taken again");
+  finding.note = fmt::format("shots {} and {} have the same lights and other pictures: {}",
+                             at(own).shot, at(disagreeing.front()).shot,
+                             finding.is_given_up ? "taken all the same, after too many attempts"
+                             : finding.doubted.empty() ? "one of them is wrong"
+                                                       : "taken again");
 }
 
 void PictureAgreement::separate(int own, AgreementFinding& finding) {

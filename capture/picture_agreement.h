@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "capture/picture_proof.h"
+#include "capture/picture_points.h"
 #include "capture/plan.h"
 
 /// @file

@@ -13,10 +13,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr int kSide = 8;             // points across and down
-constexpr int kMostBlock = 16;       // pixels of a block's side
 constexpr double kNearer = 5.0;      // sigma
-constexpr double kModelTol = 3e-3;   // relative error of a block that no noise explains
 constexpr double kRepeatTol = 1e-3;  // the same from one frame to the next
 constexpr double kRepeats =
     3.0;  // mean square of z up to which two frames are the same picture
@@ -35,8 +32,6 @@ constexpr double kDark = 0.1;         // of the predicted light: none
 constexpr double kDarkBefore = 0.75;  // the same after a dark frame
 constexpr std::size_t kRecent = 12;   // patterns that a controller may be late by
 constexpr int kLeastPoints = 8;
-constexpr std::int64_t kPauseNs = 1'000'000'000;
-constexpr double kLit = 2500.0;  // chi square of a picture that is not dark: 50 sigma
 constexpr double kMostKappa2 = 400.0;
 constexpr double kKappaRate = 0.02;  // of its square, a frame
 
@@ -48,34 +43,14 @@ struct ShareFit {
   double rest = 0.0;  ///< robust mean square of what remains, 1: noise
 };
 
-/// The square below which this share of the points' z^2 lies, over that of a normal z: 1 for
-/// noise alone.
-double robust_square(const PointValues& z2, const Eigen::Array<bool, kProofPoints, 1>& counts,
-                     bool is_everywhere = false) {
-  std::array<double, kProofPoints> values{};
-  std::size_t n = 0;
-  for (int i = 0; i < kProofPoints; ++i) {
-    if (counts[i]) {
-      values[n++] = z2[i];
-    }
-  }
-  if (n == 0) {
-    return 0.0;
-  }
-  const auto rank = static_cast<std::ptrdiff_t>(is_everywhere ? n - 1 - n / 10 : n / 2);
-  std::nth_element(values.begin(), values.begin() + rank,
-                   values.begin() + static_cast<std::ptrdiff_t>(n));
-  return values[static_cast<std::size_t>(rank)] / (is_everywhere ? 2.706 : 0.4549);
-}
-
 PointValues huber_weights(const PointValues& r, const PointValues& inverse_variance) {
   const PointValues z = (r.square() * inverse_variance).sqrt();
   return inverse_variance * (kHuber / z.max(kHuber));
 }
 
 ShareFit fit_share(const PointValues& y, const PointValues& mu, const PointValues& c,
-                   const PointValues& inverse_variance,
-                   const Eigen::Array<bool, kProofPoints, 1>& counts, int n_iterations) {
+                   const PointValues& inverse_variance, const PointMask& counts,
+                   int n_iterations) {
   ShareFit fit;
   PointValues w = inverse_variance;
   double b1 = 1.0;
@@ -126,28 +101,6 @@ double distance(const PointValues& r, const PointValues& inverse_variance) {
   return std::sqrt((r.square() * inverse_variance).min(16.0).sum());
 }
 
-struct Block {
-  int y0 = 0;
-  int x0 = 0;
-  int height = 0;
-  int width = 0;
-};
-
-/// Even in place and size, so that a mosaic's colours have equal shares.
-Block block_at(int i, int height, int width) {
-  const auto part = [](int k, int size, int& at, int& length) {
-    const int begin = k * size / kSide;
-    const int cell = (k + 1) * size / kSide - begin;
-    length = std::max(1, std::min(kMostBlock, cell) & ~1);
-    at = (begin + (cell - length) / 2) & ~1;
-    length = std::min(length, size - at);
-  };
-  Block block;
-  part(i / kSide, height, block.y0, block.height);
-  part(i % kSide, width, block.x0, block.width);
-  return block;
-}
-
 }  // namespace
 
 LightLayout light_layout(const Rig& rig, const CameraSpec& camera) {
@@ -159,59 +112,6 @@ LightLayout light_layout(const Rig& rig, const CameraSpec& camera) {
   return layout;
 }
 
-PointValues block_means(ImageView<const std::uint16_t> active) {
-  PointValues means;
-  for (int i = 0; i < kProofPoints; ++i) {
-    const Block block = block_at(i, active.height(), active.width());
-    double sum = 0.0;
-    for (int y = block.y0; y < block.y0 + block.height; ++y) {
-      for (int x = block.x0; x < block.x0 + block.width; ++x) {
-        sum += active(y, x);
-      }
-    }
-    means[i] = sum / (static_cast<double>(block.height) * block.width);
-  }
-  return means;
-}
-
-PointSamples sample_points(ImageView<const std::uint16_t> active, const FrameForm& form,
-                           const SensorNoise& noise, const PointValues& dark_dn,
-                           double exposure_us, double gain_db) {
-  const double scale = exposure_us * std::pow(10.0, gain_db / 20.0);
-  const PointValues means = block_means(active);
-  Eigen::Array<bool, kProofPoints, 1> good;
-  for (int i = 0; i < kProofPoints; ++i) {
-    const Block block = block_at(i, active.height(), active.width());
-    bool is_good = true;
-    for (int y = block.y0; y < block.y0 + block.height; ++y) {
-      for (int x = block.x0; x < block.x0 + block.width; ++x) {
-        is_good = is_good && active(y, x) < form.saturation_dn();
-      }
-    }
-    good[i] = is_good;
-  }
-  return samples_of((means - dark_dn) / scale, good, form, noise, exposure_us, gain_db);
-}
-
-PointSamples samples_of(const PointValues& mean,
-                        const Eigen::Array<bool, kProofPoints, 1>& is_good,
-                        const FrameForm& form, const SensorNoise& noise, double exposure_us,
-                        double gain_db) {
-  PointSamples out{.mean = mean, .is_good = is_good};
-  const double gain = std::pow(10.0, gain_db / 20.0);
-  const double scale = exposure_us * gain;
-  const double dn_per_e = gain / noise.gain_e_per_dn;
-  const double read = noise.read_e * dn_per_e;
-  for (int i = 0; i < kProofPoints; ++i) {
-    const Block block = block_at(i, form.height, form.width);
-    const double n = static_cast<double>(block.height) * block.width;
-    const double one =
-        std::max(mean[i] * scale, 0.0) * dn_per_e + 2.0 * read * read + 1.0 / 6.0;
-    out.noise[i] = one / (n * scale * scale);
-  }
-  return out;
-}
-
 PictureProof::PictureProof(const Plan& plan, const LightLayout& layout, const FrameForm& form)
     : layout_(layout), form_(form), dark_dn_(PointValues::Constant(form.black_level)) {
   int n_lights = 0;
@@ -220,30 +120,26 @@ PictureProof::PictureProof(const Plan& plan, const LightLayout& layout, const Fr
   }
   HAARLIGHT_EXPECTS(n_lights >= plan.n_lights, "a place for each light of the plan");
   shot_of_light_.assign(static_cast<std::size_t>(n_lights), -1);
-  std::map<std::vector<std::pair<int, int>>, int> index;
+  pattern_of_ = same_lights(plan.shots);
   for (const Shot& shot : plan.shots) {
-    std::vector<std::pair<int, int>> key;
-    Pattern pattern;
-    for (const LightLevel& light : shot.lit) {
-      if (light.level > 0) {
-        key.emplace_back(light.light, light.level);
-        pattern.lit.emplace_back(light.light, light.level / 65535.0);
-      }
-    }
-    if (shot.kind == ShotKind::dark || key.empty()) {
-      pattern_of_.push_back(-1);
+    const int number = pattern_of_[static_cast<std::size_t>(shot.index)];
+    if (number < 0) {
       continue;
     }
-    const auto [it, is_new] = index.emplace(std::move(key), static_cast<int>(patterns_.size()));
-    if (is_new) {
+    if (static_cast<std::size_t>(number) == patterns_.size()) {
+      Pattern pattern;
+      for (const LightLevel& light : shot.lit) {
+        if (light.level > 0) {
+          pattern.lit.emplace_back(light.light, light.level / 65535.0);
+        }
+      }
       pattern.is_single = pattern.lit.size() == 1;
       if (pattern.is_single) {
         shot_of_light_[static_cast<std::size_t>(pattern.lit[0].first)] = shot.index;
       }
       patterns_.push_back(std::move(pattern));
     }
-    patterns_[static_cast<std::size_t>(it->second)].shots.push_back(shot.index);
-    pattern_of_.push_back(it->second);
+    patterns_[static_cast<std::size_t>(number)].shots.push_back(shot.index);
   }
 }
 
@@ -292,7 +188,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
   double& gain = own_fit.gain;
   finding.is_predicted = true;
   const PointValues inverse_variance = y.is_good.select(
-      1.0 / (kappa2 * (own.variance + variance_of(y, kModelTol))), PointValues::Zero());
+      1.0 / (kappa2 * (own.variance + variance_of(y, kPointModelTol))), PointValues::Zero());
   gain = fit_gain(y.mean, own.mean, inverse_variance);
   const PointValues r = y.mean - gain * own.mean;
   rest = robust_square(r.square() * inverse_variance, y.is_good);
@@ -373,13 +269,13 @@ int PictureProof::repeated_shot(int shot, const PointSamples& y) {
     if (pattern_of_[static_cast<std::size_t>(shown.shot)] == own) {
       continue;
     }
-    const Eigen::Array<bool, kProofPoints, 1> counts = y.is_good && shown.samples.is_good;
+    const PointMask counts = y.is_good && shown.samples.is_good;
     const PointValues inverse_variance = counts.select(
         1.0 / (variance_of(y, kRepeatTol) + variance_of(shown.samples, kRepeatTol)),
         PointValues::Zero());
     const double square =
         robust_square((y.mean - shown.samples.mean).square() * inverse_variance, counts, true);
-    const bool is_lit = (y.mean.square() * inverse_variance).sum() > kLit;
+    const bool is_lit = (y.mean.square() * inverse_variance).sum() > kLitSquare;
     if (!is_lit) {
       continue;
     }
@@ -429,7 +325,7 @@ std::optional<PointSamples> PictureProof::recall(const FrameEvidence& evidence) 
 PictureFinding PictureProof::judge(int shot, const PointSamples& y,
                                    const FrameEvidence& evidence) {
   const int pattern = pattern_of_[static_cast<std::size_t>(shot)];
-  if (evidence.t_exposure_start_ns - last_start_ns_ > kPauseNs) {
+  if (evidence.t_exposure_start_ns - last_start_ns_ > kDarkPauseNs) {
     is_after_dark_ = true;  // paused or suspended in between
   }
   last_start_ns_ = evidence.t_exposure_start_ns;
@@ -446,7 +342,8 @@ PictureFinding PictureProof::judge(int shot, const PointSamples& y,
   Fit fit;
   if (predictor_->is_ready()) {
     finding = compare(pattern, y, own, others_of(shot), is_direct, fit);
-    const bool is_seen = (own.mean.square() / variance_of(y, kModelTol)).sum() > kLit;
+    const bool is_seen =
+        (own.mean.square() / variance_of(y, kPointModelTol)).sum() > kLitSquare;
     if (finding.problem.empty() && is_seen &&
         fit.gain < (is_after_dark_ ? kDarkBefore : kDark)) {
       finding.problem =
@@ -465,7 +362,7 @@ PictureFinding PictureProof::judge(int shot, const PointSamples& y,
     }
   }
   const int repeated = repeated_shot(shot, y);
-  const bool is_lit = (y.mean.square() / variance_of(y, kModelTol)).sum() > kLit;
+  const bool is_lit = (y.mean.square() / variance_of(y, kPointModelTol)).sum() > kLitSquare;
   if (is_after_dark_ && !is_lit && finding.problem.empty()) {
     finding.problem = "as dark as before this light";
   }
@@ -491,7 +388,7 @@ PictureFinding PictureProof::judge(int shot, const PointSamples& y,
   }
   const PointValues mean =
       y.is_good.select(y.mean / std::clamp(is_direct ? fit.gain : 1.0, 0.8, 1.25), own.mean);
-  predictor_->learn(p.lit, mean, variance_of(y, kModelTol));
+  predictor_->learn(p.lit, mean, variance_of(y, kPointModelTol));
   learned_.insert(shot);
   return finding;
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "capture/light_predictor.h"
+#include "capture/picture_points.h"
 #include "capture/plan.h"
 #include "core/image.h"
 #include "core/rig.h"
@@ -26,29 +27,6 @@ struct LightLayout {
   SensorNoise noise;
 };
 [[nodiscard]] LightLayout light_layout(const Rig& rig, const CameraSpec& camera);
-
-/// Means of small blocks in the middle of the 8 x 8 cells of a picture, at unit exposure.
-struct PointSamples {
-  PointValues mean = PointValues::Zero();   ///< counts a microsecond at 0 dB, less dark
-  PointValues noise = PointValues::Zero();  ///< its variance: photons, reading, rounding
-  Eigen::Array<bool, kProofPoints, 1> is_good =
-      Eigen::Array<bool, kProofPoints, 1>::Constant(false);  ///< no clipped pixel
-};
-/// @param dark_dn  of each point
-[[nodiscard]] PointSamples sample_points(ImageView<const std::uint16_t> active,
-                                         const FrameForm& form, const SensorNoise& noise,
-                                         const PointValues& dark_dn, double exposure_us,
-                                         double gain_db);
-/// The same from known means, at unit exposure.
-[[nodiscard]] PointSamples samples_of(const PointValues& mean,
-                                      const Eigen::Array<bool, kProofPoints, 1>& is_good,
-                                      const FrameForm& form, const SensorNoise& noise,
-                                      double exposure_us, double gain_db);
-/// The blocks' means in counts.
-[[nodiscard]] PointValues block_means(ImageView<const std::uint16_t> active);
-
-/// Of evidence.picture_points: no value. (Means less dark may be negative, by noise.)
-inline constexpr double kClippedPoint = -1e9;
 
 struct PictureFinding {
   bool is_predicted = false;          ///< the distances mean something

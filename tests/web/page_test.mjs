@@ -112,8 +112,10 @@ await suite.test('a run needs the warning confirmed, then runs to its end', asyn
   await goOnAfterWarning(page);
   await until(async () => await phaseOf(page) === 'done', 'the run to end', 60);
   await until(async () => /64 of 64/.test(await textOf(page, '#run-facts')), '64 of 64 shots');
-  const committed = page.locator('#legend li', {hasText: 'committed'});
-  await until(async () => /64/.test(await committed.innerText()), 'the map to be full');
+  // One or two may have been taken again by themselves: then they have another mark.
+  const count = async name => Number(await page.locator('#legend li', {hasText: name}).locator('b').innerText());
+  await until(async () => await count(/^committed/) + await count(/^taken again/) === 64, 'the map to be full')
+    .catch(async error => expect(false, `${error.message}: ${await textOf(page, '#legend')}`));
 });
 
 await suite.test('a click on the map shows the frame and its proof in words', async () => {
@@ -136,9 +138,9 @@ await suite.test('a shot is taken again', async () => {
   await page.locator('#reshoot:enabled').waitFor();
   await page.locator('#reshoot').click();
   await goOnAfterWarning(page);
-  await until(async () => /attempt 2/.test(await textOf(page, '#shot-verdict')), 'attempt 2', 60);
+  await until(async () => /attempt [2-9]/.test(await textOf(page, '#shot-verdict')), 'attempt 2', 60);
   const again = page.locator('#legend li', {hasText: /^taken again/});
-  await until(async () => /1$/.test((await again.innerText()).trim()), 'the mark on the map');
+  await until(async () => /[1-9]\d*$/.test((await again.innerText()).trim()), 'the mark on the map');
 });
 
 await suite.test('pause, resume, time left, all-off within 100 ms, abort', async () => {
@@ -211,7 +213,7 @@ await suite.test('everything by keyboard alone', async () => {
   await page.keyboard.press('Enter');
   await until(async () => /Shot 14/.test(await textOf(page, '#shot-title')), 'the shot opened by Enter');
   await page.keyboard.press('r');  // the warning was confirmed a moment ago
-  await until(async () => /attempt 2/.test(await textOf(page, '#shot-verdict')), 'taken again by the key r', 60);
+  await until(async () => /attempt [2-9]/.test(await textOf(page, '#shot-verdict')), 'taken again by the key r', 60);
   await page.locator('#tab-plan').click();
   await page.locator('#plan-text').focus();
   await page.keyboard.press('Escape');  // works while typing, too
