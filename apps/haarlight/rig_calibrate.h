@@ -18,6 +18,7 @@ struct CalibrateArguments {
   std::string session;         ///< capture of a flat matte sheet
   std::vector<double> region;  ///< U0, U1, V0, V1; empty: the middle of the plane
   double sheet_mm = 0.0;       ///< its thickness
+  double bow_mm = 1.0;         ///< how far the sheet may be bowed, a standard deviation
   std::string lobe = "free";
   std::string page;
   std::vector<std::string> pictures;  ///< of the chessboard

@@ -8,9 +8,11 @@
 
 namespace haarlight {
 
-double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
-                     const Eigen::Vector3d& normal) noexcept {
-  const Eigen::Vector3d way = light.position_mm - point;
+namespace {
+
+double point_stencil(const NearLight& light, const Eigen::Vector3d& place,
+                     const Eigen::Vector3d& point, const Eigen::Vector3d& normal) noexcept {
+  const Eigen::Vector3d way = place - point;
   const double facing = normal.dot(way);
   if (!(facing > 0.0)) {
     return 0.0;
@@ -23,6 +25,33 @@ double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
   }
   const double off_axis = -light.axis.dot(way) / r;
   return off_axis > 0.0 ? value * std::pow(off_axis, light.mu) : 0.0;
+}
+
+}  // namespace
+
+EmitterPoints emitter_points(const NearLight& light) noexcept {
+  EmitterPoints points;
+  points.at.fill(light.position_mm);
+  if (light.emitter_mm.isZero(0.0)) {
+    return points;
+  }
+  constexpr double kNode = 0.28867513459481287;  // 1 / (2 sqrt 3) of an edge from the middle
+  points.n = 4;
+  for (int i = 0; i < 4; ++i) {
+    const Eigen::Vector2d s((i & 1) != 0 ? kNode : -kNode, (i & 2) != 0 ? kNode : -kNode);
+    points.at[static_cast<std::size_t>(i)] += light.emitter_mm * s;
+  }
+  return points;
+}
+
+double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
+                     const Eigen::Vector3d& normal) noexcept {
+  const EmitterPoints from = emitter_points(light);
+  double sum = 0.0;
+  for (int i = 0; i < from.n; ++i) {
+    sum += point_stencil(light, from.at[static_cast<std::size_t>(i)], point, normal);
+  }
+  return sum / from.n;
 }
 
 namespace {

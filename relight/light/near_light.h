@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <vector>
 
 #include <Eigen/Core>
@@ -16,14 +17,27 @@
 
 namespace haarlight {
 
-/// A point light with a lobe: it gives the point p with unit normal n the irradiance
-/// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3.
+/// A light with a lobe: as a point it gives the point p with unit normal n the irradiance
+/// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3; as a flat rectangle the mean
+/// of that over its area.
 struct NearLight {
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ();  ///< unit, the way it shines
   double mu = 0.0;                                   ///< 0: isotropic; 1: a Lambertian emitter
   Eigen::Vector3d power = Eigen::Vector3d::Ones();   ///< R, G, B
+  /// Two edges of the rectangle that shines, as columns: mm long, position_mm in its middle.
+  /// Zero: a point.
+  Eigen::Matrix<double, 3, 2> emitter_mm = Eigen::Matrix<double, 3, 2>::Zero();
 };
+
+/// The places that stand for a light's area: its position, or the 2 x 2 points of Gauss and
+/// Legendre. They have the rectangle's first three moments along either edge; what is left is
+/// of fourth order in edge over distance (measured: docs/numerics/near-light.md).
+struct EmitterPoints {
+  std::array<Eigen::Vector3d, 4> at;
+  int n = 1;
+};
+[[nodiscard]] EmitterPoints emitter_points(const NearLight& light) noexcept;
 
 /// The irradiance without power, mm^-2; 0 behind the surface or behind the light.
 [[nodiscard]] double light_stencil(const NearLight& light, const Eigen::Vector3d& point,

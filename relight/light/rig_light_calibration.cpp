@@ -6,9 +6,11 @@
 #include <numbers>
 #include <type_traits>
 
+#include <Eigen/Cholesky>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/measured_rig.h"
 
 namespace haarlight {
 
@@ -72,6 +74,40 @@ double neighbour_noise(const LightStack& stack, const std::vector<std::uint8_t>&
   const auto mid = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
   std::nth_element(squares.begin(), mid, squares.end());
   return std::sqrt(*mid / 0.4549);  // median of chi^2 with one degree of freedom
+}
+
+/// floor^2 + shot v through the pixels' own variances, each by its share of the line; of a
+/// block's mean.
+SampleNoise noise_of(const std::vector<Eigen::Vector2d>& pairs, double per_block) {
+  Eigen::Matrix2d m = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d rhs = Eigen::Vector2d::Zero();
+  for (const Eigen::Vector2d& pair : pairs) {
+    const double variance = std::max(pair[1], 1e-300);
+    const Eigen::Vector2d row(1.0 / variance, pair[0] / variance);
+    m += row * row.transpose();
+    rhs += row;
+  }
+  Eigen::Vector2d line = m.ldlt().solve(rhs);
+  if (!(line[0] >= 0.0)) {
+    line = {0.0, rhs[1] / m(1, 1)};
+  } else if (!(line[1] >= 0.0)) {
+    line = {rhs[0] / m(0, 0), 0.0};
+  }
+  return {
+      .relative = 1e-5, .shot = per_block * line[1], .floor = std::sqrt(per_block * line[0])};
+}
+
+/// How the seen point moves with a lens of more radial distortion: a unit is the distance from
+/// the middle itself, at the picture's corner.
+Eigen::Vector3d lens_shift(const CameraModel& camera, const PixelPoints& points, double x,
+                           double y) {
+  constexpr double kSmall = 1e-3;
+  const double corner2 = std::pow(std::max(camera.cx, camera.width - camera.cx), 2) +
+                         std::pow(std::max(camera.cy, camera.height - camera.cy), 2);
+  const double dx = x - camera.cx;
+  const double dy = y - camera.cy;
+  const double share = kSmall * (dx * dx + dy * dy) / corner2;
+  return (points.at(x + share * dx, y + share * dy) - points.at(x, y)) / kSmall;
 }
 
 }  // namespace
@@ -144,6 +180,7 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
   s.is_used.assign(n_lights * n, 1);
   const double per_block = 1.0 / (out.block * out.block);
   std::vector<double> relative;
+  std::vector<Eigen::Vector2d> pairs;  // value, variance
   for (int y = y0; y < y0 + s.rows * out.block; ++y) {
     const int b = y / shape.band_rows;
     const int rows = std::min(shape.band_rows, shape.height - b * shape.band_rows);
@@ -175,12 +212,18 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
             s.is_used[k * n + block] = 0;
           } else if (value > 0.0 && (pixel * 31 + k) % 97 == 0) {
             relative.push_back(e / value);
+            pairs.emplace_back(value, e * e);
           }
         }
       }
     }
   }
   for (std::size_t block = 0; block < n; ++block) {
+    const auto cols = static_cast<std::size_t>(s.cols);
+    const double x = x0 + out.block * (static_cast<double>(block % cols) + 0.5);
+    const double y = y0 + out.block * (static_cast<double>(block / cols) + 0.5);
+    s.to_camera.push_back((sheet_from_world.linear() * points.to_camera(x, y)).normalized());
+    s.lens_mm.push_back(sheet_from_world.linear() * lens_shift(camera, points, x, y));
     for (std::size_t k = 0; is_whole[block] == 0 && k < n_lights; ++k) {
       s.is_used[k * n + block] = 0;
     }
@@ -194,7 +237,9 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
     std::nth_element(relative.begin(), mid, relative.end());
     noise = *mid;
   }
-  s.noise = {.relative = std::max(noise / out.block, 1e-5)};
+  out.relative_noise = std::max(noise / out.block, 1e-5);
+  s.noise = pairs.size() < 100 ? SampleNoise{.relative = out.relative_noise}
+                               : noise_of(pairs, per_block);
   return out;
 }
 
@@ -215,6 +260,23 @@ TargetSamples samples_of(const TargetSamples& all, int first, int n_lights) {
   return out;
 }
 
+SheetPriors sheet_priors(const Rig& rig, const SheetSamples& sheet) {
+  SheetPriors priors = matte_paper(!sheet.samples.to_camera.empty());
+  if (rig.measured == nullptr || rig.planes.empty()) {
+    return priors;
+  }
+  const double half = 0.5 * target_extent(sheet.samples).size_mm;
+  for (const MeasuredPlane& plane : rig.measured->planes) {
+    if (plane.id == rig.planes.front().id) {
+      const double tilt = half * std::tan(plane.tilt_sigma_deg * std::numbers::pi / 180.0);
+      priors.sigma[SheetTerm::height] = plane.distance_sigma;
+      priors.sigma[SheetTerm::tilt_x] = tilt;
+      priors.sigma[SheetTerm::tilt_y] = tilt;
+    }
+  }
+  return priors;
+}
+
 std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples& sheet,
                                              const CalibrationOptions& options) {
   std::vector<FaceCalibration> out;
@@ -229,6 +291,9 @@ std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples&
       const LightElement& element = elements[static_cast<std::size_t>(k)];
       array.places_mm.push_back(as_written.inverse() * element.centre);
       array.axes.emplace_back(as_written.linear().transpose() * element.emits);
+      Eigen::Matrix<double, 3, 2> edges;
+      edges << element.width_mm * element.u, element.height_mm * element.v;
+      array.emitters_mm.emplace_back(as_written.linear().transpose() * edges);
     }
     FaceCalibration result;
     result.face = static_cast<int>(f);

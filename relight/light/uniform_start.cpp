@@ -97,7 +97,7 @@ class OneLight {
   };
   /// The power is the best one at each place.
   [[nodiscard]] std::optional<Trial> look(const NearLight& light) const {
-    const LightTerms t = light_terms(target_, light, used_, false);
+    const LightTerms t = light_terms(target_, light, used_);
     if (!t.reaches_used) {
       return std::nullopt;
     }
