@@ -226,24 +226,8 @@ std::size_t MeasuredFile::write() {
   return text.size();
 }
 
-ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonOptions& common,
-                              Report& report) {
-  const Rig written = read_rig_as_written(arguments.rig);
-  std::filesystem::path page = arguments.page;
-  if (page.empty()) {
-    page = arguments.rig;
-    page.replace_extension(".lights.html");
-  }
-  if (arguments.session.empty()) {
-    throw Error("no pictures to calibrate from", arguments.rig,
-                "capture a flat matte sheet on the plane, then name it: --session SESSION",
-                ExitCode::usage);
-  }
-  require_absent(page, common.force);
-  const Session session = Session::open(arguments.session);
-  require_same_rig(session, written);
-  // The lens, the plane and the lights as they are known today.
-  const Rig rig = read_rig(arguments.rig);
+RigFaces fit_rig_faces(const Session& session, const Rig& rig,
+                       const CalibrateArguments& arguments, const CommonOptions& common) {
   const bool is_noise_known = !rig.cameras.empty() &&
                               rig.cameras.front().noise.full_well_e > 0.0 &&
                               session.info().form.transfer == Transfer::linear &&
@@ -259,28 +243,32 @@ ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonO
     sheet_options.region = SheetRegion{arguments.region[0], arguments.region[1],
                                        arguments.region[2], arguments.region[3]};
   }
-  const SheetSamples sheet = sample_sheet(
-      rig, developed.stack, developed.standard_error ? &*developed.standard_error : nullptr,
-      sheet_options);
+  RigFaces out;
+  out.sheet = sample_sheet(rig, developed.stack,
+                           developed.standard_error ? &*developed.standard_error : nullptr,
+                           sheet_options);
   CalibrationOptions options;
   options.mask.saturation = std::numeric_limits<double>::max();  // the stack's errors tell
   options.lobe = arguments.lobe == "free" ? Lobe::free : Lobe::given;
-  options.sheet = sheet_priors(rig, sheet);
+  options.sheet = sheet_priors(rig, out.sheet);
   for (const SheetTerm term : {SheetTerm::bow_xx, SheetTerm::bow_xy, SheetTerm::bow_yy}) {
     options.sheet.sigma[term] = arguments.bow_mm;
   }
-  const std::vector<FaceCalibration> faces = calibrate_faces(rig, sheet, options);
+  out.faces = calibrate_faces(rig, out.sheet, options);
+  out.is_plane_measured = options.sheet.is_free(SheetTerm::height);
+  out.is_noise_known = developed.standard_error.has_value();
+  for (const FaceCalibration& found : out.faces) {
+    out.is_good = out.is_good && found.lights.is_usable() && !found.lights.is_model_wrong();
+  }
+  return out;
+}
 
-  MeasuredFile stored(written);
-  MeasuredRig& measured = stored.values;
-  measured.faces.clear();
-  bool is_good = true;
-  for (const FaceCalibration& found : faces) {
-    const Face& face = written.faces[static_cast<std::size_t>(found.face)];
-    measured.faces.push_back(measured_face(face, found));
-    const MeasuredFace& m = measured.faces.back();
+void tell_faces(const Rig& rig, const RigFaces& fit, const CommonOptions& common,
+                Report& report) {
+  for (const FaceCalibration& found : fit.faces) {
+    const Face& face = rig.faces[static_cast<std::size_t>(found.face)];
+    const MeasuredFace m = measured_face(face, found);
     const bool is_wrong = found.lights.is_model_wrong();
-    is_good = is_good && found.lights.is_usable() && !is_wrong;
     fmt::print("face {:<8} moved {:.3f} mm, turned {:.3f} degrees; middle {}\n  {}\n", face.id,
                found.moved_mm, found.turned_deg,
                is_wrong ? std::string("of unknown error: the model is wrong")
@@ -303,24 +291,59 @@ ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonO
     report.add_reached("lobe_mu_" + face.id, found.lights.mu);
     report.add_reached("reduced_chi2_" + face.id, found.lights.reduced_chi2);
   }
-  if (!options.sheet.is_free(SheetTerm::height) && !common.quiet) {
+  if (!fit.is_plane_measured && !common.quiet) {
     fmt::print(stderr,
                "note: the plane was not measured: +- is relative to where the rig file has it\n"
                "  cure: haarlight rig calibrate plane, before\n");
   }
-  if (!developed.standard_error && !common.quiet) {
+  if (!fit.is_noise_known && !common.quiet) {
     fmt::print(stderr,
                "note: the camera's noise is not known: saturated samples could not be left "
                "out\n  cure: haarlight rig commission, or noise = {{ ... }} in the rig file\n");
   }
-  write_file_atomically(page, page_of(written, sheet, faces, measured.date, arguments.session));
+}
+
+RigFaces store_rig_faces(const CalibrateArguments& arguments, const CommonOptions& common,
+                         Report& report) {
+  const Rig written = read_rig_as_written(arguments.rig);
+  std::filesystem::path page = arguments.page;
+  if (page.empty()) {
+    page = arguments.rig;
+    page.replace_extension(".lights.html");
+  }
+  if (arguments.session.empty()) {
+    throw Error("no pictures to calibrate from", arguments.rig,
+                "capture a flat matte sheet on the plane, then name it: --session SESSION",
+                ExitCode::usage);
+  }
+  require_absent(page, common.force);
+  const Session session = Session::open(arguments.session);
+  require_same_rig(session, written);
+  // The lens, the plane and the lights as they are known today.
+  RigFaces fit = fit_rig_faces(session, read_rig(arguments.rig), arguments, common);
+  MeasuredFile stored(written);
+  MeasuredRig& measured = stored.values;
+  measured.faces.clear();
+  for (const FaceCalibration& found : fit.faces) {
+    measured.faces.push_back(
+        measured_face(written.faces[static_cast<std::size_t>(found.face)], found));
+  }
+  tell_faces(written, fit, common, report);
+  write_file_atomically(
+      page, page_of(written, fit.sheet, fit.faces, measured.date, arguments.session));
   fmt::print("page: {}\n", page.string());
-  if (!is_good) {
-    fmt::print(stderr, "haarlight rig: the fit did not end well; nothing was stored\n");
-    return ExitCode::target_missed;
+  if (!fit.is_good) {
+    fmt::print(stderr, "the fit did not end well; nothing was stored beside the rig file\n");
+    return fit;
   }
   report.set_bytes(stored.write());
-  return ExitCode::done;
+  return fit;
+}
+
+ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonOptions& common,
+                              Report& report) {
+  return store_rig_faces(arguments, common, report).is_good ? ExitCode::done
+                                                            : ExitCode::target_missed;
 }
 
 }  // namespace haarlight

@@ -7,6 +7,7 @@
 
 #include "core/rig.h"
 #include "relight/light/near_calibration.h"
+#include "relight/light/sheet_layout.h"
 #include "relight/light/sheet_model.h"
 #include "session/light_stack.h"
 
@@ -16,14 +17,6 @@
 /// docs/numerics/near-light.md.
 
 namespace haarlight {
-
-/// Where on the sheet samples are taken: a rectangle of the plane, mm along its u and v.
-struct SheetRegion {
-  double u0 = 0.0;
-  double u1 = 0.0;
-  double v0 = 0.0;
-  double v1 = 0.0;
-};
 
 struct SheetOptions {
   /// Nothing: the middle four fifths of the plane's extent.
