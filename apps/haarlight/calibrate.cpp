@@ -118,6 +118,11 @@ void add_ball_options(Command verb, FindLightsArguments& a) {
   verb.option("--radius-mm", &a.radius_mm,
               "ball: the balls' radius, for near lights; one for all, or one for each --ball",
               {.type = "MM", .bounds = Bounds{1e-3, 1e5}, .delimiter = ','});
+  verb.option(
+      "--edge-px", &a.edge_px,
+      "ball: how far its outline as a whole may be off, by a brush or a blur: a standard "
+      "deviation of its middle and its radius",
+      {.type = "PIXELS", .bounds = Bounds{0.0, 100.0}, .shows_default = true});
 }
 
 void add_sheet_options(Command verb, FindLightsArguments& a) {

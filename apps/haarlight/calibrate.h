@@ -34,6 +34,7 @@ struct FindLightsArguments {
   std::vector<std::string> masks;
   int n_balls = 1;
   std::vector<double> radius_mm;
+  double edge_px = 0.5;
   // a sheet
   std::vector<double> region;
   std::string aim = "centre";

@@ -394,7 +394,10 @@ FoundLights find_by_balls(const FindLightsArguments& arguments, const LightPictu
     throw Error("several balls tell where near lights are, by how large they are", "--balls",
                 "say how large: --radius-mm", ExitCode::usage);
   }
-  const SeenBalls seen = see_balls(arguments, pictures);
+  SeenBalls seen = see_balls(arguments, pictures);
+  for (MeasuredBall& ball : seen.balls) {
+    ball.covariance.diagonal().array() += arguments.edge_px * arguments.edge_px;
+  }
   require_wandering(seen, arguments.input);
   tell_balls(seen, report);
   FoundLights found = are_near ? by_several_balls(arguments, seen, pictures, *camera, report)

@@ -238,9 +238,9 @@ FoundLights find_with_shape(const FindLightsArguments& arguments, const Sheet& s
   FreeLightOptions first = free_options(arguments);
   first.lights.sheet = {};
   first.lights.outlier_share = 0.0;
-  const FreeLights flat = find_free_lights(sheet.samples, first);
+  const LightCalibration flat = find_free_lights(sheet.samples, first);
   std::vector<NearLight> start;
-  for (const CalibratedLight& light : flat.lights.lights) {
+  for (const CalibratedLight& light : flat.lights) {
     start.push_back(light.light);
   }
   AlternationOptions options;
@@ -338,8 +338,7 @@ LightCalibration fit_array(const FindLightsArguments& arguments, const TargetSam
   FreeLightOptions first = free_options(arguments);
   first.aim = Aim::down;
   first.lights.sheet = {};
-  const FreeLights free = find_free_lights(samples, first);
-  const auto [pose, rms] = place_array(array, free.lights);
+  const auto [pose, rms] = place_array(array, find_free_lights(samples, first));
   if (pose.linear()(2, 2) <= 0.0) {
     throw Error("the pictures show the grid from its back", "--grid",
                 "count row by row as the camera would see the lights from above: x to the "
@@ -377,20 +376,10 @@ FoundLights find_by_sheet(const FindLightsArguments& arguments, const LightPictu
     found = find_with_shape(arguments, sheet, pictures, report);
   } else {
     LightCalibration fit;
-    bool is_settled = true;
     if (!arguments.grid.empty()) {
       fit = fit_array(arguments, sheet.samples, report);
     } else {
-      FreeLights free = find_free_lights(sheet.samples, free_options(arguments));
-      is_settled = free.is_settled;
-      report.add_detail("aim_rounds", std::int64_t{free.n_rounds});
-      if (!free.is_settled) {
-        fmt::print(stderr,
-                   "the axes still turn by {:.3f} degrees after {} rounds\n  cure: "
-                   "--aim down or everywhere, --lobe given\n",
-                   free.last_turn_deg, free.n_rounds);
-      }
-      fit = std::move(free.lights);
+      fit = find_free_lights(sheet.samples, free_options(arguments));
     }
     report_fit(fit, report);
     // A test that was not done proves nothing.
@@ -402,7 +391,7 @@ FoundLights find_by_sheet(const FindLightsArguments& arguments, const LightPictu
     }
     found.has_powers = true;
     found.lobe_mu = fit.mu;
-    found.is_good = is_settled && fit.is_usable() && is_known;
+    found.is_good = fit.is_usable() && is_known;
     add_lights(fit, pictures, is_known, found);
     add_picture(sheet.samples, fit.albedo, found);
   }

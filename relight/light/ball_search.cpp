@@ -22,6 +22,7 @@ constexpr double kLeastAlong = 0.9;  // cosine between an edge's normal and the 
 constexpr int kAngles = 360;
 constexpr double kBand = 0.07;  // of the radius: where an edge is looked for
 constexpr int kFitRounds = 10;
+constexpr double kBlur = 2.0;  // pixels: how far an edge is smeared
 
 /// Edges count by their share of the light around, so that a dark ball before a dark wall has
 /// an outline as well.
@@ -125,7 +126,7 @@ class Votes {
       }
     }
   }
-  /// Best first: votes of 3 x 3 x 3 cells over the radius.
+  /// Best first: votes of 3 x 3 x 3 cells over the root of the radius.
   [[nodiscard]] std::vector<PictureCircle> peaks(int most) const {
     std::vector<float> score(of_.size(), 0.0F);
     for (int i = 0; i < n_; ++i) {
@@ -166,7 +167,8 @@ class Votes {
             of_[index(k, y + j, x - 1)] + of_[index(k, y + j, x)] + of_[index(k, y + j, x + 1)];
       }
     }
-    return static_cast<float>(sum) / static_cast<float>(least_ + i);
+    // By the root: by the radius itself a texture's smallest circles would come first.
+    return static_cast<float>(sum) / std::sqrt(static_cast<float>(least_ + i));
   }
   void clear_near(int i, int y, int x, std::vector<float>& score) const {
     const int r = least_ + i;
@@ -253,11 +255,28 @@ RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circl
       at = r;
     }
   }
-  const double before = strength(at - step);
-  const double after = strength(at + step);
-  const double bend = before - 2.0 * best + after;
+  // The light itself says where: relative steps and roots lean to the dark side of a blur.
+  const auto slope = [&](double r) {
+    const double low =
+        sample(picture, circle.x + (r - step) * out.x(), circle.y + (r - step) * out.y());
+    const double high =
+        sample(picture, circle.x + (r + step) * out.x(), circle.y + (r + step) * out.y());
+    return std::abs(high * high - low * low);
+  };
+  double steepest = 0.0;
+  const double from = at;
+  for (double r = from - kBlur; r <= from + kBlur; r += 0.25) {
+    const double s = slope(r);
+    if (s > steepest) {
+      steepest = s;
+      at = r;
+    }
+  }
+  const double before = slope(at - 0.25);
+  const double after = slope(at + 0.25);
+  const double bend = before - 2.0 * steepest + after;
   if (bend < 0.0) {
-    at += std::clamp(0.5 * (before - after) / bend, -1.0, 1.0) * step;
+    at += std::clamp(0.5 * (before - after) / bend, -1.0, 1.0) * 0.25;
   }
   return {Vector2d(circle.x, circle.y) + at * out, best};
 }
@@ -286,7 +305,8 @@ std::optional<MeasuredBall> measured(ImageView<const float> picture, PictureCirc
     for (const RadialEdge& e : edges) {
       misses.push_back(std::abs((e.at - Vector2d(circle.x, circle.y)).norm() - circle.radius));
     }
-    const double most = std::max(1.0, 3.0 * median_of(misses));
+    const double most =
+        std::min(std::max(1.0, 3.0 * median_of(misses)), 0.7 + 0.02 * circle.radius);
     kept.clear();
     for (std::size_t i = 0; i < edges.size(); ++i) {
       if (edges[i].strength > least && misses[i] <= most) {

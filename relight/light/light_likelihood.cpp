@@ -24,8 +24,11 @@ constexpr Eigen::Index kTile = 128;
 constexpr Eigen::Index kDensePoints = 600;
 constexpr int kModeDegree = 11;
 
-using Matrix4 = Eigen::Matrix4d;
-using Vector4 = Eigen::Vector4d;
+/// A light's own unknowns: 4, or 6 where its aim is not certain.
+constexpr int kMostOwn = 6;
+using OwnMatrix =
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostOwn, kMostOwn>;
+using OwnVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMostOwn, 1>;
 
 /// The highest point: lights are above it, and their height over it is moved by factors.
 double ground_of(const TargetSamples& samples) {
@@ -36,24 +39,26 @@ double ground_of(const TargetSamples& samples) {
   return z;
 }
 
-/// Normal equations. A light's unknowns: (x, y, z) in units of its height, ln power. Common
-/// ones: ln albedo of each point (unless known), then S that all lights share.
+/// Normal equations. A light's unknowns: (x, y, z) in units of its height; where wanted its
+/// aim, two numbers in units of what is known of them; last, ln power. Common ones: ln albedo
+/// of each point (unless known), then S that all lights share.
 struct Equations {
-  std::vector<Matrix4> own;      ///< (K)
-  std::vector<Vector4> own_rhs;  ///< (K)
-  Eigen::MatrixXd cross;         ///< (G, 4 K)
-  Eigen::VectorXd common_point;  ///< (P or 0), diagonal
-  Eigen::MatrixXd point_shared;  ///< (P or 0, S), points against what all share
-  Eigen::MatrixXd shared;        ///< (S, S)
-  Eigen::VectorXd rhs;           ///< (G)
+  std::vector<OwnMatrix> own;      ///< (K)
+  std::vector<OwnVector> own_rhs;  ///< (K)
+  Eigen::MatrixXd cross;           ///< (G, N K), N own unknowns
+  Eigen::VectorXd common_point;    ///< (P or 0), diagonal
+  Eigen::MatrixXd point_shared;    ///< (P or 0, S), points against what all share
+  Eigen::MatrixXd shared;          ///< (S, S)
+  Eigen::VectorXd rhs;             ///< (G)
   double chi2 = 0.0;
   bool is_valid = true;
 };
 
 class FreeSystem {
  public:
+  /// @param known  exponent and distances at which the aims' prior holds
   FreeSystem(const TargetSamples& samples, const LikelihoodOptions& options,
-             const TestModes* modes = nullptr)
+             std::span<const NearLight> known, const TestModes* modes = nullptr)
       : samples_(samples),
         options_(options),
         shared_(options.is_mu_free, options.sheet, modes),
@@ -61,7 +66,13 @@ class FreeSystem {
         n_points_(static_cast<Eigen::Index>(samples.n_points())),
         n_free_points_(options.is_albedo_known ? 0 : n_points_),
         n_common_(n_free_points_ + shared_.size()),
-        ground_(ground_of(samples)) {}
+        n_own_(options.aim_sigma > 0.0 ? kMostOwn : 4),
+        ground_(ground_of(samples)),
+        middle_(target_extent(samples).centre) {
+    for (const NearLight& light : known) {
+      known_.push_back(std::max(light.mu, 0.01) / distance(light));
+    }
+  }
 
   [[nodiscard]] const SharedTerms& shared() const { return shared_; }
   [[nodiscard]] double height(const NearLight& light) const {
@@ -76,9 +87,9 @@ class FreeSystem {
     const Eigen::Index n_shared = shared_.size();
     const TargetColumns target(samples_, sheet);
     Equations eq;
-    eq.own.assign(n_lights, Matrix4::Zero());
-    eq.own_rhs.assign(n_lights, Vector4::Zero());
-    eq.cross.setZero(n_common_, static_cast<Eigen::Index>(4 * n_lights));
+    eq.own.assign(n_lights, OwnMatrix::Zero(n_own_, n_own_));
+    eq.own_rhs.assign(n_lights, OwnVector::Zero(n_own_));
+    eq.cross.setZero(n_common_, first_own(n_lights));
     const std::size_t n_chunks = (n_lights + kLightsAtOnce - 1) / kLightsAtOnce;
     struct Partial {
       Eigen::ArrayXd w, w_rho;
@@ -94,30 +105,47 @@ class FreeSystem {
       sum.point_shared.setZero(n_free_points_, n_shared);
       sum.shared.setZero(n_shared, n_shared);
       sum.shared_rhs.setZero(n_shared);
-      Eigen::Matrix<double, Eigen::Dynamic, 4> j(n_points_, 4);
-      Eigen::Matrix<double, Eigen::Dynamic, 4> wj(n_points_, 4);
+      Eigen::MatrixXd j(n_points_, n_own_);
+      Eigen::MatrixXd wj(n_points_, n_own_);
       Eigen::MatrixXd c(n_points_, n_shared);
       for (std::size_t k = begin; k < end; ++k) {
         const int light = static_cast<int>(k);
-        const LightTerms t =
+        LightTerms t =
             light_terms(target, lights[k], samples_.used(light), shared_.wanted(false));
         const LightResidual r =
             light_residual(samples_, light, t, lights[k].power, albedo, inverse_variance);
         sum.is_valid = sum.is_valid && t.reaches_used;
-        j.leftCols<3>() = height(lights[k]) * t.position.matrix();
-        j.col(3).setOnes();
+        j.leftCols<3>() = height(lights[k]) * per_place(t, lights[k]);
+        j.col(n_own_ - 1).setOnes();
+        if (has_aim()) {
+          j.middleCols<2>(3).setZero();
+        }
+        if (has_aim() && lights[k].aim_mm) {
+          const Eigen::MatrixXd per_off = t.axis.matrix() * axis_per_aim(lights[k]);
+          j.middleCols<2>(3) = aim_unit(k, lights[k]) * per_off;
+          // Place and exponent alone, mu aim_off / distance held.
+          const Eigen::VectorXd by_off =
+              per_off * (across_aim(lights[k]).transpose() * lights[k].aim_off);
+          t.log_cos -= by_off.array() / lights[k].mu;
+          j.leftCols<3>() += height(lights[k]) / std::pow(distance(lights[k]), 2) * by_off *
+                             (lights[k].position_mm - middle_).transpose();
+        }
         wj = j.array().colwise() * r.w;
         eq.own[k] = j.transpose() * wj;
         eq.own_rhs[k] = j.transpose() * r.w_rho.matrix();
-        const auto column = static_cast<Eigen::Index>(4 * k);
+        sum.chi2 += add_aim_prior(k, lights[k], eq.own[k], eq.own_rhs[k]);
+        const Eigen::Index column = first_own(k);
         if (n_free_points_ > 0) {
-          eq.cross.block(0, column, n_points_, 4) = wj;
+          eq.cross.block(0, column, n_points_, n_own_) = wj;
           sum.w += r.w;
           sum.w_rho += r.w_rho;
         }
         if (n_shared > 0) {
           shared_.fill(target, t, light, c);
-          eq.cross.block(n_free_points_, column, n_shared, 4) = c.transpose() * wj;
+          if (has_aim() && shared_.n_test() > 0) {
+            c.rightCols<1>() = angles_to_aim(target, lights[k]).square().matrix();
+          }
+          eq.cross.block(n_free_points_, column, n_shared, n_own_) = c.transpose() * wj;
           sum.shared_rhs += c.transpose() * r.w_rho.matrix();
           const Eigen::MatrixXd wc = c.array().colwise() * r.w;
           sum.shared.noalias() += c.transpose() * wc;
@@ -149,8 +177,8 @@ class FreeSystem {
 
   /// The equations with damping, reduced to the common unknowns: S = direct - F F^T.
   struct Factored {
-    std::vector<Eigen::LLT<Matrix4>> own;
-    Eigen::MatrixXd reduced_cross;  ///< F, (G, 4 K): each light's columns times L^-T
+    std::vector<Eigen::LLT<OwnMatrix>> own;
+    Eigen::MatrixXd reduced_cross;  ///< F, (G, N K): each light's columns times L^-T
     Eigen::VectorXd point;          ///< damped diagonal
     Eigen::MatrixXd point_shared;   ///< (P, S)
     Eigen::MatrixXd shared;         ///< (S, S), damped
@@ -167,11 +195,11 @@ class FreeSystem {
     f.reduced_cross = eq.cross;
     parallel_for(eq.own.size(), kLightsAtOnce, [&](std::size_t begin, std::size_t end) {
       for (std::size_t k = begin; k < end; ++k) {
-        Matrix4 own = eq.own[k];
+        OwnMatrix own = eq.own[k];
         own.diagonal() *= 1.0 + damping;
         own.diagonal().array() += kWeakPrior;
         f.own[k].compute(own);
-        auto columns = f.reduced_cross.middleCols(static_cast<Eigen::Index>(4 * k), 4);
+        auto columns = f.reduced_cross.middleCols(first_own(k), n_own_);
         f.own[k].matrixU().solveInPlace<Eigen::OnTheRight>(columns);
       }
     });
@@ -195,17 +223,16 @@ class FreeSystem {
   }
 
   struct Step {
-    Eigen::VectorXd common;    ///< (G)
-    std::vector<Vector4> own;  ///< (K)
-    double predicted = 0.0;    ///< how much chi^2 would fall, by the linear model
+    Eigen::VectorXd common;      ///< (G)
+    std::vector<OwnVector> own;  ///< (K)
+    double predicted = 0.0;      ///< how much chi^2 would fall, by the linear model
   };
   [[nodiscard]] Step solve(const Equations& eq, const Factored& f) const {
     const std::size_t n_lights = eq.own.size();
     Eigen::VectorXd rhs = eq.rhs;
-    Eigen::VectorXd reduced(static_cast<Eigen::Index>(4 * n_lights));
+    Eigen::VectorXd reduced(first_own(n_lights));
     for (std::size_t k = 0; k < n_lights; ++k) {
-      reduced.segment<4>(static_cast<Eigen::Index>(4 * k)) =
-          f.own[k].matrixL().solve(eq.own_rhs[k]);
+      reduced.segment(first_own(k), n_own_) = f.own[k].matrixL().solve(eq.own_rhs[k]);
     }
     Step step;
     if (n_common_ > 0) {
@@ -215,7 +242,7 @@ class FreeSystem {
     }
     step.own.resize(n_lights);
     for (std::size_t k = 0; k < n_lights; ++k) {
-      const Vector4 part = reduced.segment<4>(static_cast<Eigen::Index>(4 * k));
+      const OwnVector part = reduced.segment(first_own(k), n_own_);
       step.own[k] = f.own[k].matrixU().solve(part);
       step.predicted += step.own[k].dot(eq.own_rhs[k]);
     }
@@ -231,11 +258,21 @@ class FreeSystem {
     for (std::size_t k = 0; k < lights.size(); ++k) {
       NearLight& light = lights[k];
       const double h = height(light);
-      const Vector4& own = step.own[k];
+      const double before = distance(light);
+      const OwnVector& own = step.own[k];
+      if (has_aim()) {
+        light.aim_off +=
+            across_aim(light) *
+            (aim_unit(k, light) * Eigen::Vector2d(bounded(own[3]), bounded(own[4])));
+      }
       light.position_mm.x() += h * bounded(own[0]);
       light.position_mm.y() += h * bounded(own[1]);
       light.position_mm.z() = ground_ + h * std::exp(bounded(own[2]));
-      light.power *= std::exp(bounded(own[3]));
+      if (has_aim()) {
+        light.aim_off *= distance(light) / before;
+      }
+      turn_to_aim(light);
+      light.power *= std::exp(bounded(own[n_own_ - 1]));
     }
     for (Eigen::Index p = 0; p < n_free_points_; ++p) {
       const double factor = std::exp(bounded(step.common[p]));
@@ -247,7 +284,12 @@ class FreeSystem {
       double mu = lights.front().mu;
       shared_.take(step.common.tail(shared_.size()), mu, sheet);
       for (NearLight& light : lights) {
+        const double before = light.mu;
         light.mu = options_.is_mu_free ? mu : light.mu;
+        if (has_aim() && light.mu > 0.0) {
+          light.aim_off *= before / light.mu;
+          turn_to_aim(light);
+        }
       }
     }
   }
@@ -261,8 +303,8 @@ class FreeSystem {
     }
     Eigen::VectorXd rhs = eq.rhs;
     for (std::size_t k = 0; k < eq.own.size(); ++k) {
-      const Vector4 part = f.own[k].matrixL().solve(eq.own_rhs[k]);
-      rhs.noalias() -= f.reduced_cross.middleCols(static_cast<Eigen::Index>(4 * k), 4) * part;
+      const OwnVector part = f.own[k].matrixL().solve(eq.own_rhs[k]);
+      rhs.noalias() -= f.reduced_cross.middleCols(first_own(k), n_own_) * part;
     }
     Eigen::VectorXd direct = f.shared.diagonal().tail(n);
     if (!f.is_dense) {
@@ -287,34 +329,35 @@ class FreeSystem {
       total_power += light.power[0];
     }
     const auto share = [&](std::size_t k) { return lights[k].power[0] / total_power; };
-    const auto last = [&](std::size_t k) { return f.own[k].matrixLLT()(3, 3); };
+    const auto last = [&](std::size_t k) {
+      return f.own[k].matrixLLT()(n_own_ - 1, n_own_ - 1);
+    };
     // The mean of ln power, whose own error each light's relative power has as well.
     Eigen::VectorXd mean = Eigen::VectorXd::Zero(n_common_);
     double mean_own = 0.0;
     for (std::size_t k = 0; k < n_lights; ++k) {
-      mean += share(k) / last(k) * f.reduced_cross.col(static_cast<Eigen::Index>(4 * k + 3));
+      mean += share(k) / last(k) * f.reduced_cross.col(first_own(k + 1) - 1);
       mean_own += std::pow(share(k) / last(k), 2);
     }
     const Eigen::VectorXd mean_solved = inverse_times(f, mean);
     const double mean_variance = mean_own + mean.dot(mean_solved);
     const std::size_t at_once = 4 * kLightsAtOnce;
     parallel_for(n_lights, at_once, [&](std::size_t begin, std::size_t end) {
-      const auto first = static_cast<Eigen::Index>(4 * begin);
-      const auto y =
-          f.reduced_cross.middleCols(first, static_cast<Eigen::Index>(4 * end) - first);
+      const Eigen::Index first = first_own(begin);
+      const auto y = f.reduced_cross.middleCols(first, first_own(end) - first);
       const Eigen::MatrixXd solved = inverse_times(f, y);
       for (std::size_t k = begin; k < end; ++k) {
-        const auto at = static_cast<Eigen::Index>(4 * k) - first;
-        Matrix4 inner = Matrix4::Identity();
-        inner.noalias() += y.middleCols(at, 4).transpose() * solved.middleCols(at, 4);
-        const Matrix4 half = f.own[k].matrixU().solve(inner);  // L^-T inner
-        const Matrix4 covariance = f.own[k].matrixU().solve(half.transpose());
+        const Eigen::Index at = first_own(k) - first;
+        OwnMatrix inner = OwnMatrix::Identity(n_own_, n_own_);
+        inner.noalias() += y.middleCols(at, n_own_).transpose() * solved.middleCols(at, n_own_);
+        const OwnMatrix half = f.own[k].matrixU().solve(inner);  // L^-T inner
+        const OwnMatrix covariance = f.own[k].matrixU().solve(half.transpose());
         const double h = height(lights[k]);
         out.lights[k].position_mm2 = h * h * covariance.topLeftCorner<3, 3>();
-        double variance = covariance(3, 3);
+        double variance = covariance(n_own_ - 1, n_own_ - 1);
         if (n_free_points_ > 0) {
-          const double with_mean =
-              share(k) / (last(k) * last(k)) + y.col(at + 3).dot(mean_solved) / last(k);
+          const double with_mean = share(k) / (last(k) * last(k)) +
+                                   y.col(at + n_own_ - 1).dot(mean_solved) / last(k);
           variance += mean_variance - 2.0 * with_mean;
         }
         out.lights[k].power = std::sqrt(std::max(variance, 0.0));
@@ -332,6 +375,44 @@ class FreeSystem {
   }
 
  private:
+  [[nodiscard]] bool has_aim() const { return n_own_ == kMostOwn; }
+  /// Where light k's unknowns begin.
+  [[nodiscard]] Eigen::Index first_own(std::size_t k) const {
+    return n_own_ * static_cast<Eigen::Index>(k);
+  }
+  [[nodiscard]] double distance(const NearLight& light) const {
+    return (light.position_mm - middle_).norm();
+  }
+  /// aim_off of one unit of its unknown. The prior is on mu aim_off / distance, which is what
+  /// the pictures show: on aim_off alone it would be met the better the larger mu and the
+  /// nearer the light is, and pull both.
+  [[nodiscard]] double aim_unit(std::size_t k, const NearLight& light) const {
+    return options_.aim_sigma * known_[k] * distance(light) / std::max(light.mu, 1e-3);
+  }
+  /// What is known of a light's aim from before. @return  its chi^2
+  [[nodiscard]] double add_aim_prior(std::size_t k, const NearLight& light, OwnMatrix& matrix,
+                                     OwnVector& rhs) const {
+    if (!has_aim()) {
+      return 0.0;
+    }
+    const Eigen::Vector2d off =
+        across_aim(light).transpose() * light.aim_off / aim_unit(k, light);
+    matrix.diagonal().segment<2>(3).array() += 1.0;
+    rhs.segment<2>(3) -= off;
+    return off.squaredNorm();
+  }
+  /// Between the way to the aim and the points, rad.
+  [[nodiscard]] static Eigen::ArrayXd angles_to_aim(const TargetColumns& target,
+                                                    const NearLight& light) {
+    const Eigen::Vector3d way =
+        light.aim_mm ? Eigen::Vector3d((*light.aim_mm - light.position_mm).normalized())
+                     : light.axis;
+    Eigen::ArrayX3d to = target.point;
+    to.rowwise() -= light.position_mm.transpose().array();
+    const Eigen::ArrayXd along = (to.matrix() * way).array();
+    return (along / to.square().rowwise().sum().sqrt()).min(1.0).max(-1.0).acos();
+  }
+
   void factor_dense(Factored& f) const {
     Eigen::MatrixXd s = Eigen::MatrixXd::Zero(n_common_, n_common_);
     if (n_free_points_ > 0) {
@@ -466,7 +547,10 @@ class FreeSystem {
   Eigen::Index n_points_;
   Eigen::Index n_free_points_;
   Eigen::Index n_common_;
+  Eigen::Index n_own_;
   double ground_;
+  Eigen::Vector3d middle_;
+  std::vector<double> known_;  ///< (K), mu / distance
 };
 
 std::int64_t count_used(const TargetSamples& samples) {
@@ -479,7 +563,7 @@ std::int64_t count_used(const TargetSamples& samples) {
 LightBounds free_light_bounds(const TargetSamples& samples, std::span<const NearLight> lights,
                               std::span<const double> albedo,
                               const LikelihoodOptions& options) {
-  const FreeSystem system(samples, options);
+  const FreeSystem system(samples, options, lights);
   const SheetValues& sheet = options.sheet_start;
   const std::vector<float> weights =
       inverse_variances(samples, TargetColumns(samples, sheet), lights, albedo);
@@ -490,7 +574,7 @@ LightBounds free_light_bounds(const TargetSamples& samples, std::span<const Near
 ModelTest test_free_lights(const TargetSamples& samples, const LikelihoodFit& fit,
                            const LikelihoodOptions& options, double freedom) {
   const TestModes modes = test_modes(samples, fit.lights);
-  const FreeSystem system(samples, options, &modes);
+  const FreeSystem system(samples, options, fit.lights, &modes);
   const std::vector<float> weights =
       inverse_variances(samples, TargetColumns(samples, fit.sheet), fit.lights, fit.albedo);
   const Equations eq = system.assemble(fit.lights, fit.albedo, fit.sheet, weights);
@@ -502,7 +586,7 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
   HAARLIGHT_EXPECTS(!options.is_albedo_known, "albedo is fitted");
   constexpr double kLeastDamping = 1e-9;
   constexpr double kMostDamping = 1e6;
-  const FreeSystem system(samples, options);
+  const FreeSystem system(samples, options, lights);
   LikelihoodFit fit;
   fit.sheet = options.sheet_start;
   PowerFit start = fit_powers(samples, std::move(lights), 8, {}, fit.sheet);
@@ -516,6 +600,7 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
                 "near-light calibration", "start above the target, or mask that part");
   }
   double damping = 0.0;
+  bool was_refused = false;
   while (fit.n_iterations < options.max_iterations && damping < kMostDamping) {
     if (options.should_stop && options.should_stop()) {
       break;
@@ -550,10 +635,13 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
       fit.sheet = next_sheet;
       const double gain = (eq.chi2 - next.chi2) / step.predicted;
       eq = std::move(next);
-      damping = gain > 0.5 ? damping / 10.0 : damping;
+      // In a bent valley less damping was just refused: once is enough.
+      damping = gain > 0.5 && !was_refused ? damping / 10.0 : damping;
       damping = damping < kLeastDamping ? 0.0 : damping;
+      was_refused = false;
     } else {
       damping = std::max(10.0 * damping, 1e-6);
+      was_refused = true;
     }
   }
   fit.chi2 = eq.chi2;

@@ -46,11 +46,14 @@ struct LikelihoodOptions {
   bool is_mu_free = true;
   bool is_albedo_known = false;  ///< for bounds alone
   Coupling coupling = Coupling::automatic;
-  int max_iterations = 60;
+  int max_iterations = 200;
   /// Ends when a step would lower chi^2 by less than this: parameters then lie within about the
   /// square root of it, in standard deviations, all of them together.
   double tolerance_chi2 = 0.02;
   std::function<bool()> should_stop = {};
+  /// > 0: each light's axis may be off its aim by so much, rad, a standard deviation in each of
+  /// two directions, and is an unknown; for lights with an aim alone, which must share mu.
+  double aim_sigma = 0.0;
   SheetPriors sheet;        ///< which of the sheet's terms are unknown; none unless said
   SheetValues sheet_start;  ///< where a fit begins and where a bound is taken
 };

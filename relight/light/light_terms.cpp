@@ -193,6 +193,7 @@ void scale(Values& values, const Eigen::ArrayXd& weight) {
 
 LightTerms light_terms(const TargetColumns& target, const NearLight& light,
                        const std::uint8_t* used, WantedTerms wanted) {
+  wanted.axis = wanted.axis || light.aim_mm.has_value();
   const EmitterPoints from = emitter_points(light);
   LightTerms sum = point_terms(target, light, from.at[0], used, wanted);
   if (from.n == 1) {
@@ -220,6 +221,15 @@ LightTerms light_terms(const TargetColumns& target, const NearLight& light,
   for_each([&](auto& a, const auto&) { scale(a, inverse); }, sum, sum);
   sum.h /= from.n;
   return sum;
+}
+
+Eigen::Matrix<double, Eigen::Dynamic, 3> per_place(const LightTerms& terms,
+                                                   const NearLight& light) {
+  Eigen::Matrix<double, Eigen::Dynamic, 3> out = terms.position.matrix();
+  if (light.aim_mm) {
+    out.noalias() += terms.axis.matrix() * axis_per_position(light);
+  }
+  return out;
 }
 
 std::vector<float> inverse_variances(const TargetSamples& samples, const TargetColumns& target,

@@ -37,8 +37,8 @@ struct TargetColumns {
 struct LightTerms {
   Eigen::ArrayXd h;          ///< (P), mm^-2; 0 where there is no light
   Eigen::ArrayXd log_cos;    ///< (P), d ln h / d mu
-  Eigen::ArrayX3d position;  ///< (P, 3), d ln h / d l, mm^-1
-  Eigen::ArrayX3d axis;      ///< (P, 3), d ln h / d axis; empty unless asked for
+  Eigen::ArrayX3d position;  ///< (P, 3), d ln h / d l, mm^-1, the axis held
+  Eigen::ArrayX3d axis;      ///< (P, 3), d ln h / d axis; empty unless asked for, or aimed
   Eigen::ArrayX3d normal;    ///< (P, 3), of Lambert's cosine by n; empty unless asked for
   Eigen::ArrayXd roughness;  ///< (P); empty unless asked for and the view is known
   Eigen::ArrayXd sheen;      ///< (P); likewise
@@ -52,6 +52,10 @@ struct WantedTerms {
 /// @param used  (P), 0: masked
 [[nodiscard]] LightTerms light_terms(const TargetColumns& target, const NearLight& light,
                                      const std::uint8_t* used, WantedTerms wanted = {});
+
+/// d ln h / d l, mm^-1, (P, 3): the axis of a light with an aim follows.
+[[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3> per_place(const LightTerms& terms,
+                                                                 const NearLight& light);
 
 /// Inverse variances of samples, (K, C, P), 0 where masked: what a fit holds fixed.
 [[nodiscard]] std::vector<float> inverse_variances(const TargetSamples& samples,

@@ -21,7 +21,8 @@ namespace haarlight {
 struct MeasuredBall {
   PictureCircle circle;
   /// Of (x, y, radius), pixels^2: from how the outline leaves the circle, 10 degrees of it
-  /// taken as one observation, since a drawn or blurred edge errs along a stretch.
+  /// taken as one observation, since a drawn or blurred edge errs along a stretch. What moves
+  /// the whole outline (a wide brush) is not seen in it: the caller's to add.
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   std::vector<Eigen::Vector2d> outline;
   double seen = 1.0;  ///< share of the circumference whose edge was found

@@ -143,6 +143,7 @@ class FreeProblem final : public VarianceProblem {
       const double h = extent_.size_mm * std::exp(own[2]);
       out[k].position_mm = {extent_.centre.x() + own[0] * h, extent_.centre.y() + own[1] * h,
                             ground_ + h};
+      turn_to_aim(out[k]);
       if (is_mu_free()) {
         out[k].mu = x[out.size() * stride()];
       }
@@ -163,7 +164,9 @@ class FreeProblem final : public VarianceProblem {
         d[3 + c] = g.log_power[k * n_channels() + c];
         power += d[3 + c];
       }
-      const Eigen::Vector3d place = g.position[k] - power * t.position;
+      const Eigen::Vector3d place =
+          g.position[k] - power * t.position +
+          axis_per_position(now[k]).transpose() * (g.axis[k] - power * t.axis);
       const double h = now[k].position_mm.z() - ground_;
       d[0] = h * place.x();
       d[1] = h * place.y();
@@ -484,6 +487,7 @@ LikelihoodOptions likelihood_options(const CalibrationOptions& options) {
   LikelihoodOptions out;
   out.is_mu_free = options.lobe == Lobe::free;
   out.sheet = options.sheet;
+  out.aim_sigma = options.aim_sigma;
   out.should_stop = options.should_stop;
   return out;
 }

@@ -55,6 +55,9 @@ struct CalibrationOptions {
   int max_first_iterations = 300;
   double shape_tolerance =
       0.2;  ///< a place known to less than this share of its height is weak
+  /// How far lights with an aim may be off it, rad, a standard deviation in each of two
+  /// directions; each is an unknown then. Stage::likelihood alone uses it.
+  double aim_sigma = 0.0;
   /// What of the sheet and the lens is not known for certain: none of it unless said, which is
   /// right for a target that is flat and Lambertian. Stage::likelihood alone uses it.
   SheetPriors sheet;

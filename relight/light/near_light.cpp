@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Geometry>
+
 #include "core/error.h"
 #include "core/measured_rig.h"
 
@@ -28,6 +30,56 @@ double point_stencil(const NearLight& light, const Eigen::Vector3d& place,
 }
 
 }  // namespace
+
+void turn_to_aim(NearLight& light) {
+  if (!light.aim_mm) {
+    return;
+  }
+  const Eigen::Vector3d axis =
+      ((*light.aim_mm - light.position_mm).normalized() + light.aim_off).normalized();
+  light.emitter_mm = Eigen::Quaterniond::FromTwoVectors(light.axis, axis).toRotationMatrix() *
+                     light.emitter_mm;
+  light.axis = axis;
+}
+
+namespace {
+
+/// d axis / d (way to the aim + aim_off): of a vector's direction by the vector.
+Eigen::Matrix3d axis_per_sum(const NearLight& light, const Eigen::Vector3d& way) {
+  return (Eigen::Matrix3d::Identity() - light.axis * light.axis.transpose()) /
+         (way + light.aim_off).norm();
+}
+
+}  // namespace
+
+Eigen::Matrix3d axis_per_position(const NearLight& light) {
+  if (!light.aim_mm) {
+    return Eigen::Matrix3d::Zero();
+  }
+  const Eigen::Vector3d to_aim = *light.aim_mm - light.position_mm;
+  const double distance = to_aim.norm();
+  const Eigen::Vector3d way = to_aim / distance;
+  return axis_per_sum(light, way) * (way * way.transpose() - Eigen::Matrix3d::Identity()) /
+         distance;
+}
+
+Eigen::Matrix<double, 3, 2> across_aim(const NearLight& light) {
+  Eigen::Matrix<double, 3, 2> out = Eigen::Matrix<double, 3, 2>::Zero();
+  if (light.aim_mm) {
+    const Eigen::Vector3d way = (*light.aim_mm - light.position_mm).normalized();
+    const Eigen::Vector3d u = way.unitOrthogonal();
+    out << u, way.cross(u);
+  }
+  return out;
+}
+
+Eigen::Matrix<double, 3, 2> axis_per_aim(const NearLight& light) {
+  if (!light.aim_mm) {
+    return Eigen::Matrix<double, 3, 2>::Zero();
+  }
+  return axis_per_sum(light, (*light.aim_mm - light.position_mm).normalized()) *
+         across_aim(light);
+}
 
 EmitterPoints emitter_points(const NearLight& light) noexcept {
   EmitterPoints points;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -28,7 +29,20 @@ struct NearLight {
   /// Two edges of the rectangle that shines, as columns: mm long, position_mm in its middle.
   /// Zero: a point.
   Eigen::Matrix<double, 3, 2> emitter_mm = Eigen::Matrix<double, 3, 2>::Zero();
+  /// Where its axis points to, if it follows the position, as in a dome; nothing: it does not.
+  std::optional<Eigen::Vector3d> aim_mm = {};
+  /// How far off its aim it points: added to the unit vector towards it.
+  Eigen::Vector3d aim_off = Eigen::Vector3d::Zero();
 };
+
+/// After position or aim were changed: axis and emitter turned, where there is an aim.
+void turn_to_aim(NearLight& light);
+/// d axis / d position, mm^-1; zero without an aim.
+[[nodiscard]] Eigen::Matrix3d axis_per_position(const NearLight& light);
+/// Two unit directions across the way to the aim, in which it may be off.
+[[nodiscard]] Eigen::Matrix<double, 3, 2> across_aim(const NearLight& light);
+/// d axis / d aim_off along those two; zero without an aim.
+[[nodiscard]] Eigen::Matrix<double, 3, 2> axis_per_aim(const NearLight& light);
 
 /// The places that stand for a light's area: its position, or the 2 x 2 points of Gauss and
 /// Legendre. They have the rectangle's first three moments along either edge; what is left is
