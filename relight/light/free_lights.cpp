@@ -1,5 +1,6 @@
 #include "relight/light/free_lights.h"
 
+#include <cstddef>
 #include <numbers>
 #include <utility>
 
@@ -30,6 +31,16 @@ LightCalibration find_free_lights(const TargetSamples& samples,
     each.lobe = Lobe::paper;
   } else {
     each.aim_sigma = options.aim_sigma_deg * kDegree;
+  }
+  if (each.aim_sigma > 0.0 && each.lobe == Lobe::free) {
+    // Axes that are off pull a free exponent away before they are unknowns themselves.
+    CalibrationOptions first = each;
+    first.lobe = Lobe::given;
+    const LightCalibration found = calibrate_free_lights(samples, start, first);
+    for (std::size_t k = 0; k < start.size(); ++k) {
+      start[k] = found.lights[k].light;
+    }
+    each.start = Start::given;
   }
   return calibrate_free_lights(samples, std::move(start), each);
 }

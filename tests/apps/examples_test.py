@@ -97,6 +97,10 @@ class Examples(unittest.TestCase):
             daemon.terminate()
             self.assertEqual(daemon.wait(timeout=30), 0)
 
+    def draw_calibrations(self, folder):
+        """chrome/, balls/ and paper/: what `haarlight calibrate` is shown on. NumPy is Debian's."""
+        subprocess.run(["/usr/bin/python3", SOURCE / "tests/apps/made_lights.py", folder], check=True)
+
     def phase(self):
         return self.programs.run("status", "--daemon", self.url).stdout.split()[0]
 
@@ -126,7 +130,8 @@ class Examples(unittest.TestCase):
         run_examples("check", "plan", "advise", "cameras")
         self.begin_simulator("configs/rigs/small8.toml")
         self.capture_sheet("configs/rigs/small8.toml")
-        run_examples("rig")
+        self.draw_calibrations(self.folder)
+        run_examples("rig", "calibrate")
         rig = VirtualRig(self.programs, "configs/rigs/cube32.toml", "configs/scenes/airplane.toml",
                          self.folder, self.url, cwd=self.folder)
         try:
@@ -225,6 +230,7 @@ class Examples(unittest.TestCase):
         write_capture(place / "door")
         self.run_shown("haarlight import door/ --lights door/dirs.lp -o door.session", place)
         self.sign(place / "door.session", place / "lab_signers")
+        self.draw_calibrations(place)
         for document in sorted((SOURCE / "docs").glob("*.md")):
             for command in shown_commands(document):
                 with self.subTest(document=document.name, command=command):

@@ -1,8 +1,12 @@
+#!/usr/bin/python3
 """Pictures of a sheet under a dome and of mirror balls, from forward models of their own (NumPy): they
-share no code with what is fitted."""
+share no code with what is fitted. made_lights.py FOLDER draws chrome/, balls/ and
+paper/."""
 
 import math
+import pathlib
 import struct
+import sys
 import zlib
 
 import numpy as np
@@ -171,3 +175,13 @@ class Balls:
         folder.mkdir(parents=True)
         for k, picture in enumerate(self.pictures):
             write_png16(folder / f"light{k}.png", picture)
+
+
+def make_examples(folder):
+    Balls(1, [(0, 0)], radius=40.0, size=(320, 240), focal=800.0).write(folder / "chrome")
+    Balls(2, [(-90, -60), (90, -50), (70, 60), (-80, 55)]).write(folder / "balls")
+    Sheet(3, n=24).write(folder / "paper")
+
+
+if __name__ == "__main__":
+    make_examples(pathlib.Path(sys.argv[1]))
