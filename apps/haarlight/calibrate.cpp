@@ -138,6 +138,9 @@ void add_sheet_options(Command verb, FindLightsArguments& a) {
   verb.option("--aim-deg", &a.aim_deg,
               "sheet: how far a light is off its aim (a standard deviation)",
               {.type = "DEGREES", .bounds = Bounds{0.0, 45.0}, .shows_default = true});
+  verb.option("--tilt-deg", &a.tilt_deg,
+              "sheet: how far the camera may be from straight above (a standard deviation)",
+              {.type = "DEGREES", .bounds = Bounds{0.0, 20.0}, .shows_default = true});
   verb.option("--led-mm", &a.led_mm, "sheet: side of the lights' emitters",
               {.type = "MM", .bounds = Bounds{0.0, 1e4}, .shows_default = true});
   verb.option("--lobe", &a.lobe,
@@ -153,7 +156,8 @@ void add_sheet_options(Command verb, FindLightsArguments& a) {
   verb.option("--samples", &a.samples, "sheet: about so many blocks along its longer side",
               {.bounds = Bounds{8, 200}, .shows_default = true});
   verb.flag("--bent", &a.is_bent,
-            "sheet: it is not flat; its shape and the lights are found in turn, without +-");
+            "sheet: it is not flat; its shape and the lights are found in turn, without +-, "
+            "for lights at their --aim of exponent --mu");
   verb.option("--grid", &a.grid,
               "sheet: the lights are a flat array, pictures row by row, first row at the top",
               {.type = "ROWS,COLUMNS", .delimiter = ',', .count = 2});
@@ -176,17 +180,17 @@ void add_calibrate(Command root, Invocation& invocation) {
   add_ball_options(verb, *arguments);
   add_sheet_options(verb, *arguments);
   verb.footer(
-      "Writes lights.json (places or directions, powers, standard errors: what `haarlight "
-      "import`\nreads), lights.lp, lights.csv, and balls.png or sheet.png. Which to use and "
-      "how "
-      "exact it is:\ndocs/calibration.md. Exit code 1: a light was not seen, or the pictures "
-      "contradict the model;\nthen no standard error is given.\n"
+      "Writes lights.json (places or directions, powers, standard errors; import reads it),\n"
+      "lights.lp, lights.csv, and balls.png or sheet.png. Which way to take, and how exact it "
+      "is:\n"
+      "docs/calibration.md. Exit code 1: a light was not seen, or the pictures contradict the\n"
+      "model; then no standard error is given.\n"
       "Examples:\n"
       "  haarlight calibrate chrome/ --target ball -o chrome.lights\n"
-      "  haarlight calibrate balls/ --target ball --balls 4 --radius-mm 12 --focal-px 2400 \\\n"
-      "    -o balls.lights\n"
-      "  haarlight calibrate paper/ --target sheet --width-mm 250 --camera-mm 740 -o "
-      "dome.lights\n"
+      "  haarlight calibrate balls/ --target ball --balls 4 --radius-mm 12 --focal-px 1600 \\\n"
+      "    --transfer linear -o balls.lights\n"
+      "  haarlight calibrate paper/ --target sheet --width-mm 250 --camera-mm 740 \\\n"
+      "    --transfer linear -o dome.lights\n"
       "  haarlight calibrate sheet.session -o rig.lights");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_find_lights(*arguments, common, report);

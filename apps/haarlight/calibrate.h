@@ -39,6 +39,7 @@ struct FindLightsArguments {
   std::vector<double> region;
   std::string aim = "centre";
   double aim_deg = 3.0;
+  double tilt_deg = 1.0;
   double led_mm = 0.0;
   std::string lobe = "free";
   double mu = 1.0;

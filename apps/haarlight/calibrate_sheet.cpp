@@ -25,14 +25,16 @@ namespace {
 
 using Eigen::Vector3d;
 
+constexpr double kMostChi2 = 2.0;     // of a bent sheet: beyond, more than noise is left
 constexpr double kRegionShare = 0.9;  // of the picture, where no region is given
 
 struct Sheet {
   TargetSamples samples;
-  int block = 1;
+  SheetLayout layout;
 };
 
-CameraModel camera_of(const FindLightsArguments& arguments, const LightPictures& pictures) {
+CameraModel camera_of(const FindLightsArguments& arguments, const LightPictures& pictures,
+                      const Eigen::Vector2d& tilt = Eigen::Vector2d::Zero()) {
   double width_mm = arguments.width_mm;
   double camera_mm = arguments.camera_mm;
   if (!(width_mm > 0.0) && arguments.focal_px > 0.0) {
@@ -48,7 +50,7 @@ CameraModel camera_of(const FindLightsArguments& arguments, const LightPictures&
                 "sheet), --camera-mm (from the lens to the sheet), --focal-px",
                 ExitCode::usage);
   }
-  return camera_over_sheet(pictures.width(), pictures.height(), width_mm, camera_mm);
+  return camera_over_sheet(pictures.width(), pictures.height(), width_mm, camera_mm, tilt);
 }
 
 Sheet read_sheet(const FindLightsArguments& arguments, const LightPictures& pictures) {
@@ -73,7 +75,7 @@ Sheet read_sheet(const FindLightsArguments& arguments, const LightPictures& pict
     }
     sampler->add(k, picture.view(), clip);
   });
-  return {sampler->finish(), layout.block};
+  return {sampler->finish(), layout};
 }
 
 SheetPriors priors_of(const FindLightsArguments& arguments) {
@@ -236,6 +238,9 @@ FoundLights find_with_shape(const FindLightsArguments& arguments, const Sheet& s
                             const LightPictures& pictures, Report& report) {
   // From where a flat sheet would have the lights.
   FreeLightOptions first = free_options(arguments);
+  // A free exponent and free axes bend with the sheet: both stay as given.
+  first.aim_sigma_deg = 0.0;
+  first.lights.lobe = Lobe::given;
   first.lights.sheet = {};
   first.lights.outlier_share = 0.0;
   const LightCalibration flat = find_free_lights(sheet.samples, first);
@@ -245,8 +250,6 @@ FoundLights find_with_shape(const FindLightsArguments& arguments, const Sheet& s
   }
   AlternationOptions options;
   options.lights = first.lights;
-  // A free exponent bends with the sheet: it stays where the flat fit has it, or as given.
-  options.lights.lobe = Lobe::given;
   const double block_mm = (sheet.samples.points_mm[1] - sheet.samples.points_mm[0]).norm();
   const Alternation found_shape = calibrate_with_shape(
       sheet.samples, std::move(start),
@@ -276,7 +279,14 @@ FoundLights find_with_shape(const FindLightsArguments& arguments, const Sheet& s
   FoundLights found;
   found.has_powers = true;
   found.lobe_mu = found_shape.lights.mu;
-  found.is_good = found_shape.has_converged;
+  const double chi2 = found_shape.lights.reduced_chi2;
+  found.is_good = found_shape.has_converged && chi2 < kMostChi2;
+  if (!(chi2 < kMostChi2)) {
+    fmt::print(stderr,
+               "lights and a bent sheet do not explain the pictures: chi^2 {:.1f} where 1 is "
+               "noise\n  cure: --mu, --aim; a more matte sheet, no stray light\n",
+               chi2);
+  }
   add_lights(found_shape.lights, pictures, false, found);
   add_picture(sheet.samples, found_shape.lights.albedo, found);
   return found;
@@ -332,9 +342,9 @@ std::pair<Eigen::Isometry3d, double> place_array(const RigidArray& array,
   return {pose, rms};
 }
 
-LightCalibration fit_array(const FindLightsArguments& arguments, const TargetSamples& samples,
-                           Report& report) {
-  const RigidArray array = array_of(arguments, samples.n_lights);
+/// From where free lights have the array.
+Eigen::Isometry3d array_start(const FindLightsArguments& arguments, const RigidArray& array,
+                              const TargetSamples& samples, Report& report) {
   FreeLightOptions first = free_options(arguments);
   first.aim = Aim::down;
   first.lights.sheet = {};
@@ -345,17 +355,48 @@ LightCalibration fit_array(const FindLightsArguments& arguments, const TargetSam
                 "right, the first row at the top; or turn the order round");
   }
   report.add_detail("array_start_rms_mm", rms);
-  LightCalibration found = calibrate_rigid_array(samples, array, pose, options_of(arguments));
+  return pose;
+}
+
+void tell_array(const LightCalibration& found) {
   const Vector3d middle = found.world_from_array->translation();
-  const Vector3d sigma =
-      found.pose_sigma->covariance.bottomRightCorner<3, 3>().diagonal().cwiseSqrt();
   const Eigen::AngleAxisd turn(found.world_from_array->linear());
-  fmt::print("array: middle {:.3f} {:.3f} {:.3f} mm{}, turned {:.3f} degrees\n", middle.x(),
-             middle.y(), middle.z(),
-             found.is_model_wrong()
-                 ? std::string()
-                 : fmt::format(" +- {:.3f} {:.3f} {:.3f}", sigma.x(), sigma.y(), sigma.z()),
-             turn.angle() * 180.0 / std::numbers::pi);
+  fmt::print("array: middle {:.3f} {:.3f} {:.3f} mm, turned {:.3f} degrees\n", middle.x(),
+             middle.y(), middle.z(), turn.angle() * 180.0 / std::numbers::pi);
+}
+
+using FitSamples = std::function<LightCalibration(const TargetSamples& samples)>;
+
+/// The camera's tilt is not in the pictures: two fits more tell what it would do.
+void add_tilt(const FindLightsArguments& arguments, const LightPictures& pictures,
+              const Sheet& sheet, const FitSamples& fit, LightCalibration& found) {
+  const double tilt = arguments.tilt_deg * std::numbers::pi / 180.0;
+  for (int i = 0; tilt > 0.0 && i < 2; ++i) {
+    const CameraModel aslant = camera_of(arguments, pictures, tilt * Eigen::Vector2d::Unit(i));
+    add_deviation(found, fit(seen_from(sheet.samples, sheet.layout, aslant)));
+  }
+}
+
+LightCalibration fit_flat_sheet(const FindLightsArguments& arguments,
+                                const LightPictures& pictures, const Sheet& sheet,
+                                Report& report) {
+  FitSamples fit = [&](const TargetSamples& samples) {
+    return find_free_lights(samples, free_options(arguments));
+  };
+  if (!arguments.grid.empty()) {
+    const RigidArray array = array_of(arguments, sheet.samples.n_lights);
+    const Eigen::Isometry3d start = array_start(arguments, array, sheet.samples, report);
+    fit = [array, start, &arguments](const TargetSamples& samples) {
+      return calibrate_rigid_array(samples, array, start, options_of(arguments));
+    };
+  }
+  LightCalibration found = fit(sheet.samples);
+  if (found.test.is_passed()) {
+    add_tilt(arguments, pictures, sheet, fit, found);
+  }
+  if (!arguments.grid.empty()) {
+    tell_array(found);
+  }
   return found;
 }
 
@@ -375,12 +416,7 @@ FoundLights find_by_sheet(const FindLightsArguments& arguments, const LightPictu
   if (arguments.is_bent) {
     found = find_with_shape(arguments, sheet, pictures, report);
   } else {
-    LightCalibration fit;
-    if (!arguments.grid.empty()) {
-      fit = fit_array(arguments, sheet.samples, report);
-    } else {
-      fit = find_free_lights(sheet.samples, free_options(arguments));
-    }
+    const LightCalibration fit = fit_flat_sheet(arguments, pictures, sheet, report);
     report_fit(fit, report);
     // A test that was not done proves nothing.
     const bool is_known = fit.test.is_passed();

@@ -1,8 +1,11 @@
 #include "relight/light/free_lights.h"
 
+#include <cmath>
 #include <cstddef>
 #include <numbers>
 #include <utility>
+
+#include "core/error.h"
 
 namespace haarlight {
 
@@ -43,6 +46,21 @@ LightCalibration find_free_lights(const TargetSamples& samples,
     each.start = Start::given;
   }
   return calibrate_free_lights(samples, std::move(start), each);
+}
+
+void add_deviation(LightCalibration& found, const LightCalibration& moved) {
+  HAARLIGHT_EXPECTS(found.lights.size() == moved.lights.size(), "the same lights");
+  for (std::size_t k = 0; k < found.lights.size(); ++k) {
+    CalibratedLight& light = found.lights[k];
+    const NearLight& other = moved.lights[k].light;
+    if (light.finding == LightFinding::unseen) {
+      continue;
+    }
+    const Eigen::Vector3d d = other.position_mm - light.light.position_mm;
+    light.sigma.position_mm2 += d * d.transpose();
+    light.sigma.power =
+        std::hypot(light.sigma.power, std::log(other.power[0] / light.light.power[0]));
+  }
 }
 
 }  // namespace haarlight

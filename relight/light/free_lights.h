@@ -31,4 +31,8 @@ struct FreeLightOptions {
 [[nodiscard]] LightCalibration find_free_lights(const TargetSamples& samples,
                                                 const FreeLightOptions& options = {});
 
+/// What the pictures do not tell, as one standard deviation of it moves the lights: added to
+/// every sigma of place and power. @param moved  the same fit with that deviation
+void add_deviation(LightCalibration& found, const LightCalibration& moved);
+
 }  // namespace haarlight

@@ -141,7 +141,8 @@ TargetSamples samples_without_light(const SheetLayout& layout, const PixelPoints
   return s;
 }
 
-CameraModel camera_over_sheet(int width, int height, double width_mm, double camera_mm) {
+CameraModel camera_over_sheet(int width, int height, double width_mm, double camera_mm,
+                              const Eigen::Vector2d& tilt) {
   HAARLIGHT_EXPECTS(width > 0 && height > 0 && width_mm > 0.0 && camera_mm > 0.0, "sizes");
   CameraModel camera;
   camera.width = width;
@@ -150,8 +151,24 @@ CameraModel camera_over_sheet(int width, int height, double width_mm, double cam
   camera.cx = 0.5 * width;
   camera.cy = 0.5 * height;
   camera.world_from_cam =
-      look_at({0.0, 0.0, camera_mm}, Eigen::Vector3d::Zero(), Eigen::Vector3d::UnitY());
+      look_at(camera_mm * Eigen::Vector3d(tilt.x(), tilt.y(), 1.0).normalized(),
+              Eigen::Vector3d::Zero(), Eigen::Vector3d::UnitY());
   return camera;
+}
+
+TargetSamples seen_from(TargetSamples samples, const SheetLayout& layout,
+                        const CameraModel& camera) {
+  HAARLIGHT_EXPECTS(samples.n_points() == layout.n_blocks(), "samples of this layout");
+  const PixelPoints points = PixelPoints::on_plane(camera, Eigen::Vector3d::UnitZ(), 0.0);
+  const auto cols = static_cast<std::size_t>(layout.cols);
+  for (std::size_t block = 0; block < samples.n_points(); ++block) {
+    const double x = layout.x0 + layout.block * (static_cast<double>(block % cols) + 0.5);
+    const double y = layout.y0 + layout.block * (static_cast<double>(block / cols) + 0.5);
+    samples.points_mm[block] = points.at(x, y);
+    samples.to_camera[block] = points.to_camera(x, y);
+    samples.lens_mm[block] = lens_shift(camera, points, x, y);
+  }
+  return samples;
 }
 
 SheetSampler::SheetSampler(SheetLayout layout, TargetSamples empty)

@@ -57,8 +57,15 @@ struct SheetLayout {
 
 /// A camera `camera_mm` straight over the middle of a sheet of which its pictures show
 /// `width_mm` across: frame as PixelPoints::orthographic has it.
-[[nodiscard]] CameraModel camera_over_sheet(int width, int height, double width_mm,
-                                            double camera_mm);
+/// @param tilt  rad, by which it stands aside towards +x and +y; it still looks at the middle
+[[nodiscard]] CameraModel camera_over_sheet(
+    int width, int height, double width_mm, double camera_mm,
+    const Eigen::Vector2d& tilt = Eigen::Vector2d::Zero());
+
+/// The same samples as another camera would have seen them: places, ways to the camera and the
+/// lens' shifts anew, by the middles of the blocks.
+[[nodiscard]] TargetSamples seen_from(TargetSamples samples, const SheetLayout& layout,
+                                      const CameraModel& camera);
 
 /// Block averages of one picture a light.
 class SheetSampler {

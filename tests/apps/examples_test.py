@@ -69,8 +69,9 @@ class Examples(unittest.TestCase):
         return done
 
     def begin_simulator(self, rig):
-        """haarlight-sim alone, until the end of the test."""
+        """haarlight-sim alone, until the end of the test. @return  its process"""
         ready = self.folder / "alone.ready"
+        ready.unlink(missing_ok=True)
         with (self.folder / "alone.log").open("w") as log:
             served = subprocess.Popen(
                 [self.programs.sim, rig, "--scene", "configs/scenes/empty.toml", "--ready-file", ready,
@@ -78,6 +79,7 @@ class Examples(unittest.TestCase):
         self.addCleanup(served.wait, timeout=30)
         self.addCleanup(served.terminate)
         wait_for(ready.exists, 120, "the simulator")
+        return served
 
     def capture_sheet(self, rig):
         """sheet.session: the empty plane, by a daemon that has ended afterwards."""
@@ -231,6 +233,11 @@ class Examples(unittest.TestCase):
         self.run_shown("haarlight import door/ --lights door/dirs.lp -o door.session", place)
         self.sign(place / "door.session", place / "lab_signers")
         self.draw_calibrations(place)
+        served = self.begin_simulator("configs/rigs/small8.toml")
+        self.capture_sheet("configs/rigs/small8.toml")
+        served.terminate()  # documents start simulators of this rig themselves
+        served.wait(timeout=30)
+        shutil.move(self.folder / "sheet.session", place / "sheet.session")
         for document in sorted((SOURCE / "docs").glob("*.md")):
             for command in shown_commands(document):
                 with self.subTest(document=document.name, command=command):
