@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <numbers>
 #include <utility>
+#include <vector>
 
 #include "core/error.h"
 
@@ -12,6 +13,34 @@ namespace haarlight {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
+
+/// What comes before the fit of everything.
+enum class FirstFit {
+  lobe_held,  ///< axes that are off pull a free exponent away before they are unknowns
+  isotropic,  ///< without a lobe: a light aimed at the middle hardly has one there
+  none,
+};
+
+LightCalibration fit_from(const TargetSamples& samples, std::vector<NearLight> start,
+                          CalibrationOptions options, FirstFit way) {
+  const bool has_aim = options.aim_sigma > 0.0 && options.lobe == Lobe::free;
+  if ((way == FirstFit::lobe_held && has_aim) || way == FirstFit::isotropic) {
+    CalibrationOptions first = options;
+    first.lobe = way == FirstFit::isotropic ? Lobe::paper : Lobe::given;
+    if (way == FirstFit::isotropic) {
+      first.aim_sigma = 0.0;
+      first.sheet = {};
+    }
+    const LightCalibration found = calibrate_free_lights(samples, start, first);
+    for (std::size_t k = 0; k < start.size(); ++k) {
+      const double mu = start[k].mu;
+      start[k] = found.lights[k].light;
+      start[k].mu = mu;
+    }
+    options.start = Start::given;
+  }
+  return calibrate_free_lights(samples, std::move(start), options);
+}
 
 }  // namespace
 
@@ -35,17 +64,19 @@ LightCalibration find_free_lights(const TargetSamples& samples,
   } else {
     each.aim_sigma = options.aim_sigma_deg * kDegree;
   }
-  if (each.aim_sigma > 0.0 && each.lobe == Lobe::free) {
-    // Axes that are off pull a free exponent away before they are unknowns themselves.
-    CalibrationOptions first = each;
-    first.lobe = Lobe::given;
-    const LightCalibration found = calibrate_free_lights(samples, start, first);
-    for (std::size_t k = 0; k < start.size(); ++k) {
-      start[k] = found.lights[k].light;
+  // An axis that is off, or a lobe far from the start's, can lead to another valley. Where the
+  // model explains the pictures nothing is tried twice.
+  LightCalibration best = fit_from(samples, start, each, FirstFit::lobe_held);
+  for (const FirstFit way : {FirstFit::none, FirstFit::isotropic}) {
+    if (best.test.is_passed() || options.aim == Aim::everywhere) {
+      break;
     }
-    each.start = Start::given;
+    LightCalibration other = fit_from(samples, start, each, way);
+    if (other.reduced_chi2 < best.reduced_chi2) {
+      best = std::move(other);
+    }
   }
-  return calibrate_free_lights(samples, std::move(start), each);
+  return best;
 }
 
 void add_deviation(LightCalibration& found, const LightCalibration& moved) {
