@@ -57,7 +57,7 @@ SimulatedTarget sheet(std::uint64_t seed) {
 
 TEST(AimedLight, DerivativesFollowTheAxis) {
   SimulatedTarget target = sheet(1);
-  target.rows = target.cols = 14;
+  target.rows = target.cols = 6;
   NearLight light;
   light.position_mm = {150.0, -90.0, 300.0};
   light.mu = 1.7;
