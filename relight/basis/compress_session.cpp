@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/integer_coding.h"
 #include "relight/basis/plate.h"
 #include "session/develop.h"
 #include "session/sensor_response.h"
