@@ -173,7 +173,8 @@ std::optional<CompressSummary> compress_whole_steps(const CompressSource& source
   const auto n_lights = static_cast<std::size_t>(dims.n_lights);
   std::vector<float> row(static_cast<std::size_t>(dims.width * dims.channels) * n_lights);
   for (int i = 0; i < kRows; ++i) {
-    const int y = static_cast<int>((2 * std::int64_t{i} + 1) * dims.height / (2 * kRows));
+    const int y =
+        static_cast<int>((2 * std::int64_t{i} + 1) * dims.height / (std::int64_t{2} * kRows));
     source.rows->load_rows(y, y + 1);
     source.stack->read_tile({0, y, dims.width, 1}, row);
     for (std::size_t at = 0; at < row.size(); ++at) {
