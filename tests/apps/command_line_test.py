@@ -409,6 +409,26 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(self.run_line("check session").returncode, BAD_INPUT)
         self.assertEqual(self.run_line("check {rig} --as car").returncode, USAGE)
 
+    def test_lights_that_do_not_reach_the_plane_are_said(self):
+        text = RIG.read_text()
+        down = "emits = [0.0, 0.0, -1.0]"
+        self.assertIn(down, text)
+        dark = self.folder / "dark.toml"
+        dark.write_text(text.replace(down, "emits = [0, 0, 1]"))
+        for line in ("check dark.toml", "plate dark.toml -o dark.hlb"):
+            with self.subTest(line=line):
+                shown = self.run_line(line)
+                self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
+                self.assertIn("no light reaches the plane", shown.stderr)
+                self.assertIn("dark.toml", shown.stderr)
+        self.assertFalse((self.folder / "dark.hlb").exists())
+        begin, end = text.index("[[face]]"), text.index("[[plane]]")
+        second = text[begin:end].replace('id = "top"', 'id = "back"').replace(down, "emits = [0, 0, 1]")
+        (self.folder / "half.toml").write_text(text[:end] + second + text[end:])
+        half = self.run_line("check half.toml")
+        self.assertEqual(half.returncode, DONE, half.stderr)
+        self.assertIn("warning: 64 of 128 lights (the first: 64) do not reach the plane", half.stdout)
+
     def test_check_warns_of_a_measured_file_with_the_mean_latch_alone(self):
         text = ('[measured]\ndate = "2026-11-21T10:20:46Z"\ntool = "haarlight"\n'
                 'rig_hash = "0"\n\n[measured.controller]\nwith = "x"\nidentity = "y"\n'
