@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 #include "core/error.h"
@@ -188,7 +189,8 @@ class Rounds {
                      .has_sigma = n_searches_ + 1 == kSearches || round + 1 == most});
         ++n_searches_;
       }
-      shape_.is_settled = !lights_.are_near || (!is_moved && shape_.changes.back() <= settled_);
+      shape_.is_settled =
+          !lights_.are_near || (!is_moved && shape_.changes.back() <= still_mm());
       if (shape_.is_settled) {
         return;
       }
@@ -196,6 +198,20 @@ class Rounds {
   }
 
  private:
+  /// Heights that move less stand still: the tolerance, or half of what the normals' own
+  /// standard errors make of the step from pixel to pixel, where that is known.
+  [[nodiscard]] double still_mm() const {
+    constexpr double kOfError = 0.5;
+    double sum = 0.0;
+    double n = 0.0;
+    for (const float sigma_deg : shape_.surface.sigma_deg.pixels()) {
+      sum += double{sigma_deg} * double{sigma_deg};
+      n += sigma_deg > 0.0F ? 1.0 : 0.0;
+    }
+    const double sigma = std::sqrt(sum / std::max(n, 1.0)) * std::numbers::pi / 180.0;
+    return std::max(settled_, kOfError * sigma * pixels_.mm_per_pixel());
+  }
+
   /// As often as it takes the shape to follow: later the gauge stands still, so that the
   /// heights can.
   static constexpr int kSearches = 4;

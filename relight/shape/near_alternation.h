@@ -23,8 +23,10 @@ namespace haarlight {
 struct ShapeOptions {
   StereoOptions stereo{};
   IntegrateOptions integrate{};
-  int max_rounds = 20;      ///< near lights; 1: the plane's points once
-  double tolerance = 1e-4;  ///< rms change of the heights, of the picture's width
+  int max_rounds = 20;  ///< near lights; 1: the plane's points once
+  /// Rms change of the heights, of the picture's width; more where the normals' standard
+  /// errors, if asked for, make more of it.
+  double tolerance = 1e-4;
   /// Choose method and loss of the fit by lights held out (fit_choice.h).
   bool chooses_fit = false;
   /// Near lights: where each part stands, by their fall-off (part_heights.h).
