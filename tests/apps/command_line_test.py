@@ -325,6 +325,21 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(self.run_line("view object.hlb --port 70000").returncode, USAGE)
         self.assertEqual(self.run_line("view object.hlb --web absent").returncode, BAD_INPUT)
 
+    def test_the_simulator_ends_in_order_right_after_it_rendered(self):
+        """The ray caster's threads live on for a while: a signal may reach one of them."""
+        for i in range(5):
+            words = [self.programs.sim, SOURCE / "configs/rigs/small8.toml", "--scene",
+                     SOURCE / "configs/scenes/stairs.toml", "--cache", self.folder / f"cache{i}"]
+            with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                  text=True, cwd=self.folder) as served:
+                for line in served.stdout:
+                    if line == "ready\n":
+                        break
+                served.terminate()
+                told = served.communicate(timeout=30)[1]
+            self.assertEqual(served.returncode, 0, told)
+            self.assertIn("frames delivered", told)
+
     def test_bases_leaves_records_of_the_shared_schema(self):
         done = self.run_line("bases object.hlb -o compared --error 0.05 --size 2")
         self.assertEqual(done.returncode, DONE, done.stderr)
