@@ -43,9 +43,9 @@ class Examples(unittest.TestCase):
         rigs.mkdir()
         small = (SOURCE / "configs/rigs/small8.toml").read_text()
         camera = re.search(r"\[\[camera\]\].*?(?=\[controller\])", small, re.S)[0]
-        # The same view with three quarters of the pixels a side: the tag rows need 48 columns.
+        # Fewer pixels, as the tag rows need 48 columns, and nearer: shape needs some hundred of the object.
         for key, value in (("size", "[48, 44]"), ("active_area", "36"),
-                           ("K", "[[65.93945805, 0.0, 24.0], [0.0, 65.93945805, 18.0], [0.0, 0.0, 1.0]]")):
+                           ("K", "[[160.0, 0.0, 24.0], [0.0, 160.0, 18.0], [0.0, 0.0, 1.0]]")):
             camera, n = re.subn(rf"(?m)^{key} = .*", f"{key} = {value}", camera)
             assert n == 1, key
         cube = (SOURCE / "configs/rigs/cube32.toml").read_text()
