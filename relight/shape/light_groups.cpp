@@ -24,7 +24,7 @@ LightGroups group_lights(const std::vector<Vector3d>& directions, int most) {
   std::vector<double> nearest(n, -2.0);  // cosine to the nearest seed
   std::size_t seed = 0;
   while (groups.n_groups < most && groups.n_groups < static_cast<int>(n)) {
-    const Vector3d at = directions[seed];
+    const Vector3d& at = directions[seed];
     for (std::size_t k = 0; k < n; ++k) {
       const double cosine = directions[k].dot(at);
       if (cosine > nearest[k]) {
@@ -52,6 +52,7 @@ std::vector<int> thinned(const LightGroups& groups, int n) {
     return groups.order;
   }
   std::vector<int> some;
+  some.reserve(count(n));
   for (int i = 0; i < n; ++i) {
     some.push_back(groups.order[static_cast<std::size_t>(std::int64_t{i} * n_lights / n)]);
   }

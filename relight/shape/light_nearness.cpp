@@ -78,7 +78,7 @@ LightNearness find_nearness(const StackSource& stack, const StereoLights& lights
   std::vector<float> values(static_cast<std::size_t>(dims.channels) *
                             static_cast<std::size_t>(dims.n_lights));
   std::vector<float> errors(options.errors != nullptr ? values.size() : 0);
-  std::array<BlockSums, kBlocks * kBlocks> blocks{};
+  std::array<BlockSums, std::size_t{kBlocks} * kBlocks> blocks{};
   double turns = 0.0;
   double places = 0.0;
   for (int y = step / 2; y < dims.height; y += step) {

@@ -298,7 +298,7 @@ double gap_of(const std::vector<float>& levels) {
   std::vector<float> sorted = levels;
   std::sort(sorted.begin(), sorted.end());
   const std::size_t n = sorted.size();
-  const double bright = double{sorted[n - 1 - n / 20]};
+  const auto bright = double{sorted[n - 1 - n / 20]};
   constexpr double kDark = 0.1;         // of the bright pixels' level, at most
   constexpr double kStep = 1.1;         // between thresholds tried
   constexpr double kBetween = 0.01;     // share of pixels within a factor of 1.5 of it
@@ -311,7 +311,9 @@ double gap_of(const std::vector<float>& levels) {
                sorted.begin()) /
            static_cast<double>(n);
   };
-  for (double level = kDark * bright; level > 1e-3 * bright; level /= kStep) {
+  constexpr int kSteps = 49;  // down to a thousandth
+  double level = kDark * bright;
+  for (int step = 0; step < kSteps; ++step, level /= kStep) {
     const double below = share_below(level);
     const double between = share_below(1.5 * level) - share_below(level / 1.5);
     if (below >= kLeastShare && below <= 1.0 - kLeastShare && between < fewest) {
@@ -366,6 +368,7 @@ ObjectMask mask_by_darkness(const StackSource& stack, const StereoLights& lights
   Image<float> level(dims.height, dims.width, 1);
   for_each_pixel(stack, plain, {}, nullptr, [&](int y, int x, const PixelSamples& samples) {
     std::vector<float> values;
+    values.reserve(count(samples.n()));
     for (int j = 0; j < samples.n(); ++j) {
       values.push_back(static_cast<float>(samples.value(j)));
     }

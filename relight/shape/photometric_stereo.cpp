@@ -66,10 +66,11 @@ class RowSolver {
         out_(out),
         dims_(stack.dims()),
         samples_(dims_, lights, options.fit.has_sigma ? groups.order : options.use),
-        moved_(samples_),
+        moved_(dims_, lights, options.fit.has_sigma ? groups.order : options.use),
         fitter_(samples_.n(), options.fit) {
     if (options.fit.has_sigma) {
       std::vector<int> group;
+      group.reserve(count(samples_.n()));
       for (int j = 0; j < samples_.n(); ++j) {
         group.push_back(groups.group[count(samples_.light(j))]);
       }

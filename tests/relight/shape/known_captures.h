@@ -130,8 +130,9 @@ inline SeenScene see(const Scene& scene, const CameraModel& camera) {
     for (int x = 0; x < camera.width; ++x) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (int i = 0; i < kSub * kSub; ++i) {
+        const int row = i / kSub;
         const auto hit = visible_surface(caster, camera, x + (i % kSub + 0.5) / kSub,
-                                         y + (i / kSub + 0.5) / kSub);
+                                         y + (row + 0.5) / kSub);
         if (!hit) {
           continue;
         }

@@ -22,6 +22,10 @@ constexpr double kWidth = 240.0;  // mm: pixels of 5 mm
 
 double place(int i) { return (i + 0.5 - kSize / 2.0) * kWidth / kSize; }
 
+std::uint64_t pixel_number(int y, int x) {
+  return static_cast<std::uint64_t>(y) * kSize + static_cast<std::uint64_t>(x);
+}
+
 constexpr double kRadius = 50.0;
 
 bool is_ball(int y, int x) { return std::hypot(place(x), place(y)) < kRadius; }
@@ -69,8 +73,8 @@ MemoryStack ball_capture(const StereoLights& lights, double noise) {
                         lights.near[static_cast<std::size_t>(k)].position_mm)) {
           value = 0.0F;
         }
-        const double dice = uniform_unit(hash_key(5, static_cast<std::uint64_t>(y * kSize + x),
-                                                  static_cast<std::uint64_t>(k)));
+        const double dice =
+            uniform_unit(hash_key(5, pixel_number(y, x), static_cast<std::uint64_t>(k)));
         value *= static_cast<float>(1.0 + noise * (2.0 * dice - 1.0));
       }
     }
@@ -128,11 +132,11 @@ TEST(ObjectMask, AnEmptyPlaneIsAllThereIs) {
 TEST(ObjectMask, ACaptureThatShowsNoPlaneIsAllObject) {
   const StereoLights lights = near_lights();
   MadeSurface surface = ball_on_plane();
-  const Vector3d normal = Vector3d(-0.3, 0.0, 1.0).normalized();
+  const Vector3d tilted = Vector3d(-0.3, 0.0, 1.0).normalized();
   surface.point = [](int y, int x) -> Vector3d {
     return {place(x), -place(y), 40.0 + 0.3 * place(x)};
   };
-  surface.normal = [normal](int, int) { return normal; };
+  surface.normal = [tilted](int, int) -> Vector3d { return Vector3d(tilted); };
   const MemoryStack stack = near_capture(kSize, kSize, lights.near, surface);
   const ObjectMask found =
       mask_by_plane(stack, lights, PixelPoints::orthographic(kSize, kSize, kWidth));

@@ -56,7 +56,7 @@ Coverage cover(const SurfaceEstimate& found, const Image<float>& truth) {
       }
       const double error =
           degrees_between(vector_at(found.normal, y, x), vector_at(truth, y, x));
-      const double sigma = double{found.sigma_deg(y, x)};
+      const auto sigma = double{found.sigma_deg(y, x)};
       result.within += error <= 2.0 * sigma ? 1.0 : 0.0;
       result.mean_deg += error;
       result.mean_sigma_deg += sigma;

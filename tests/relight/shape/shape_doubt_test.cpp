@@ -28,6 +28,10 @@ using testing::vector_at;
 
 constexpr int kSize = 24;
 
+std::uint64_t pixel_number(int y, int x) {
+  return static_cast<std::uint64_t>(y) * kSize + static_cast<std::uint64_t>(x);
+}
+
 Vector3d bowl_normal(int y, int x) {
   return Vector3d(0.03 * (x - 11.5), 0.03 * (11.5 - y), 1.0).normalized();
 }
@@ -38,9 +42,11 @@ MadeSurface bowl() {
 }
 
 double normal_noise(int y, int x, int k) {
-  const auto at = static_cast<std::uint64_t>(y * kSize + x);
-  const double u = uniform_unit(hash_key(11, at, static_cast<std::uint64_t>(2 * k)));
-  const double v = uniform_unit(hash_key(11, at, static_cast<std::uint64_t>(2 * k + 1)));
+  const auto at = pixel_number(y, x);
+  const double u =
+      uniform_unit(hash_key(11, at, std::uint64_t{2} * static_cast<std::uint64_t>(k)));
+  const double v =
+      uniform_unit(hash_key(11, at, std::uint64_t{2} * static_cast<std::uint64_t>(k) + 1));
   return std::sqrt(-2.0 * std::log(1.0 - u)) * std::cos(2.0 * std::numbers::pi * v);
 }
 
@@ -55,7 +61,7 @@ Coverage coverage(const SurfaceEstimate& found) {
   for (int y = 0; y < kSize; ++y) {
     for (int x = 0; x < kSize; ++x) {
       const double error = degrees_between(vector_at(found.normal, y, x), bowl_normal(y, x));
-      const double sigma = double{found.sigma_deg(y, x)};
+      const auto sigma = double{found.sigma_deg(y, x)};
       result.share += error <= 2.0 * sigma ? 1.0 : 0.0;
       result.mean_error += error;
       result.mean_sigma += sigma;
@@ -159,8 +165,8 @@ TEST(FitChoice, TheBestScoredFitIsTheMostExactOrNearlySo) {
     for (int y = 0; y < kSize; ++y) {
       for (int x = 0; x < kSize; ++x) {
         for (int k = 0; k < 48; ++k) {
-          const double dice = uniform_unit(hash_key(
-              3, static_cast<std::uint64_t>(y * kSize + x), static_cast<std::uint64_t>(k)));
+          const double dice =
+              uniform_unit(hash_key(3, pixel_number(y, x), static_cast<std::uint64_t>(k)));
           float& value = stack.at(0, y, x, k);
           value += static_cast<float>(0.005 * normal_noise(y, x, k));
           if (is_shadow && dice < 0.3) {
