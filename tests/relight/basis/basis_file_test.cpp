@@ -118,8 +118,8 @@ TEST(BasisFile, OtherFilesAndOtherVersionsAreRefused) {
   expect_refused("", "not a basis file");
   expect_refused("PNG and so on, a long text that is no basis file at all", "not a basis file");
   std::string newer = good_bytes();
-  newer[8] = 3;
-  expect_refused(newer, "version 3");
+  newer[8] = 4;
+  expect_refused(newer, "version 4");
   newer[8] = 1;
   expect_refused(newer, "version 1");
 }
@@ -171,6 +171,33 @@ TEST(BasisFile, BrokenHeadersAreRefusedByField) {
   refuse("\"rank\":", "\"rank\":1", "");
   refuse("\"dead_zone\":0.6", "\"dead_zone\":-1", "'dead_zone'");
   refuse("\"group_ends\":[64", "\"group_ends\":[65", "group_ends");
+}
+
+/// What a later program adds is skipped; what this one knows must be what it says.
+TEST(BasisFile, UnknownSectionsAndKeysAreSkippedAndKnownOnesChecked) {
+  const BasisFile good = from_text(good_bytes());
+  ASSERT_EQ(good.header().sections.size(), 1U);
+  ASSERT_FALSE(good.tables().coded_bound.is_empty());
+  const std::string unknown = with_header([](const std::string& h) {
+    return replace(replace(h, "\"coded_bound\"", "\"of_later_years\""), "{",
+                   "{\"a_later_key\":[1,{}],");
+  });
+  EXPECT_NO_THROW(read_everything(unknown));
+  EXPECT_TRUE(from_text(unknown).tables().coded_bound.is_empty());
+  const auto refuse = [](const std::string& from, const std::string& to,
+                         const std::string& words) {
+    expect_refused(with_header([&](const std::string& h) { return replace(h, from, to); }),
+                   words);
+  };
+  refuse("\"values\":", "\"values\":1", "no bound");
+  refuse("\"values\":", "\"values\":-1", "'sections[].values'");
+  refuse("\"checksum\":\"", "\"checksum\":\"0", "");
+  refuse("\"checksum\":\"", "\"checksum\":\"x", "hexadecimal");
+  refuse("\"offset\":", "\"offset\":9999999", "outside the file");
+  refuse("\"sections\":[", "\"sections\":[7,", "sections");
+  refuse("\"sections\":[{", "\"sections\":3,\"x\":[{", "'sections' is not a list");
+  refuse("{", "{\"clipped\":{\"values\":1e9,\"least_norm\":0},", "more values are clipped");
+  refuse("{", "{\"clipped\":{\"values\":1},", "'clipped.least_norm' is missing");
 }
 
 TEST(BasisFile, HeaderSurvivesTheRoundTrip) {
