@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -26,28 +27,28 @@ namespace fs = std::filesystem;
 constexpr std::string_view kRecipe =
     "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) a light -> (channels, rows, width, lights).
-template <class T>
-std::vector<T> interleave(const std::vector<Image<T>>& pictures, int skip, int rows) {
+std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
   const int width = pictures[0].width();
   const int channels = pictures[0].channels();
   const std::size_t n_lights = pictures.size();
-  std::vector<T> values(static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows) *
-                        static_cast<std::size_t>(width) * n_lights);
-  parallel_for(static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
-               [&](std::size_t begin, std::size_t end) {
-                 for (std::size_t line = begin; line < end; ++line) {
-                   const int c = static_cast<int>(line) / rows;
-                   const int y = static_cast<int>(line) % rows;
-                   T* out = values.data() + line * static_cast<std::size_t>(width) * n_lights;
-                   for (std::size_t k = 0; k < n_lights; ++k) {
-                     const Image<T>& picture = pictures[k];
-                     for (int x = 0; x < width; ++x) {
-                       out[static_cast<std::size_t>(x) * n_lights + k] =
-                           picture(skip + y, x, c);
-                     }
-                   }
-                 }
-               });
+  std::vector<float> values(static_cast<std::size_t>(channels) *
+                            static_cast<std::size_t>(rows) * static_cast<std::size_t>(width) *
+                            n_lights);
+  parallel_for(
+      static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
+      [&](std::size_t begin, std::size_t end) {
+        for (std::size_t line = begin; line < end; ++line) {
+          const int c = static_cast<int>(line) / rows;
+          const int y = static_cast<int>(line) % rows;
+          float* out = values.data() + line * static_cast<std::size_t>(width) * n_lights;
+          for (std::size_t k = 0; k < n_lights; ++k) {
+            const Image<float>& picture = pictures[k];
+            for (int x = 0; x < width; ++x) {
+              out[static_cast<std::size_t>(x) * n_lights + k] = picture(skip + y, x, c);
+            }
+          }
+        }
+      });
   return values;
 }
 
@@ -163,6 +164,35 @@ Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<flo
   return variance;
 }
 
+/// As interleave(), of few marks: lines without one are passed over.
+std::vector<std::uint8_t> interleave_marks(const StackShape& shape,
+                                           const std::vector<Image<std::uint8_t>>& marks,
+                                           int skip, int rows) {
+  const auto width = static_cast<std::size_t>(shape.width);
+  const auto channels = static_cast<std::size_t>(shape.channels);
+  const std::size_t n_lights = marks.size();
+  const auto n_rows = static_cast<std::size_t>(rows);
+  std::vector<std::uint8_t> out(channels * n_rows * width * n_lights);
+  parallel_for(n_rows, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin * n_lights; i < end * n_lights; ++i) {
+      const std::size_t y = i / n_lights;
+      const std::size_t k = i % n_lights;
+      if (marks[k].height() == 0) {
+        continue;
+      }
+      const auto line = marks[k].view().row(skip + static_cast<int>(y));
+      if (std::memchr(line.data(), 1, line.size()) == nullptr) {
+        continue;
+      }
+      for (std::size_t j = 0; j < line.size(); ++j) {
+        const std::size_t c = j % channels;
+        out[((c * n_rows + y) * width + j / channels) * n_lights + k] = line[j];
+      }
+    }
+  });
+  return out;
+}
+
 /// The patterns' marks become the lights', and those of a mosaic its colours'.
 /// @param shape_of  a pattern's picture before either
 std::vector<std::uint8_t> marks_of_lights(const Job& job,
@@ -191,12 +221,9 @@ std::vector<std::uint8_t> marks_of_lights(const Job& job,
         marks[k] =
             clipped_marks(demosaic_variance(marks_as_variance(marks[k], shape_of), bayer));
       }
-      if (marks[k].height() == 0) {
-        marks[k] = Image<std::uint8_t>(shape_of.height(), shape_of.width(), job.shape.channels);
-      }
     }
   });
-  return interleave(marks, skip, rows);
+  return interleave_marks(job.shape, marks, skip, rows);
 }
 
 Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y0, int y1,

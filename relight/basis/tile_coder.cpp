@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <functional>
 #include <utility>
 
@@ -287,8 +288,12 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
     sums.worst_value = std::max(sums.worst_value, double{worst});
   }
   sums.n_coefficients += static_cast<double>(kept.size());
-  const std::vector<std::int32_t> products = whole_errors.products();
-  coded.error_products.insert(coded.error_products.end(), products.begin(), products.end());
+  std::vector<std::int32_t> products = whole_errors.products();
+  if (coded.error_products.empty()) {
+    coded.error_products = std::move(products);
+  } else {
+    coded.error_products.insert(coded.error_products.end(), products.begin(), products.end());
+  }
   coded.term_products.insert(coded.term_products.end(), term_products.products().begin(),
                              term_products.products().end());
   sums.gram_rests[count(channel)] = scale * whole_errors.largest_rest();
@@ -447,10 +452,16 @@ void add(std::vector<double>& sum, const std::vector<double>& part) {
 /// Counts the values that are lower bounds, and their least energy.
 void add_clipped(std::span<const float> values, std::span<const std::uint8_t> clipped,
                  std::size_t n_lights, double* counts, double* energies) {
-  for (std::size_t i = 0; i < clipped.size(); ++i) {
-    if (clipped[i] != 0) {
-      counts[i % n_lights] += 1.0;
-      energies[i % n_lights] += double{values[i]} * double{values[i]};
+  for (std::size_t from = 0; from < clipped.size(); from += n_lights) {
+    const std::span<const std::uint8_t> row = clipped.subspan(from, n_lights);
+    if (std::memchr(row.data(), 1, row.size()) == nullptr) {
+      continue;
+    }
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      const double mark = row[k];
+      const double value = values[from + k];
+      counts[k] += mark;
+      energies[k] += mark * value * value;
     }
   }
 }

@@ -176,7 +176,7 @@ TEST(BasisFile, BrokenHeadersAreRefusedByField) {
 /// What a later program adds is skipped; what this one knows must be what it says.
 TEST(BasisFile, UnknownSectionsAndKeysAreSkippedAndKnownOnesChecked) {
   const BasisFile good = from_text(good_bytes());
-  ASSERT_EQ(good.header().sections.size(), 1U);
+  ASSERT_EQ(good.header().sections.size(), 2U);
   ASSERT_FALSE(good.tables().coded_bound.is_empty());
   const std::string unknown = with_header([](const std::string& h) {
     return replace(replace(h, "\"coded_bound\"", "\"of_later_years\""), "{",
@@ -191,9 +191,9 @@ TEST(BasisFile, UnknownSectionsAndKeysAreSkippedAndKnownOnesChecked) {
   };
   refuse("\"values\":", "\"values\":1", "no bound");
   refuse("\"values\":", "\"values\":-1", "'sections[].values'");
-  refuse("\"checksum\":\"", "\"checksum\":\"0", "");
+  refuse("\"checksum\":\"", "\"checksum\":\"1\",\"x\":\"", "damaged");
   refuse("\"checksum\":\"", "\"checksum\":\"x", "hexadecimal");
-  refuse("\"offset\":", "\"offset\":9999999", "outside the file");
+  refuse("\"offset\":", "\"offset\":9999999", "belong to nothing");
   refuse("\"sections\":[", "\"sections\":[7,", "sections");
   refuse("\"sections\":[{", "\"sections\":3,\"x\":[{", "'sections' is not a list");
   refuse("{", "{\"clipped\":{\"values\":1e9,\"least_norm\":0},", "more values are clipped");

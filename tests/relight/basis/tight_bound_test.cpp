@@ -24,7 +24,7 @@ namespace {
 constexpr int kLights = 1024;
 
 const MemoryStack& stack() {
-  return test::make_stack({.width = 128, .height = 96, .grid = 32, .noise = 0.02});
+  return test::make_stack({.width = 192, .height = 144, .grid = 32, .noise = 0.02});
 }
 
 /// Stated error / error of each light's picture against the stack, both in doubles.
@@ -57,7 +57,7 @@ class TightBound : public testing::Test {
   static void SetUpTestSuite() {
     folder_ = new test::TemporaryFolder;
     static const MemoryStack& plate =
-        test::make_stack({.width = 128, .height = 96, .grid = 32, .has_sphere = false});
+        test::make_stack({.width = 192, .height = 144, .grid = 32, .has_sphere = false});
     (void)compress_stack(test::made_source(stack(), 32, &plate), folder_->path() / "a.hlb",
                          {.relative_l2 = 0.01});
   }
