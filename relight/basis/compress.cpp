@@ -48,7 +48,7 @@ constexpr double kVectorShare = 0.125;
 constexpr double kVectorBytes = 2.5;
 // Products of a pixel's coefficients grow with their square: above it files keep the triangle
 // inequality for dropped terms.
-constexpr double kMostProductTerms = 128.0;
+constexpr double kMostProductTerms = 32.0;
 constexpr int kTile = 32;
 constexpr std::size_t kMaxBatch = 64;
 
