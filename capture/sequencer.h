@@ -140,6 +140,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   std::int64_t shot_deadline_ns =
       kNever;  ///< in preflight: of the wait for the camera's period
   int discarded = 0;
+  std::uint64_t duplicates_before = 0;  ///< counters.duplicates when the shot was lit
   /// A frame that may be used, and how close to its moment it was stamped.
   struct Stamped {
     event::FrameArrived frame;

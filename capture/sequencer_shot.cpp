@@ -44,6 +44,7 @@ void Stepper::on(const event::LightShown& e) {
   s_.t_stable_ns = e.receipt.t_shown_ns + s_.plan->settle_ns;
   s_.step = t_ < s_.t_stable_ns ? ShotStep::settle : ShotStep::collect;
   s_.discarded = 0;
+  s_.duplicates_before = s_.counters.duplicates;
   if (s_.plan->is_preview) {
     s_.shot_deadline_ns = t_ + kPreviewNs;
     drop_early();
@@ -198,7 +199,11 @@ void Stepper::on_shot_timeout() {
   const int shot = s_.current;
   s_.current = -1;
   s_.step = ShotStep::none;
-  retry(shot, fmt::format("no clean frame in time, {} discarded", s_.discarded));
+  const std::uint64_t n_same = s_.counters.duplicates - s_.duplicates_before;
+  retry(shot,
+        fmt::format(
+            "no clean frame in time, {} discarded{}", s_.discarded,
+            n_same == 0 ? "" : fmt::format(" ({} with the pixels of an earlier one)", n_same)));
   advance(std::nullopt);
 }
 

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <system_error>
 #include <thread>
+#include <unordered_map>
 #include <vector>
 
 #include <fcntl.h>
@@ -679,18 +680,14 @@ class CameraServer::Impl {
     outgoing_.push_back(out);
   }
 
-  /// The noise of a clean frame depends on the pattern and on how many clean frames came since
-  /// it was lit, so that a repeated capture gives the same pixels and two successive frames
-  /// differ.
+  /// The noise of a clean frame depends on the pattern's tag and on how many clean frames of it
+  /// came before: a repeated capture gives the same pixels, and no two frames are the same,
+  /// also where a light is lit again.
   [[nodiscard]] std::uint64_t noise_key(const LightSeen& seen, std::uint64_t sequence) {
     if (seen.tag.is_mixed) {
       return hash_key(21, sequence);
     }
-    if (seen.change_key != clean_key_) {
-      clean_key_ = seen.change_key;
-      n_clean_ = 0;
-    }
-    return hash_key(22, seen.tag.tag, n_clean_++);
+    return hash_key(22, seen.tag.tag, n_clean_[seen.tag.tag]++);
   }
 
   void send_frame(const Outgoing& frame) {
@@ -746,9 +743,8 @@ class CameraServer::Impl {
   std::optional<Outgoing> swapped_;
   std::vector<Buffer> buffers_;
   std::vector<std::uint16_t> last_words_;
-  std::vector<std::uint16_t> noise_;  ///< of prepared pictures
-  std::uint64_t clean_key_ = 0;
-  std::uint64_t n_clean_ = 0;
+  std::vector<std::uint16_t> noise_;                          ///< of prepared pictures
+  std::unordered_map<std::uint32_t, std::uint64_t> n_clean_;  ///< frames, per tag
   // Shared.
   std::mutex pulses_mutex_;
   std::deque<std::int64_t> pulses_;

@@ -187,7 +187,6 @@ LightSeen VirtualCamera::look(const LightHistory& history, const Exposure& expos
     seen.tag.tag = state.tag;
     seen.tag.is_mixed = seen.tag.is_mixed || changes + ramp > exposure.start_ns;
     seen.last_change_ns = changes + ramp;
-    seen.change_key = static_cast<std::uint64_t>(state.t_ns);
   }
   // A history that does not reach back far enough cannot vouch for a clean frame.
   seen.tag.is_mixed = seen.tag.is_mixed || !history.is_complete;

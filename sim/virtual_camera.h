@@ -68,7 +68,6 @@ struct LightSeen {
   FrameTag tag;
   std::int64_t last_change_ns =
       0;                         ///< when the light last became steady before the frame's start
-  std::uint64_t change_key = 0;  ///< differs from one latch to the next
 };
 
 /// One thread.

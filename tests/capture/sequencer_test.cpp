@@ -633,6 +633,11 @@ TEST(Sequencer, APictureSeenBeforeIsNotTakenUnderANewNumber) {
   d.send(stale);
   EXPECT_EQ(d.state.counters.duplicates, 1U);
   EXPECT_EQ(d.state.current, 0);
+  d.t_ns = d.state.shot_deadline_ns;
+  d.send(event::Tick{});
+  ASSERT_NE(d.find<action::LogEvent>(), nullptr);
+  EXPECT_THAT(d.find<action::LogEvent>()->text,
+              ::testing::HasSubstr("2 discarded (1 with the pixels of an earlier one)"));
 }
 
 TEST(Sequencer, DamagedOrWrongClockOrWrongExposureIsNotTaken) {

@@ -179,18 +179,15 @@ class LateRig : public WholeRig {
     const auto light_of = [&](int shot) {
       return session.info().shots.at(static_cast<std::size_t>(shot)).lit.front().light;
     };
-    const auto plane = [this](int light) {
-      const ImageView<const float> view = transports_.front().plane(light);
-      return Eigen::Map<const Eigen::ArrayXf>(view.data(), view.height() * view.width())
-          .cast<double>()
-          .eval();
+    const auto values_of = [](ImageView<const float> view) -> Eigen::ArrayXd {
+      return Eigen::Map<const Eigen::ArrayXf>(view.data(),
+                                              Eigen::Index{view.height()} * view.width())
+          .cast<double>();
     };
+    const auto plane = [&](int light) { return values_of(transports_.front().plane(light)); };
     const Image<float> pixels = session.read_rows(frame, 0, session.info().form.height);
     const Eigen::ArrayXd seen =
-        Eigen::Map<const Eigen::ArrayXf>(pixels.view().data(),
-                                         pixels.view().height() * pixels.view().width())
-            .cast<double>() -
-        wanted_.cameras.front().noise.black_dn;
+        values_of(pixels.view()) - wanted_.cameras.front().noise.black_dn;
     const Eigen::ArrayXd own = plane(light_of(frame.shot));
     double share = 0.0;
     double most = 0.0;  // how much of the residual goes

@@ -153,7 +153,7 @@ TEST_F(CameraServerTest, FramesShowTheLightAndDifferFromEachOther) {
 }
 
 TEST_F(CameraServerTest, TheSameCaptureGivesTheSamePixels) {
-  // Two servers, other phases and times: the n-th clean frame of a latch is the same.
+  // Two servers, other phases and times: the n-th clean frame of a tag is the same.
   std::vector<std::vector<std::uint16_t>> runs[2];
   for (auto& run : runs) {
     const auto server = serve();
@@ -167,6 +167,22 @@ TEST_F(CameraServerTest, TheSameCaptureGivesTheSamePixels) {
     }
   }
   EXPECT_EQ(runs[0], runs[1]);
+}
+
+TEST_F(CameraServerTest, ALightThatIsLitAgainHasOtherNoise) {
+  // A capture refuses pixels that it has seen: a shot that is taken again would never end.
+  const auto server = serve();
+  RemoteClient client(server->socket());
+  start(client);
+  std::set<std::vector<std::uint16_t>> seen;
+  for (int i = 0; i < 3; ++i) {
+    light_.show(7, {{0, 65535}});
+    const auto frame = first_clean(client, 7);
+    ASSERT_TRUE(frame);
+    EXPECT_TRUE(seen.insert(frame->words).second) << "as one before, time " << i;
+    light_.show(0, {});
+    ASSERT_TRUE(first_clean(client, 0));
+  }
 }
 
 TEST_F(CameraServerTest, LosesFramesWhenTheClientHoldsAllBuffers) {
