@@ -1,6 +1,7 @@
 #include "session/develop.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <optional>
@@ -28,27 +29,35 @@ constexpr std::string_view kRecipe =
     "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) a light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
+  constexpr std::size_t kBlock = 16;  // lights side by side: a line of the cache
+  const auto count_of = [](int n) { return static_cast<std::size_t>(n); };
   const int width = pictures[0].width();
   const int channels = pictures[0].channels();
   const std::size_t n_lights = pictures.size();
   std::vector<float> values(static_cast<std::size_t>(channels) *
                             static_cast<std::size_t>(rows) * static_cast<std::size_t>(width) *
                             n_lights);
-  parallel_for(
-      static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
-      [&](std::size_t begin, std::size_t end) {
-        for (std::size_t line = begin; line < end; ++line) {
-          const int c = static_cast<int>(line) / rows;
-          const int y = static_cast<int>(line) % rows;
-          float* out = values.data() + line * static_cast<std::size_t>(width) * n_lights;
-          for (std::size_t k = 0; k < n_lights; ++k) {
-            const Image<float>& picture = pictures[k];
-            for (int x = 0; x < width; ++x) {
-              out[static_cast<std::size_t>(x) * n_lights + k] = picture(skip + y, x, c);
-            }
-          }
-        }
-      });
+  parallel_for(static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
+               [&](std::size_t begin, std::size_t end) {
+                 for (std::size_t line = begin; line < end; ++line) {
+                   const int c = static_cast<int>(line) / rows;
+                   const int y = static_cast<int>(line) % rows;
+                   float* out =
+                       values.data() + line * static_cast<std::size_t>(width) * n_lights;
+                   for (std::size_t first = 0; first < n_lights; first += kBlock) {
+                     const std::size_t n = std::min(kBlock, n_lights - first);
+                     std::array<const float*, kBlock> from{};
+                     for (std::size_t k = 0; k < n; ++k) {
+                       from[k] = pictures[first + k].view().row(skip + y).data() + c;
+                     }
+                     for (std::size_t x = 0; x < count_of(width); ++x) {
+                       for (std::size_t k = 0; k < n; ++k) {
+                         out[x * n_lights + first + k] = from[k][x * count_of(channels)];
+                       }
+                     }
+                   }
+                 }
+               });
   return values;
 }
 

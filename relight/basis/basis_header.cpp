@@ -22,7 +22,6 @@ using nlohmann::json;
 constexpr int kMaxSide = 1 << 16;
 constexpr int kMaxLights = 1 << 16;
 constexpr int kMaxChannels = 16;
-constexpr int kMaxRank = 64;
 
 json from_number(double v) { return std::isfinite(v) ? json(v) : json(nullptr); }
 
@@ -341,7 +340,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   const Fields plate = top.object("plate");
   header.plate = plate.text("kind");
   header.plate_source = plate.text("source");
-  header.plate_rank = plate.integer("rank", 0, kMaxRank);
+  header.plate_rank = plate.integer("rank", 0, kMaxPlateRank);
   header.plate_degree = plate.integer("degree", 0, kMaxPlateDegree);
   header.gain_step = plate.number("gain_step");
   read_groups(header, top.at("group_ends"), where);
