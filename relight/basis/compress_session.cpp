@@ -169,7 +169,7 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
         static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
     const Developer::Rows rows = developer.rows(y, y + 1);
     for (std::size_t k = 0; k < rows.values.size(); ++k) {
-      const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped, of no known error
+      const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped
       noise += error * error;
       energy += double{rows.values[k]} * double{rows.values[k]};
     }

@@ -14,14 +14,20 @@
 #include "core/files.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/relight.h"
+#include "tests/relight/basis/file_bytes.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {
 namespace {
 
+using test::checksum;
 using test::made_source;
 using test::make_stack;
+using test::number_at;
+using test::put_number;
+using test::replace;
+using test::sign_preamble;
 
 /// A good file's bytes, made once.
 const std::string& good_bytes() {
@@ -53,42 +59,8 @@ void read_everything(const std::string& bytes) {
   (void)relight(basis, LightWeights::Ones(basis.header().dims.n_lights, 1));
 }
 
-std::uint64_t number_at(const std::string& bytes, std::size_t offset) {
-  std::uint64_t value = 0;
-  std::memcpy(&value, bytes.data() + offset, sizeof(value));
-  return value;
-}
-
-void put_number(std::string& bytes, std::size_t offset, std::uint64_t value) {
-  std::memcpy(bytes.data() + offset, &value, sizeof(value));
-}
-
-std::uint64_t checksum(std::string_view bytes) {
-  return block_checksum(std::as_bytes(std::span(bytes.data(), bytes.size())));
-}
-
-void sign_preamble(std::string& bytes) {
-  put_number(bytes, 96, checksum(std::string_view(bytes).substr(0, 96)));
-}
-
-/// The file with another header text, all checksums right.
 std::string with_header(const std::function<std::string(std::string)>& change) {
-  std::string bytes = good_bytes();
-  const std::size_t offset = number_at(bytes, 24);
-  const std::string header = change(bytes.substr(offset, number_at(bytes, 32)));
-  bytes.resize(offset);  // the header stands last
-  bytes += header;
-  put_number(bytes, 16, bytes.size());
-  put_number(bytes, 32, header.size());
-  put_number(bytes, 40, checksum(header));
-  sign_preamble(bytes);
-  return bytes;
-}
-
-std::string replace(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
+  return test::with_header(good_bytes(), change);
 }
 
 void expect_refused(const std::string& bytes, const std::string& words) {
