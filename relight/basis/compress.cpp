@@ -42,10 +42,10 @@ constexpr double kSampledMargin = 0.985;
 constexpr std::size_t kSmallPicture = std::size_t{1} << 18U;  // pixels: all rows are sampled
 constexpr int kMaxAttempts = 6;
 // Of the bound on the coding error: vectors a block, and the share of the file they may take at
-// about 1.4 bytes a number.
+// about 1.5 bytes a number.
 constexpr int kLightsPerVector = 32;
 constexpr double kVectorShare = 0.125;
-constexpr double kVectorBytes = 1.4;
+constexpr double kVectorBytes = 1.5;
 // Products of a pixel's coefficients grow with their square: above it files keep the triangle
 // inequality for dropped terms.
 constexpr double kMostProductTerms = 32.0;
