@@ -21,10 +21,8 @@
 namespace haarlight {
 namespace {
 
-using test::checksum;
 using test::made_source;
 using test::make_stack;
-using test::number_at;
 using test::put_number;
 using test::replace;
 using test::sign_preamble;
