@@ -69,7 +69,7 @@ class TightBound : public testing::Test {
   }
   static void TearDownTestSuite() { delete folder_; }
   static BasisFile basis() { return BasisFile::open(folder_->path() / "a.hlb"); }
-  static test::TemporaryFolder* folder_;
+  static test::TemporaryFolder* folder_;  // NOLINT(readability-identifier-naming): a member
 };
 test::TemporaryFolder* TightBound::folder_ = nullptr;
 
@@ -83,7 +83,8 @@ TEST_F(TightBound, HoldsRandomLightsCloseAndNeverBelow) {
     for (int k = 0; k < kLights; ++k) {
       const std::uint64_t key = hash_key(i, 3, static_cast<std::uint64_t>(k));
       const double unit = uniform_unit(key);
-      const double row = (k / 32 - at) / size;
+      const int i_row = k / 32;
+      const double row = (i_row - at) / size;
       const double col = (k % 32 - 16.0) / size;
       switch (i % 7) {
         case 0:
@@ -102,7 +103,7 @@ TEST_F(TightBound, HoldsRandomLightsCloseAndNeverBelow) {
           w(k, 0) = std::exp(-0.5 * (row * row + col * col));
           break;
         case 5:
-          w(k, 0) = k / 32 < at ? 1.0 : 0.1 * unit;
+          w(k, 0) = i_row < at ? 1.0 : 0.1 * unit;
           break;
         default:
           w(k, 0) = std::pow(unit, 16.0);
