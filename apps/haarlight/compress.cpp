@@ -106,15 +106,21 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   }
   const double raw =
       2.0 * double(header.dims.n_pixels()) * header.dims.channels * header.dims.n_lights;
+  const bool is_smaller = raw >= double(summary.bytes);
   fmt::print(
       "{}: {} x {} pixels, {} channels, {} lights; {} basis, plate: {}\n"
       "  relative error {:.3g} within {:.3g}, {} (worst pixel {:.3g}, worst light {:.3g}), "
       "{:.1f} coefficients a pixel\n"
-      "  {} bytes, {:.1f} times smaller than 16-bit pictures\n",
+      "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
       arguments.output, header.dims.width, header.dims.height, header.dims.channels,
       header.dims.n_lights, to_string(header.basis), header.plate, header.reached.relative_l2,
       asked.relative_l2, asked.reason, header.reached.worst_pixel, summary.worst_light,
-      header.mean_coefficients, summary.bytes, raw / double(summary.bytes));
+      header.mean_coefficients, summary.bytes,
+      is_smaller ? raw / double(summary.bytes) : double(summary.bytes) / raw,
+      is_smaller ? "smaller" : "larger",
+      !is_smaller && header.coding == BasisCoding::lossless
+          ? "; --whole-steps keeps what the camera gave, and is smaller"
+          : "");
   fmt::print("{}", clipped_words(header));
   return code;
 }

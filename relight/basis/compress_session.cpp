@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/integer_coding.h"
 #include "relight/basis/plate.h"
 #include "session/develop.h"
 #include "session/sensor_response.h"
@@ -178,6 +179,49 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
   return energy > 0.0 ? std::optional(std::sqrt(noise / energy)) : std::nullopt;
 }
 
+namespace {
+
+/// Where the floats are whole steps of the camera to the bit, those are the smaller way to keep
+/// them. Nothing where one of them is not.
+std::optional<CompressSummary> compress_whole_steps(const CompressSource& source,
+                                                    const std::filesystem::path& file,
+                                                    CompressOptions options) {
+  constexpr int kRows = 4;
+  const StackDims dims = source.stack->dims();
+  const auto n_lights = static_cast<std::size_t>(dims.n_lights);
+  std::vector<float> row(static_cast<std::size_t>(dims.width * dims.channels) * n_lights);
+  for (int i = 0; i < kRows; ++i) {
+    const int y =
+        static_cast<int>((2 * std::int64_t{i} + 1) * dims.height / (std::int64_t{2} * kRows));
+    source.rows->load_rows(y, y + 1);
+    source.stack->read_tile({0, y, dims.width, 1}, row);
+    for (std::size_t at = 0; at < row.size(); ++at) {
+      const double unit = source.units[at % n_lights];
+      const double whole = std::round(double{row[at]} / unit);
+      if (std::abs(whole) > kLargestInteger || static_cast<float>(whole * unit) != row[at]) {
+        return std::nullopt;
+      }
+    }
+  }
+  // Under another name until it is known that the other rows are exact, too.
+  std::filesystem::path whole = file;
+  whole += ".whole";
+  options.is_integer = true;
+  CompressSummary summary = compress_stack(source, whole, options);
+  const bool is_exact = summary.header.reached.worst_value == 0.0;
+  if (options.rank.i == 0) {
+    if (is_exact) {
+      std::filesystem::rename(whole, file);
+    } else {
+      std::filesystem::remove(whole);
+    }
+  }
+  options.rank.wait_for_all();
+  return is_exact ? std::optional(std::move(summary)) : std::nullopt;
+}
+
+}  // namespace
+
 CompressSummary compress_session(const Session& session, const PlateChoice& choice,
                                  const std::filesystem::path& file,
                                  const CompressOptions& options) {
@@ -213,6 +257,11 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   source.name = session.info().id.empty() ? session.folder().string() : session.info().id;
   source.hash = session.info().plan_hash;
   source.root = session.info().root;
+  if (rest.relative_l2 == 0.0 && !rest.is_integer && !source.units.empty()) {
+    if (std::optional<CompressSummary> whole = compress_whole_steps(source, file, rest)) {
+      return *std::move(whole);
+    }
+  }
   return compress_stack(source, file, rest);
 }
 

@@ -38,6 +38,7 @@ namespace haarlight {
 /// "Noise").
 inline constexpr double kNoiseTarget = 1.1;
 
+/// options.relative_l2 = 0: as whole steps of the camera where that is exact to the bit.
 /// @throws Error  as develop() and compress_stack() do
 [[nodiscard]] CompressSummary compress_session(const Session& session, const PlateChoice& plate,
                                                const std::filesystem::path& file,

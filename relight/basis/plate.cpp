@@ -137,6 +137,14 @@ ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
   camera_ = rig.cameras[count(i_camera)].model;
   plane_ = rig.planes[count(i_plane)];
   squares_ = rig_lights(rig);
+  if (lights_off_plane(rig, plane_).size() == squares_.size()) {
+    throw Error(fmt::format("no light reaches the plane \"{}\": all lie in or behind it, or "
+                            "shine away from it",
+                            plane_.id),
+                rig.file.empty() ? rig.name : rig.file.string(),
+                "correct centre and emits of the faces, or n and d of the plane; or use "
+                "--plate none");
+  }
 }
 
 StackDims ComputedPlate::dims() const {
