@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/clipped_words.h"
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
@@ -86,6 +87,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   report.add_reached("worst_pixel", header.reached.worst_pixel);
   report.add_reached("worst_value", header.reached.worst_value);
   report.add_reached("worst_light", summary.worst_light);
+  report_clipped(header, report);
   report.add_detail("coding", std::string(to_string(header.coding)));
   report.add_detail("plate", header.plate);
   report.add_detail("plate_rank", std::int64_t{header.plate_rank});
@@ -119,6 +121,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
       !is_smaller && header.coding == BasisCoding::lossless
           ? "; --whole-steps keeps what the camera gave, and is smaller"
           : "");
+  fmt::print("{}", clipped_words(header));
   return code;
 }
 

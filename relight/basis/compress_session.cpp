@@ -45,36 +45,54 @@ class DevelopedRows final : public RowSource {
   }
   [[nodiscard]] int rows_at_once() const override { return developer_.shape().band_rows; }
   void finish() override { static_cast<void>(developer_.record()); }
+  [[nodiscard]] bool tells_clipped() const override { return true; }
 
   void load_rows(int y0, int y1) override {
     if (y0 >= y0_ && y1 <= y1_) {
       return;
     }
-    values_ = {};  // first, so that both are never held
-    values_ = developer_.rows(y0, y1).values;
+    rows_ = {};  // first, so that both are never held
+    rows_ = developer_.rows(y0, y1);
     y0_ = y0;
     y1_ = y1;
   }
 
   void read_tile(const TileRect& rect, std::span<float> out) const override {
+    cut(rows_.values, rect, out.data());
+  }
+
+  [[nodiscard]] std::vector<std::uint8_t> clipped_in(const TileRect& rect) const override {
+    if (rows_.clipped.empty()) {
+      return {};
+    }
+    const StackDims all = dims();
+    std::vector<std::uint8_t> out(static_cast<std::size_t>(rect.n_pixels()) *
+                                  static_cast<std::size_t>(all.channels) *
+                                  static_cast<std::size_t>(all.n_lights));
+    cut(rows_.clipped, rect, out.data());
+    return out;
+  }
+
+ private:
+  /// A tile of what the developed rows hold, one for each value.
+  template <class T>
+  void cut(const std::vector<T>& from, const TileRect& rect, T* to) const {
     HAARLIGHT_EXPECTS(rect.y0 >= y0_ && rect.y0 + rect.height <= y1_, "rows that are loaded");
     const StackDims all = dims();
     const auto n_lights = static_cast<std::size_t>(all.n_lights);
     const auto width = static_cast<std::size_t>(all.width);
     const std::size_t n = static_cast<std::size_t>(rect.width) * n_lights;
-    float* to = out.data();
     for (int c = 0; c < all.channels; ++c) {
       for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
         const std::size_t line = static_cast<std::size_t>(c * (y1_ - y0_) + y - y0_) * width +
                                  static_cast<std::size_t>(rect.x0);
-        to = std::copy_n(values_.data() + line * n_lights, n, to);
+        to = std::copy_n(from.data() + line * n_lights, n, to);
       }
     }
   }
 
- private:
   Developer developer_;
-  std::vector<float> values_;  ///< (channels, y1_ - y0_, width, n_lights)
+  Developer::Rows rows_;  ///< (channels, y1_ - y0_, width, n_lights)
   int y0_ = 0;
   int y1_ = 0;
 };
@@ -152,7 +170,7 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
         static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
     const Developer::Rows rows = developer.rows(y, y + 1);
     for (std::size_t k = 0; k < rows.values.size(); ++k) {
-      const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped, of no known error
+      const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped
       noise += error * error;
       energy += double{rows.values[k]} * double{rows.values[k]};
     }
@@ -208,6 +226,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
                                  const std::filesystem::path& file,
                                  const CompressOptions& options) {
   DevelopOptions develop_options;
+  develop_options.marks_clipped = true;
   develop_options.memory_bytes = options.memory_bytes / 2;
   develop_options.unknown_as = options.unknown_as;
   develop_options.plate = sharing_plate(session, choice);

@@ -25,8 +25,9 @@ namespace haarlight {
 [[nodiscard]] PlatePixels sharing_plate(const Session& session, const PlateChoice& choice);
 
 /// ||noise|| / ||T|| of a session's stack: of its values' standard errors (session/develop.h),
-/// in up to 16 rows spread over the picture. Nothing where nobody measured the camera's noise
-/// (the rig file has none), or where the rows are black.
+/// in up to 16 rows spread over the picture. A value that is clipped in every exposure is the
+/// same each time and has no noise (what it lacks is ClippedValues'). Nothing where nobody
+/// measured the camera's noise (the rig file has none), or where the rows are black.
 /// @throws Error  as develop() does
 [[nodiscard]] std::optional<double> measure_noise(const Session& session,
                                                   const PlateChoice& choice,
