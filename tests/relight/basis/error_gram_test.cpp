@@ -16,6 +16,9 @@ namespace {
 using Matrix = Eigen::MatrixXd;
 
 double noise(std::uint64_t a, std::uint64_t b) { return standard_normal(hash_key(11, a, b)); }
+double noise_of(int a, int b) {
+  return noise(static_cast<std::uint64_t>(a), static_cast<std::uint64_t>(b));
+}
 
 /// The products are those of the whole numbers, whatever the code, the number of lights and
 /// pixels, and the order of places.
@@ -80,12 +83,9 @@ Case make_case(int n, int rank, double own) {
     const double size =
         std::pow(10.0, -3.0 * uniform_unit(hash_key(3, static_cast<std::uint64_t>(i))));
     for (int p = 0; p < 300; ++p) {
-      double v =
-          own * noise(static_cast<std::uint64_t>(1000 + i), static_cast<std::uint64_t>(p));
+      double v = own * noise_of(1000 + i, p);
       for (int r = 0; r < rank; ++r) {
-        v += std::pow(0.7, r) *
-             noise(static_cast<std::uint64_t>(5000 + r), static_cast<std::uint64_t>(p)) *
-             noise(static_cast<std::uint64_t>(9000 + r), static_cast<std::uint64_t>(i));
+        v += std::pow(0.7, r) * noise_of(5000 + r, p) * noise_of(9000 + r, i);
       }
       pictures(i, p) = size * v;
     }
