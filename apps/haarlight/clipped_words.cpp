@@ -19,9 +19,8 @@ std::string clipped_words(const BasisHeader& header) {
     return {};
   }
   return fmt::format(
-      "  lower bounds: {:.2g} % of the values were clipped in every exposure, at least {:.2g} "
-      "% "
-      "of the stack's norm; what they lack is in no error above\n",
+      "  lower bounds: {:.2g} % of the values were clipped in every exposure, at least "
+      "{:.2g} % of the stack's norm; what they lack is in no error above\n",
       100.0 * header.clipped->share(header.dims), 100.0 * header.clipped->least_norm);
 }
 
@@ -48,8 +47,8 @@ std::string clipped_words(const BasisHeader& header, const PictureClipping& clip
   }
   return fmt::format(
       "  lower bounds: {:.2g} % of the values under these lights were clipped in every "
-      "exposure, "
-      "and that error does not cover them: every 1 % that they lack adds up to {:.2g} %\n",
+      "exposure, and that error does not cover them: every 1 % that they lack adds up to "
+      "{:.2g} %\n",
       100.0 * clipping.share, clipping.relative);
 }
 

@@ -521,7 +521,10 @@ void print_shape(const ShapeArguments& arguments, const Found& found) {
           part.n_pixels, part.mean_mm, unit);
     }
   }
-  fmt::print("  heights have no standard error\n");
+  fmt::print("  heights have no standard error{}\n",
+             found.are_near ? fmt::format("; the last round moved them by {:.2g} mm (rms)",
+                                          shape.changes.back())
+                            : "");
 }
 
 /// What the capture cannot tell, and what would.
