@@ -4,12 +4,20 @@
 #   all_verify_interface_header_sets compiles alone; the others stand first in their source.
 #
 # haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...]
-#                    [SLOW Suite.Test ...] [NO_TSAN] [TOGETHER])
+#                    [SLOW Suite.Test ... [SLOW_SOURCES a_test.cpp ...]] [COST seconds]
+#                    [PREFIX text] [NO_TSAN] [TOGETHER])
 #   A GoogleTest program NAME whose tests ctest finds. Labels: unit (default), golden, property,
 #   slow (release build only), soak (./check --full only). SLOW: those of a unit program's tests
-#   that count as slow all the same (GoogleTest patterns). NO_TSAN: no thread of its own
-#   beyond core/parallel.h's loops; left out of the tsan build. TOGETHER: one test for ctest,
-#   where the program's tests share what is dear to make.
+#   that count as slow all the same (GoogleTest patterns). SLOW_SOURCES: those of SOURCES that
+#   hold them; they make a program NAME_slow, so that slow_tests does not compile the others.
+#   COST: start early, as a test of so many seconds; ctest knows that only from its second run
+#   on. PREFIX: before the tests' names, where another program has tests of the same names.
+#   NO_TSAN: no thread of its own beyond core/parallel.h's loops; left out of the tsan build.
+#   TOGETHER: one test for ctest, where the program's tests share what is dear to make, or are many
+#   short ones: a start of a program that holds OpenImageIO costs 0.2 s.
+#
+# haarlight_test_program(NAME SOURCES a_test.cpp ... DEPS haarlight::x ...)
+#   A GoogleTest program of which ctest knows nothing yet.
 #
 # haarlight_add_fuzzer(NAME SOURCES a_fuzz.cpp DEPS haarlight::x ... CORPUS folder)
 #   With HAARLIGHT_FUZZ a libFuzzer program, and a test that runs it over the corpus once, with the
@@ -33,25 +41,8 @@ function(haarlight_add_module)
                                          ${ARG_PRIVATE_DEPS})
 endfunction()
 
-# Of haarlight_add_test's program those tests that FILTER names.
-macro(haarlight_register_tests FILTER LABELS SUFFIX)
-  if(ARG_TOGETHER)
-    add_test(NAME ${ARG_NAME}${SUFFIX} COMMAND ${ARG_NAME} --gtest_filter=${FILTER}
-             WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
-    set_tests_properties(${ARG_NAME}${SUFFIX} PROPERTIES LABELS "${LABELS}" TIMEOUT 600)
-  else()
-    gtest_discover_tests(${ARG_NAME} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
-                         TEST_FILTER "${FILTER}" TEST_LIST ${ARG_NAME}${SUFFIX}
-                         DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
-                         PROPERTIES LABELS "${LABELS}" TIMEOUT 600)
-  endif()
-endmacro()
-
-function(haarlight_add_test)
-  cmake_parse_arguments(ARG "NO_TSAN;TOGETHER" "NAME" "SOURCES;DEPS;LABELS;SLOW" ${ARGN})
-  if(HAARLIGHT_TSAN AND ARG_NO_TSAN)
-    return()
-  endif()
+function(haarlight_test_program)
+  cmake_parse_arguments(ARG "" "NAME" "SOURCES;DEPS" ${ARGN})
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPS} haarlight::warnings GTest::gmock
                                             GTest::gtest_main rapidcheck rapidcheck_gtest)
@@ -59,14 +50,46 @@ function(haarlight_add_test)
   # Tests run in the source folder: no path of a machine enters a compile command, so that the
   # compiler cache serves every clone.
   target_compile_definitions(${ARG_NAME} PRIVATE HAARLIGHT_SOURCE_DIR=".")
+endfunction()
+
+# Of haarlight_add_test's PROGRAM those tests that FILTER names, as NAME where it is TOGETHER.
+macro(haarlight_register_tests PROGRAM NAME FILTER LABELS)
+  set(properties TIMEOUT 600)
+  if(ARG_COST)
+    list(APPEND properties COST ${ARG_COST})
+  endif()
+  if(ARG_TOGETHER)
+    add_test(NAME ${NAME} COMMAND ${PROGRAM} --gtest_filter=${FILTER}
+             WORKING_DIRECTORY ${PROJECT_SOURCE_DIR})
+    set_tests_properties(${NAME} PROPERTIES LABELS "${LABELS}" ${properties})
+  else()
+    gtest_discover_tests(${PROGRAM} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
+                         TEST_FILTER "${FILTER}" TEST_PREFIX "${ARG_PREFIX}" TEST_LIST ${NAME}
+                         DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
+                         PROPERTIES LABELS "${LABELS}" ${properties})
+  endif()
+endmacro()
+
+function(haarlight_add_test)
+  cmake_parse_arguments(ARG "NO_TSAN;TOGETHER" "NAME;COST;PREFIX"
+                        "SOURCES;DEPS;LABELS;SLOW;SLOW_SOURCES" ${ARGN})
+  if(HAARLIGHT_TSAN AND ARG_NO_TSAN)
+    return()
+  endif()
+  haarlight_test_program(NAME ${ARG_NAME} SOURCES ${ARG_SOURCES} DEPS ${ARG_DEPS})
   if(NOT ARG_LABELS)
     set(ARG_LABELS unit)
   endif()
   string(JOIN ":" slow ${ARG_SLOW})
-  haarlight_register_tests("-${slow}" "${ARG_LABELS}" "")
+  haarlight_register_tests(${ARG_NAME} ${ARG_NAME} "-${slow}" "${ARG_LABELS}")
   if(ARG_SLOW)
-    haarlight_register_tests("${slow}" slow .slow)
-    add_dependencies(slow_tests ${ARG_NAME})
+    set(slow_program ${ARG_NAME})
+    if(ARG_SLOW_SOURCES)
+      set(slow_program ${ARG_NAME}_slow)
+      haarlight_test_program(NAME ${slow_program} SOURCES ${ARG_SLOW_SOURCES} DEPS ${ARG_DEPS})
+    endif()
+    haarlight_register_tests(${slow_program} ${ARG_NAME}.slow "${slow}" slow)
+    add_dependencies(slow_tests ${slow_program})
   endif()
   if("slow" IN_LIST ARG_LABELS OR "soak" IN_LIST ARG_LABELS)
     add_dependencies(slow_tests ${ARG_NAME})

@@ -255,6 +255,12 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
                  static_cast<std::size_t>(image.height() * image.channels()));
   for (int y = 0; y < image.height(); ++y) {
     for (const float value : image.row(y)) {
+      if (std::isinf(value)) {
+        throw Error(
+            fmt::format("a pixel of row {} would be infinite: single precision ends at 3.4e38",
+                        y),
+            path.string(), "scale the light or the pictures that it is made of down");
+      }
       packed.push_back(is_png ? srgb_from_linear(value * static_cast<float>(exposure)) : value);
     }
   }

@@ -93,7 +93,7 @@ struct DirectLight::Scratch {
 
   void cast(const RayCaster& caster) {
     blocked.resize(targets.size());
-    caster.are_blocked(origin, targets, blocked, 0.0);
+    caster.are_blocked(origin, targets, blocked);
     n_rays += targets.size();
   }
 };
@@ -355,7 +355,7 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
                                     std::uint64_t key, std::span<LightShare> shares) const {
   HAARLIGHT_EXPECTS(shares.size() == lights_.size(), "one share a light");
   Scratch scratch;
-  scratch.origin = surface.point + options_.epsilon_mm * surface.flat_normal;
+  scratch.origin = surface.point + caster_->ray_offset_mm() * surface.flat_normal;
   scratch.sight.assign(lights_.size(), Sight::seen);
   for (std::size_t k = 0; k < lights_.size(); ++k) {
     const SquareLight& light = lights_[k];

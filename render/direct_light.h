@@ -29,7 +29,6 @@ struct DirectLightOptions {
   /// centres; uniform_grid then tests only lights that touch a mixed one. About 8 times faster;
   /// its error against the separate test is in docs/simulator.md.
   bool share_tests = true;
-  double epsilon_mm = 0.05;  ///< shadow rays start this far above the surface
   std::uint64_t seed = 0;
 };
 

@@ -35,6 +35,19 @@ struct MeshData {
 };
 
 constexpr int kPacket = 16;
+/// 64 roundings of single precision: of the vertices, a ray's origin and Embree's own sums.
+constexpr double kOffset = 0x1p-18;
+
+/// Middle of the vertices' bounding box.
+Vector3d middle_of(const Scene& scene) {
+  Eigen::AlignedBox3d box;
+  for (const Mesh& mesh : scene.meshes) {
+    for (const Vector3d& vertex : mesh.vertices) {
+      box.extend(vertex);
+    }
+  }
+  return box.isEmpty() ? Vector3d::Zero().eval() : box.center();
+}
 
 }  // namespace
 
@@ -42,6 +55,8 @@ struct RayCaster::Impl {
   DeviceHandle device;
   SceneHandle scene;
   std::vector<MeshData> meshes;
+  Vector3d middle = Vector3d::Zero();  ///< Embree's origin: what is far from ours loses nothing
+  double offset_mm = 0.0;
 
   void build(const Scene& source);
 };
@@ -56,6 +71,8 @@ void RayCaster::Impl::build(const Scene& source) {
   scene.reset(rtcNewScene(device.get()));
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_HIGH);
+  middle = middle_of(source);
+  double reach = 0.0;
   for (const Mesh& mesh : source.meshes) {
     HAARLIGHT_EXPECTS(mesh.normals.empty() || mesh.normals.size() == mesh.vertices.size(),
                       "no normals, or one a vertex");
@@ -70,8 +87,10 @@ void RayCaster::Impl::build(const Scene& source) {
     std::fill_n(vertices, 3, 0.0F);
     std::fill_n(indices, 3, 0U);
     for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+      const Vector3d vertex = mesh.vertices[i] - middle;
+      reach = std::max(reach, vertex.norm());
       for (int c = 0; c < 3; ++c) {
-        vertices[3 * i + static_cast<std::size_t>(c)] = static_cast<float>(mesh.vertices[i][c]);
+        vertices[3 * i + static_cast<std::size_t>(c)] = static_cast<float>(vertex[c]);
       }
     }
     const int n_vertices = static_cast<int>(mesh.vertices.size());
@@ -87,6 +106,7 @@ void RayCaster::Impl::build(const Scene& source) {
     rtcReleaseGeometry(geometry);
     meshes.push_back({mesh.vertices, mesh.triangles, mesh.normals, mesh.material});
   }
+  offset_mm = kOffset * reach;
   rtcCommitScene(scene.get());
   const RTCError error = rtcGetDeviceError(device.get());
   if (error != RTC_ERROR_NONE) {
@@ -102,14 +122,17 @@ RayCaster::~RayCaster() = default;
 RayCaster::RayCaster(RayCaster&&) noexcept = default;
 RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 
+double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
+
 std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& direction,
                                         double min_distance_mm) const {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRayHit ray{};
-  ray.ray.org_x = static_cast<float>(origin.x());
-  ray.ray.org_y = static_cast<float>(origin.y());
-  ray.ray.org_z = static_cast<float>(origin.z());
+  const Vector3d from = origin - impl_->middle;
+  ray.ray.org_x = static_cast<float>(from.x());
+  ray.ray.org_y = static_cast<float>(from.y());
+  ray.ray.org_z = static_cast<float>(from.z());
   ray.ray.dir_x = static_cast<float>(direction.x());
   ray.ray.dir_y = static_cast<float>(direction.y());
   ray.ray.dir_z = static_cast<float>(direction.z());
@@ -138,7 +161,8 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
   const double v = ray.hit.v;
   const double t_plane = flat.dot(corner(0) - origin) / slope;
   const double t_float = ray.ray.tfar;
-  if (std::abs(slope) > 1e-6 && std::abs(t_plane - t_float) <= 1e-4 * t_float + 1e-3) {
+  if (std::abs(slope) > 1e-6 &&
+      std::abs(t_plane - t_float) <= 1e-4 * t_float + impl_->offset_mm) {
     hit.distance_mm = t_plane;
     hit.point = origin + t_plane * direction;
   } else {
@@ -160,30 +184,31 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
   return hit;
 }
 
-bool RayCaster::is_blocked(const Vector3d& from, const Vector3d& to, double epsilon_mm) const {
+bool RayCaster::is_blocked(const Vector3d& from, const Vector3d& to) const {
   std::uint8_t blocked = 0;
-  are_blocked(from, {&to, 1}, {&blocked, 1}, epsilon_mm);
+  are_blocked(from, {&to, 1}, {&blocked, 1});
   return blocked != 0;
 }
 
 void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
-                            std::span<std::uint8_t> blocked, double epsilon_mm) const {
+                            std::span<std::uint8_t> blocked) const {
   HAARLIGHT_EXPECTS(to.size() == blocked.size(), "one answer a target");
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) std::array<int, kPacket> valid{};
   alignas(64) RTCRay16 rays;
+  const Vector3d origin = from - impl_->middle;
   for (std::size_t begin = 0; begin < to.size(); begin += kPacket) {
     const std::size_t n = std::min<std::size_t>(kPacket, to.size() - begin);
     for (std::size_t i = 0; i < kPacket; ++i) {
       const Vector3d& target = to[begin + std::min(i, n - 1)];
       const Vector3d way = target - from;
-      const double shortened = epsilon_mm / std::max(way.norm(), 1e-300);
+      const double shortened = impl_->offset_mm / std::max(way.norm(), 1e-300);
       valid.at(i) = i < n && shortened < 0.5 ? -1 : 0;
-      rays.org_x[i] = static_cast<float>(from.x());
-      rays.org_y[i] = static_cast<float>(from.y());
-      rays.org_z[i] = static_cast<float>(from.z());
+      rays.org_x[i] = static_cast<float>(origin.x());
+      rays.org_y[i] = static_cast<float>(origin.y());
+      rays.org_z[i] = static_cast<float>(origin.z());
       rays.dir_x[i] = static_cast<float>(way.x());
       rays.dir_y[i] = static_cast<float>(way.y());
       rays.dir_z[i] = static_cast<float>(way.z());

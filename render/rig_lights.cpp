@@ -22,4 +22,29 @@ std::vector<SquareLight> rig_lights(const Rig& rig) {
   return lights;
 }
 
+std::vector<int> lights_off_plane(const Rig& rig, const ShadowPlane& plane) {
+  const auto height = [&plane](const Eigen::Vector3d& point) {
+    return plane.n.dot(point) + plane.d;
+  };
+  const bool is_seen_from_behind =
+      !rig.cameras.empty() &&
+      height(rig.cameras.front().model.world_from_cam.translation()) < 0.0;
+  const double side = is_seen_from_behind ? -1.0 : 1.0;
+  std::vector<int> off;
+  for (const LightElement& light : light_elements(rig)) {
+    // Of the LED's square the highest corner; of the picture the corner most in front of it.
+    const double rise = 0.5 * (light.width_mm * std::abs(plane.n.dot(light.u)) +
+                               light.height_mm * std::abs(plane.n.dot(light.v)));
+    const double highest = side * height(light.centre) + rise;
+    const double in_front = light.emits.dot(plane.origin - light.centre) +
+                            0.5 * (plane.extent_u_mm * std::abs(light.emits.dot(plane.u)) +
+                                   plane.extent_v_mm * std::abs(light.emits.dot(plane.v)));
+    const double rounding = 1e-9 * (light.centre.norm() + std::abs(plane.d));
+    if (!(highest > rounding) || !(in_front > rounding)) {
+      off.push_back(light.index);
+    }
+  }
+  return off;
+}
+
 }  // namespace haarlight

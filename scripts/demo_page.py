@@ -76,6 +76,7 @@ def relit_row(page: Page, name: str, caption: str) -> list[str]:
     reached, details = report["reached"], report["details"]
     return [caption, number(reached["terms"]), number(details["terms_all"]),
             number(reached["relative_l2_bound"]), number(reached["relative_l2"]),
+            number(reached["clipped_share"]),
             number(1e3 * details["relight_seconds"])]
 
 
@@ -110,6 +111,10 @@ def main() -> int:
         ["relative error reached", number(compress["reached"].get("relative_l2"))],
         ["worst pixel's relative error", number(compress["reached"]["worst_pixel"])],
         ["worst value's error, share of the peak", number(compress["reached"]["worst_value"])],
+        ["values clipped in every exposure: lower bounds, in no error on this page",
+         number(compress["reached"]["clipped_values"])],
+        ["the norm of these, at least, as a share of the whole",
+         number(compress["reached"]["clipped_least_norm"])],
         ["bytes", number(compress["bytes"])],
         ["seconds", number(compress["seconds"])],
     ])
@@ -117,7 +122,8 @@ def main() -> int:
     names = [("one", "one light"), ("four", "four lights"), ("nine", "nine lights"),
              ("room", "a room, as a high-dynamic-range environment")]
     page.pictures([(f"{name}.png", caption) for name, caption in names])
-    page.table(["", "terms used", "of", "error at most", "error against the raw capture", "ms"],
+    page.table(["", "terms used", "of", "error at most", "error against the raw capture",
+                "share of the values clipped", "ms"],
                [relit_row(page, name, caption) for name, caption in names])
     page.heading("Its shadow on stairs", "The captured shadow on steps below, on and above the "
                  "plane where it was captured, beside the ray-traced truth. What the object hid from "

@@ -1,7 +1,9 @@
 #include "session/develop.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -27,27 +29,35 @@ constexpr std::string_view kRecipe =
     "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) a light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
+  constexpr std::size_t kBlock = 16;  // lights side by side: a line of the cache
+  const auto count_of = [](int n) { return static_cast<std::size_t>(n); };
   const int width = pictures[0].width();
   const int channels = pictures[0].channels();
   const std::size_t n_lights = pictures.size();
   std::vector<float> values(static_cast<std::size_t>(channels) *
                             static_cast<std::size_t>(rows) * static_cast<std::size_t>(width) *
                             n_lights);
-  parallel_for(
-      static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
-      [&](std::size_t begin, std::size_t end) {
-        for (std::size_t line = begin; line < end; ++line) {
-          const int c = static_cast<int>(line) / rows;
-          const int y = static_cast<int>(line) % rows;
-          float* out = values.data() + line * static_cast<std::size_t>(width) * n_lights;
-          for (std::size_t k = 0; k < n_lights; ++k) {
-            const Image<float>& picture = pictures[k];
-            for (int x = 0; x < width; ++x) {
-              out[static_cast<std::size_t>(x) * n_lights + k] = picture(skip + y, x, c);
-            }
-          }
-        }
-      });
+  parallel_for(static_cast<std::size_t>(channels) * static_cast<std::size_t>(rows), 1,
+               [&](std::size_t begin, std::size_t end) {
+                 for (std::size_t line = begin; line < end; ++line) {
+                   const int c = static_cast<int>(line) / rows;
+                   const int y = static_cast<int>(line) % rows;
+                   float* out =
+                       values.data() + line * static_cast<std::size_t>(width) * n_lights;
+                   for (std::size_t first = 0; first < n_lights; first += kBlock) {
+                     const std::size_t n = std::min(kBlock, n_lights - first);
+                     std::array<const float*, kBlock> from{};
+                     for (std::size_t k = 0; k < n; ++k) {
+                       from[k] = pictures[first + k].view().row(skip + y).data() + c;
+                     }
+                     for (std::size_t x = 0; x < count_of(width); ++x) {
+                       for (std::size_t k = 0; k < n; ++k) {
+                         out[x * n_lights + first + k] = from[k][x * count_of(channels)];
+                       }
+                     }
+                   }
+                 }
+               });
   return values;
 }
 
@@ -58,6 +68,7 @@ struct Job {
   StackShape shape;
   int margin = 0;
   bool has_error = false;
+  bool marks_clipped = false;
   std::vector<double> power;  ///< of each light, relative
   PlatePixels plate;          ///< for shots that hold less than their lights do
 };
@@ -72,11 +83,13 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   const auto channels = static_cast<std::uint64_t>(job.shape.channels);
   constexpr std::uint64_t kOne = 1;
   // Values and, while they are measured, their variances.
+  const bool has_variances = job.has_error || (job.marks_clipped && !job.plan.is_single);
   const std::uint64_t raw_copies =
-      (job.plan.is_single ? kOne : 2 * kOne) * (job.has_error ? 2 : 1);
+      (job.plan.is_single ? kOne : 2 * kOne) * (has_variances ? 2 : 1);
+  const std::uint64_t marks = job.marks_clipped ? row / sizeof(float) * 2 * channels : 0;
   const std::uint64_t a_row =
-      row * (static_cast<std::uint64_t>(form.channels) * raw_copies +
-             channels * (job.has_error ? 2 : 1) + (is_mosaic ? channels : 0));
+      marks + row * (static_cast<std::uint64_t>(form.channels) * raw_copies +
+                     channels * (job.has_error ? 2 : 1) + (is_mosaic ? channels : 0));
   const std::uint64_t margins = 2 * static_cast<std::uint64_t>(job.margin) * a_row;
   // Corrections, one frame being read by each thread, and the stack's pages on their way out.
   const std::uint64_t fixed = 16 * static_cast<std::uint64_t>(form.width) *
@@ -137,6 +150,91 @@ void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
   }
 }
 
+/// Marks of (rows, width, channels), 1 where the variance is that of a lower bound; empty where
+/// none is.
+Image<std::uint8_t> clipped_marks(const Image<float>& variance) {
+  const std::span<const float> values = variance.pixels();
+  if (std::none_of(values.begin(), values.end(), [](float v) { return v < 0.0F; })) {
+    return {};
+  }
+  Image<std::uint8_t> marks(variance.height(), variance.width(), variance.channels());
+  std::transform(values.begin(), values.end(), marks.pixels().begin(),
+                 [](float v) { return static_cast<std::uint8_t>(v < 0.0F ? 1 : 0); });
+  return marks;
+}
+
+/// Marks as variances: -1 where marked, else 0.
+Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<float>& like) {
+  Image<float> variance(like.height(), like.width(), like.channels());
+  if (marks.height() > 0) {
+    std::transform(marks.pixels().begin(), marks.pixels().end(), variance.pixels().begin(),
+                   [](std::uint8_t mark) { return mark != 0 ? -1.0F : 0.0F; });
+  }
+  return variance;
+}
+
+/// As interleave(), of few marks: lines without one are passed over.
+std::vector<std::uint8_t> interleave_marks(const StackShape& shape,
+                                           const std::vector<Image<std::uint8_t>>& marks,
+                                           int skip, int rows) {
+  const auto width = static_cast<std::size_t>(shape.width);
+  const auto channels = static_cast<std::size_t>(shape.channels);
+  const std::size_t n_lights = marks.size();
+  const auto n_rows = static_cast<std::size_t>(rows);
+  std::vector<std::uint8_t> out(channels * n_rows * width * n_lights);
+  parallel_for(n_rows, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin * n_lights; i < end * n_lights; ++i) {
+      const std::size_t y = i / n_lights;
+      const std::size_t k = i % n_lights;
+      if (marks[k].height() == 0) {
+        continue;
+      }
+      const auto line = marks[k].view().row(skip + static_cast<int>(y));
+      if (std::memchr(line.data(), 1, line.size()) == nullptr) {
+        continue;
+      }
+      for (std::size_t j = 0; j < line.size(); ++j) {
+        const std::size_t c = j % channels;
+        out[((c * n_rows + y) * width + j / channels) * n_lights + k] = line[j];
+      }
+    }
+  });
+  return out;
+}
+
+/// The patterns' marks become the lights', and those of a mosaic its colours'.
+/// @param shape_of  a pattern's picture before either
+std::vector<std::uint8_t> marks_of_lights(const Job& job,
+                                          std::vector<Image<std::uint8_t>> marks,
+                                          const Image<float>& shape_of, int from, int skip,
+                                          int rows) {
+  if (std::all_of(marks.begin(), marks.end(), [](const auto& m) { return m.height() == 0; })) {
+    return {};
+  }
+  if (!job.plan.is_single) {
+    std::vector<Image<float>> variances;
+    variances.reserve(marks.size());
+    for (Image<std::uint8_t>& of_pattern : marks) {
+      variances.push_back(marks_as_variance(of_pattern, shape_of));
+      of_pattern = {};
+    }
+    const std::vector<double> none(marks.size(), 0.0);
+    demultiplex_variance_rows(*job.plan.inverse, job.power, job.plate, from, none, variances);
+    marks.resize(variances.size());
+    std::transform(variances.begin(), variances.end(), marks.begin(), clipped_marks);
+  }
+  const BayerPattern bayer = job.session->info().form.bayer;
+  parallel_for(marks.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k) {
+      if (job.demosaic != Demosaic::none && marks[k].height() > 0) {
+        marks[k] =
+            clipped_marks(demosaic_variance(marks_as_variance(marks[k], shape_of), bayer));
+      }
+    }
+  });
+  return interleave_marks(job.shape, marks, skip, rows);
+}
+
 Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y0, int y1,
                              MergeTally& tally) {
   const int height = job.shape.height;
@@ -147,6 +245,7 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
   const std::size_t n_groups = job.plan.groups.size();
   std::vector<Image<float>> pictures(n_groups);
   std::vector<Image<float>> variances(job.has_error ? n_groups : 0);
+  std::vector<Image<std::uint8_t>> marks(job.marks_clipped ? n_groups : 0);
   std::vector<MergeTally> tallies(n_groups);
   parallel_for(n_groups, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t g = begin; g < end; ++g) {
@@ -154,6 +253,9 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
           job.plan.groups[g], {from, to, y0, y1, !job.plan.is_single && job.has_error});
       pictures[g] = std::move(rows.value);
       tallies[g] = std::move(rows.tally);
+      if (job.marks_clipped) {
+        marks[g] = clipped_marks(rows.variance);
+      }
       if (job.has_error) {
         variances[g] = std::move(rows.variance);
       }
@@ -161,6 +263,11 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
   });
   for (const MergeTally& of_group : tallies) {
     tally.add(of_group);
+  }
+  Developer::Rows band;
+  if (job.marks_clipped) {
+    band.clipped =
+        marks_of_lights(job, std::move(marks), pictures.front(), from, y0 - from, y1 - y0);
   }
   if (!job.plan.is_single) {
     demultiplex_rows(*job.plan.inverse, job.power, job.plate, from, pictures);
@@ -176,7 +283,6 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
       }
     });
   }
-  Developer::Rows band;
   band.values = interleave(pictures, y0 - from, y1 - y0);
   pictures.clear();
   if (job.has_error) {
@@ -329,6 +435,7 @@ Developer::Developer(const Session& session, const DevelopOptions& options)
   Job& job = impl_->job;
   job.session = &session;
   job.has_error = options.has_standard_error;
+  job.marks_clipped = options.marks_clipped;
   job.demosaic = demosaic_of(session, options);
   impl_->key = cache_key(session, job.demosaic, transfer, options);
   job.plan = plan_exposures(session);

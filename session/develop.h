@@ -39,6 +39,8 @@ struct DevelopOptions {
   /// Make a second stack of the values' standard errors; -1 where every exposure (of a shot
   /// that the light needs) is clipped. Noise alone: not what a plate shares out wrongly.
   bool has_standard_error = false;
+  /// Of Developer::rows(): mark the values that are lower bounds.
+  bool marks_clipped = false;
 };
 
 /// A light stack and what is known of it.
@@ -86,6 +88,9 @@ class Developer {
   struct Rows {
     std::vector<float> values;  ///< (channels, y1 - y0, width, n_lights)
     std::vector<float> errors;  ///< the same, standard errors; empty unless asked for
+    /// The same: 1 where every exposure (of a shot that the light needs) is clipped, or that of
+    /// a neighbour whose colour was taken; empty where none is, or unless asked for.
+    std::vector<std::uint8_t> clipped;
   };
   /// Rows [y0, y1). One caller at a time; frames are read by several threads. Frames lie in
   /// strips of 64 rows: whole strips are read once.

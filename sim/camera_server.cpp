@@ -442,6 +442,7 @@ class CameraServer::Impl {
     is_streaming_ = true;
     next_sequence_ = 0;
     free_from_ns_ = 0;
+    n_clean_.clear();
     const std::int64_t start_ns = now_ns() + 1'000'000 + options_.lookahead_ns;
     next_start_ns_ = trigger_ == TriggerSource::free ? start_ns : kFar;
     std::int64_t none = 0;

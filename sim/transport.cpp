@@ -18,7 +18,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kTransportVersion = 1;  // raised whenever the same input gives other numbers
+constexpr int kTransportVersion = 2;  // raised whenever the same input gives other numbers
 
 /// Bytes of everything that matters, for the key.
 class KeyBytes {
@@ -106,7 +106,6 @@ std::string transport_key(const Rig& rig, int camera, const Scene& scene,
   key.add(options.direct.uniform_grid);
   key.add(options.direct.mixed_grid);
   key.add(options.direct.share_tests ? 1.0 : 0.0);
-  key.add(options.direct.epsilon_mm);
   key.add(static_cast<double>(options.direct.seed));
   for (const Material& material : scene.materials) {
     key.add(material.kd);

@@ -67,7 +67,7 @@ struct Exposure {
 struct LightSeen {
   FrameTag tag;
   std::int64_t last_change_ns =
-      0;                         ///< when the light last became steady before the frame's start
+      0;  ///< when the light last became steady before the frame's start
 };
 
 /// One thread.

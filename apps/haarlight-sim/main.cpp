@@ -2,7 +2,9 @@
 /// `haarlight-sim RIG.toml --scene SCENE.toml`: a virtual rig on real sockets, until SIGTERM.
 
 #include <array>
+#include <cerrno>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <optional>
@@ -11,6 +13,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
+#include <sys/eventfd.h>
 #include <unistd.h>
 
 #include "apps/command_line.h"
@@ -200,12 +203,41 @@ std::jthread follow_commands(haarlight::VirtualRig& rig, const std::string& path
   });
 }
 
+int g_end = -1;  // eventfd: SIGTERM or SIGINT came
+
+/// From here on SIGTERM and SIGINT are waited for instead of killing. Blocked and waited for by
+/// sigwait they would kill all the same where a library's own thread does not block them: the
+/// ray caster's live on for a while.
+class EndSignals {
+ public:
+  EndSignals() {
+    g_end = eventfd(0, EFD_CLOEXEC);
+    struct sigaction action = {};
+    action.sa_handler = [](int) {
+      const std::uint64_t one = 1;
+      [[maybe_unused]] const ssize_t n = write(g_end, &one, sizeof one);
+    };
+    action.sa_flags = SA_RESTART;
+    sigemptyset(&action.sa_mask);
+    sigemptyset(&ends_);
+    for (const int signal : {SIGINT, SIGTERM}) {
+      sigaddset(&ends_, signal);
+      sigaction(signal, &action, nullptr);
+    }
+    pthread_sigmask(SIG_BLOCK, &ends_, nullptr);  // in this thread and those it starts
+  }
+  void wait() const {
+    pthread_sigmask(SIG_UNBLOCK, &ends_, nullptr);
+    std::uint64_t n = 0;
+    while (read(g_end, &n, sizeof n) < 0 && errno == EINTR) {
+    }
+  }
+
+ private:
+  sigset_t ends_{};
+};
+
 int run(const Arguments& arguments) {
-  // Blocked in every thread, so that the wait below is the one that hears them.
-  sigset_t ends;
-  sigemptyset(&ends);
-  sigaddset(&ends, SIGTERM);
-  sigaddset(&ends, SIGINT);
   if (arguments.quiet) {
     haarlight::set_log_level(haarlight::LogLevel::error);
   }
@@ -237,15 +269,14 @@ int run(const Arguments& arguments) {
   if (arguments.only_transport) {
     return static_cast<int>(ExitCode::done);
   }
-  pthread_sigmask(SIG_BLOCK, &ends, nullptr);
+  const EndSignals ends;
   haarlight::VirtualRig virtual_rig(rig, transports, options);
   std::jthread commands;
   if (!arguments.commands.empty()) {
     commands = follow_commands(virtual_rig, arguments.commands);
   }
   announce(virtual_rig.rig(), arguments);
-  int received = 0;
-  sigwait(&ends, &received);
+  ends.wait();
   if (!arguments.quiet) {
     std::size_t first_served = 0;
     if (const haarlight::V4l2Output* output = virtual_rig.v4l2_output()) {

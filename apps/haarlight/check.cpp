@@ -17,6 +17,7 @@
 #include "firmware_iface/controller_profile.h"
 #include "relight/basis/basis_check.h"
 #include "relight/light/cubemap.h"
+#include "render/rig_lights.h"
 #include "render/scene.h"
 #include "sim/fault_script.h"
 
@@ -32,6 +33,31 @@ struct CheckArguments {
 std::string describe(const Rig& rig) {
   return fmt::format("{} lights on {} faces, {} planes, {} cameras", rig.n_lights(),
                      rig.faces.size(), rig.planes.size(), rig.cameras.size());
+}
+
+/// Planes that no light reaches are an error; where some lights do not, words for a warning.
+std::string check_planes(const Rig& rig) {
+  std::string warnings;
+  for (const ShadowPlane& plane : rig.planes) {
+    const std::vector<int> off = lights_off_plane(rig, plane);
+    if (off.empty()) {
+      continue;
+    }
+    const auto n_off = static_cast<int>(off.size());
+    if (n_off == rig.n_lights()) {
+      throw Error(fmt::format("no light reaches the plane \"{}\": all lie in or behind it, or "
+                              "shine away from it",
+                              plane.id),
+                  rig.file.string(),
+                  "correct centre and emits of the faces, or n and d of the plane");
+    }
+    warnings += fmt::format(
+        "\n  warning: {} of {} lights (the first: {}) do not reach the plane \"{}\": they lie "
+        "in or behind it, or shine away from it\n  cure: nothing, if that is meant; else "
+        "correct centre and emits of their face",
+        n_off, rig.n_lights(), off.front(), plane.id);
+  }
+  return warnings;
 }
 
 /// The profile that the rig's controller needs, read as the daemon will.
@@ -85,7 +111,7 @@ std::string check_file(const std::string& file, FileKind kind, std::optional<Rig
     case FileKind::rig:
       rig = read_rig(file);
       check_profile(*rig);
-      return describe(*rig);
+      return describe(*rig) + check_planes(*rig);
     case FileKind::measured: {
       const MeasuredRig measured = parse_measured(read_file(file, kMaxTomlBytes), file);
       const MeasuredGap gap = find_gap(measured);

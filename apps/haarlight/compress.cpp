@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/clipped_words.h"
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
@@ -86,6 +87,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   report.add_reached("worst_pixel", header.reached.worst_pixel);
   report.add_reached("worst_value", header.reached.worst_value);
   report.add_reached("worst_light", summary.worst_light);
+  report_clipped(header, report);
   report.add_detail("coding", std::string(to_string(header.coding)));
   report.add_detail("plate", header.plate);
   report.add_detail("plate_rank", std::int64_t{header.plate_rank});
@@ -104,15 +106,22 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   }
   const double raw =
       2.0 * double(header.dims.n_pixels()) * header.dims.channels * header.dims.n_lights;
+  const bool is_smaller = raw >= double(summary.bytes);
   fmt::print(
       "{}: {} x {} pixels, {} channels, {} lights; {} basis, plate: {}\n"
       "  relative error {:.3g} within {:.3g}, {} (worst pixel {:.3g}, worst light {:.3g}), "
       "{:.1f} coefficients a pixel\n"
-      "  {} bytes, {:.1f} times smaller than 16-bit pictures\n",
+      "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
       arguments.output, header.dims.width, header.dims.height, header.dims.channels,
       header.dims.n_lights, to_string(header.basis), header.plate, header.reached.relative_l2,
       asked.relative_l2, asked.reason, header.reached.worst_pixel, summary.worst_light,
-      header.mean_coefficients, summary.bytes, raw / double(summary.bytes));
+      header.mean_coefficients, summary.bytes,
+      is_smaller ? raw / double(summary.bytes) : double(summary.bytes) / raw,
+      is_smaller ? "smaller" : "larger",
+      !is_smaller && header.coding == BasisCoding::lossless
+          ? "; --whole-steps keeps what the camera gave, and is smaller"
+          : "");
+  fmt::print("{}", clipped_words(header));
   return code;
 }
 

@@ -39,7 +39,7 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
                 arguments.session, "import the capture with positions (--places positions)");
   }
   const PixelPoints pixels =
-      pixel_points(session, arguments.plane.width_mm, arguments.plane.height_mm);
+      pixel_points(session, arguments.plane.width_mm, arguments.plane.height_mm.value_or(0.0));
   const LightStack stack =
       develop(session, develop_options(session, common, arguments.transfer));
   const StackShape& shape = stack.shape();

@@ -31,8 +31,8 @@ void add_transfer_option(Command verb, std::string& transfer);
 
 /// Where the picture's reference plane is.
 struct PlaneArguments {
-  double width_mm = 0.0;   ///< 0: not given
-  double height_mm = 0.0;  ///< above the rig's plane
+  double width_mm = 0.0;              ///< 0: not given
+  std::optional<double> height_mm{};  ///< above the rig's plane
 };
 
 /// Adds --width-mm and --height-mm.

@@ -29,6 +29,8 @@ PictureNotes notes_of(const BasisHeader& header) {
   add(notes, "haarlightRoot", header.source_root);
   add(notes, "haarlightBasisErrorAsked", fmt::format("{:.9g}", header.asked_relative_l2));
   add(notes, "haarlightBasisErrorReached", fmt::format("{:.9g}", header.reached.relative_l2));
+  add(notes, "haarlightBasisClippedShare",
+      header.clipped ? fmt::format("{:.9g}", header.clipped->share(header.dims)) : "not known");
   return notes;
 }
 
@@ -45,6 +47,11 @@ void add_weights(const Eigen::MatrixXd& weights, PictureNotes& notes) {
 void add_error(std::optional<double> asked, double reached, PictureNotes& notes) {
   add(notes, "haarlightErrorAsked", asked ? fmt::format("{:.9g}", *asked) : "none");
   add(notes, "haarlightErrorReached", fmt::format("{:.9g}", reached));
+}
+
+void add_clipped(const RelightBound& bound, PictureNotes& notes) {
+  add(notes, "haarlightClippedShare",
+      bound.clipped_share ? fmt::format("{:.9g}", *bound.clipped_share) : "not known");
 }
 
 void add_light(const SessionInfo& info, int light, PictureNotes& notes) {

@@ -9,6 +9,7 @@
 
 #include "core/image_io.h"
 #include "relight/basis/basis_file.h"
+#include "relight/basis/relight.h"
 #include "session/session.h"
 
 /// @file
@@ -28,6 +29,9 @@ using PictureNotes = std::vector<PictureNote>;
 void add_weights(const Eigen::MatrixXd& weights, PictureNotes& notes);
 /// Relative L2 error of this very picture. @param asked  nothing: none was asked for
 void add_error(std::optional<double> asked, double reached, PictureNotes& notes);
+/// What that error does not cover: the share of the values under the lights in use that were
+/// clipped in every exposure.
+void add_clipped(const RelightBound& bound, PictureNotes& notes);
 /// One light alone: number and name.
 void add_light(const SessionInfo& info, int light, PictureNotes& notes);
 

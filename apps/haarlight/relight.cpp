@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/clipped_words.h"
 #include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/light_options.h"
 #include "apps/haarlight/picture_notes.h"
@@ -144,6 +145,20 @@ double picture_exposure(const RelightArguments& arguments, const Image<float>& p
   return exposure;
 }
 
+/// Each channel's bound, the largest of several pictures'.
+void add_worst_channels(const RelightBound& bound, std::vector<double>& worst) {
+  worst.resize(std::max(worst.size(), bound.channels.size()));
+  for (std::size_t c = 0; c < bound.channels.size(); ++c) {
+    worst[c] = std::max(worst[c], bound.channels[c].relative_l2);
+  }
+}
+
+std::string channel_words(const std::vector<double>& bounds) {
+  return bounds.size() < 2
+             ? std::string()
+             : fmt::format("  of each channel alone at most {:.3g}\n", fmt::join(bounds, ", "));
+}
+
 /// Says so when the error that was asked for cannot be promised.
 ExitCode judge(const RelightOptions& options, double bound) {
   if (!options.max_error || bound <= *options.max_error) {
@@ -229,6 +244,8 @@ ExitCode run_frames(const RelightArguments& arguments, const CommonOptions& comm
   double worst = 0.0;
   int terms = 0;
   std::string method;
+  PictureClipping clipping;
+  std::vector<double> channels;
   for (std::size_t first = 0; first < weights.size(); first += at_once) {
     const auto start = std::chrono::steady_clock::now();
     const std::vector<RelitPicture> pictures = relighter.relight(
@@ -244,6 +261,11 @@ ExitCode run_frames(const RelightArguments& arguments, const CommonOptions& comm
       PictureNotes notes = notes_of(basis.header());
       add_weights(weights[first + i], notes);
       add_error(options.max_error, relit.bound.relative_l2, notes);
+      const PictureClipping of_frame = picture_clipping(relit.bound);
+      clipping.share = std::max(clipping.share, of_frame.share);
+      clipping.relative = std::max(clipping.relative, of_frame.relative);
+      add_clipped(relit.bound, notes);
+      add_worst_channels(relit.bound, channels);
       write_image(name, relit.picture.view(), *exposure, notes);
       bytes += std::filesystem::file_size(name);
       worst = std::max(worst, relit.bound.relative_l2);
@@ -252,6 +274,8 @@ ExitCode run_frames(const RelightArguments& arguments, const CommonOptions& comm
     }
   }
   report.add_reached("relative_l2_bound", worst);
+  report.add_reached("channel_l2_bound", channels);
+  report_clipped(basis.header(), clipping, report);
   report.add_reached("terms", std::int64_t{terms});
   report.add_detail("method", method);
   report.add_detail("relight_seconds", seconds.count());
@@ -261,6 +285,7 @@ ExitCode run_frames(const RelightArguments& arguments, const CommonOptions& comm
              frame_name(arguments.output, 0).string(),
              frame_name(arguments.output, n_frames - 1).filename().string(), terms, worst,
              1e3 * seconds.count() / n_frames);
+  fmt::print("{}{}", channel_words(channels), clipped_words(basis.header(), clipping));
   return judge(options, worst);
 }
 
@@ -279,12 +304,18 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
   const RelitPicture relit = relight(basis, weights, options);
   const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
   report.add_reached("relative_l2_bound", relit.bound.relative_l2);
+  std::vector<double> channels;
+  add_worst_channels(relit.bound, channels);
+  report.add_reached("channel_l2_bound", channels);
+  const PictureClipping clipping = picture_clipping(relit.bound);
+  report_clipped(basis.header(), clipping, report);
   report.add_reached("terms", std::int64_t{relit.terms});
   report.add_detail("terms_all", std::int64_t{relit.terms_all});
   report.add_detail("relight_seconds", seconds.count());
   report.add_detail("bytes_read", static_cast<std::int64_t>(relit.bytes_read));
   fmt::print("{}: {} of {} terms, relative error at most {:.3g}, {:.1f} ms\n", arguments.output,
              relit.terms, relit.terms_all, relit.bound.relative_l2, 1e3 * seconds.count());
+  fmt::print("{}{}", channel_words(channels), clipped_words(basis.header(), clipping));
   const double exposure = picture_exposure(arguments, relit.picture);
   report.add_detail("exposure", exposure);
   if (!arguments.against.empty()) {
@@ -293,6 +324,7 @@ ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& com
   PictureNotes notes = notes_of(basis.header());
   add_weights(weights, notes);
   add_error(options.max_error, relit.bound.relative_l2, notes);
+  add_clipped(relit.bound, notes);
   write_image(arguments.output, relit.picture.view(), exposure, notes);
   report.set_bytes(std::filesystem::file_size(arguments.output));
   return judge(options, relit.bound.relative_l2);

@@ -14,6 +14,7 @@
 #include "core/error.h"
 #include "core/report.h"
 #include "core/rig.h"
+#include "relight/basis/error_gram.h"
 #include "relight/view/gpu_pages.h"
 
 namespace haarlight {
@@ -118,6 +119,17 @@ std::string describe(const BasisFile& basis, const ViewerConfig& config) {
       {"answer_bytes", kMostPageBytes},
       {"environment_bytes", kMostEnvironmentBytes},
   };
+  const BasisTables& tables = basis.tables();
+  if (!tables.coded_bound.is_empty()) {
+    json["coded_bound"] = {{"vectors", tables.coded_bound.n_vectors}, {"block", kGramBlock}};
+  }
+  if (!tables.term_bound.is_empty()) {
+    json["term_bound"] = {{"vectors", tables.term_bound.n_vectors}, {"block", kGramBlock}};
+  }
+  if (header.clipped) {
+    json["clipped"] = {{"share", header.clipped->share(header.dims)},
+                       {"least_norm", header.clipped->least_norm}};
+  }
   add_lights(json, basis);
   return json.dump();
 }
@@ -128,7 +140,9 @@ std::string table_bytes(const BasisFile& basis) {
   std::string bytes;
   for (const auto* part :
        {&tables.plate_vectors, &tables.coefficient_norms, &tables.coefficient_errors,
-        &tables.light_norms, &tables.light_errors}) {
+        &tables.light_norms, &tables.light_errors, &tables.coded_bound.shares,
+        &tables.coded_bound.rests, &tables.coded_bound.vectors, &tables.term_bound.shares,
+        &tables.term_bound.rests, &tables.term_bound.vectors}) {
     bytes.append(reinterpret_cast<const char*>(part->data()), part->size() * sizeof(float));
   }
   return bytes;

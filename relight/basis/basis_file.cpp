@@ -11,6 +11,7 @@
 
 #include "core/error.h"
 #include "relight/basis/basis_header.h"
+#include "relight/basis/error_gram.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/haar_blocks.h"
 #include "relight/basis/integer_coding.h"
@@ -85,9 +86,9 @@ Preamble read_preamble(std::span<const std::byte> bytes, const std::string& name
   }
   Preamble preamble;
   preamble.version = get<std::uint32_t>(bytes.data() + 8);
-  if (preamble.version != kBasisVersion) {
-    throw Error(fmt::format("basis file of version {}, this program reads version {}",
-                            preamble.version, kBasisVersion),
+  if (preamble.version < kOldestBasisVersion || preamble.version > kBasisVersion) {
+    throw Error(fmt::format("basis file of version {}, this program reads versions {} to {}",
+                            preamble.version, kOldestBasisVersion, kBasisVersion),
                 name, "use a newer haarlight, or compress the session again");
   }
   if (get<std::uint64_t>(bytes.data() + 96) != block_checksum(bytes.first(96))) {
@@ -127,6 +128,7 @@ std::span<const std::byte> checked_part(std::span<const std::byte> bytes,
 
 /// Every byte belongs to one part, and so is under its checksum.
 void require_no_loose_bytes(const Preamble& preamble, const std::vector<BlockEntry>& index,
+                            const std::vector<BasisSection>& sections,
                             const std::string& name) {
   std::vector<std::pair<std::uint64_t, std::uint64_t>> parts = {{0, kPreambleBytes}};
   for (const auto* part : {&preamble.header, &preamble.index, &preamble.tables}) {
@@ -134,6 +136,9 @@ void require_no_loose_bytes(const Preamble& preamble, const std::vector<BlockEnt
   }
   for (const BlockEntry& block : index) {
     parts.emplace_back(block.offset, block.bytes);
+  }
+  for (const BasisSection& section : sections) {
+    parts.emplace_back(section.offset, section.bytes);
   }
   std::erase_if(parts, [](const auto& part) { return part.second == 0; });
   std::sort(parts.begin(), parts.end());
@@ -179,6 +184,62 @@ BasisTables tables_from_floats(const std::vector<float>& all, const BasisHeader&
   tables.light_norms = take(per_channel);
   tables.light_errors = take(per_channel);
   return tables;
+}
+
+constexpr std::string_view kClippedSection = "clipped";
+constexpr std::string_view kCodedBoundSection = "coded_bound";
+constexpr std::string_view kTermBoundSection = "term_bound";
+
+/// Norms, counts and the like: finite and not negative.
+void require_bounds(std::span<const float> values, const std::string& where) {
+  if (!std::all_of(values.begin(), values.end(),
+                   [](float v) { return std::isfinite(v) && v >= 0.0F; })) {
+    throw_damaged("a bound is negative or no finite number", where);
+  }
+}
+
+std::size_t n_picture_blocks(const BasisHeader& header) {
+  return count(header.dims.channels) * count(n_gram_blocks(header.dims.n_lights));
+}
+
+/// The number of floats, when it is that of a bound for this header.
+std::size_t picture_bound_values(const BasisHeader& header, std::uint64_t n,
+                                 const std::string& where) {
+  const std::size_t per_vector = count(header.dims.channels) * count(header.dims.n_lights);
+  const std::size_t without = 2 * n_picture_blocks(header);
+  // Many times what is written; all that n lights allow would take gigabytes of a short file.
+  constexpr std::size_t kMostVectors = 256;
+  if (n < without || (n - without) % per_vector != 0 ||
+      (n - without) / per_vector > std::min(kMostVectors, count(header.dims.n_lights))) {
+    throw_damaged(fmt::format("{} numbers are no bound", n), where);
+  }
+  return n;
+}
+
+std::vector<float> picture_bound_to_floats(const PictureBound& bound) {
+  std::vector<float> all;
+  for (const auto* part : {&bound.shares, &bound.rests, &bound.vectors}) {
+    all.insert(all.end(), part->begin(), part->end());
+  }
+  return all;
+}
+
+PictureBound picture_bound_from_floats(const std::vector<float>& all, const BasisHeader& header,
+                                       const std::string& where) {
+  PictureBound bound;
+  const auto blocks = static_cast<std::ptrdiff_t>(n_picture_blocks(header));
+  bound.shares.assign(all.begin(), all.begin() + blocks);
+  bound.rests.assign(all.begin() + blocks, all.begin() + 2 * blocks);
+  require_bounds(bound.shares, where);
+  require_bounds(bound.rests, where);
+  bound.vectors.assign(all.begin() + 2 * blocks, all.end());
+  if (!std::all_of(bound.vectors.begin(), bound.vectors.end(),
+                   [](float v) { return std::isfinite(v); })) {
+    throw_damaged("a number of a bound is not finite", where);
+  }
+  bound.n_vectors = static_cast<int>(
+      bound.vectors.size() / (count(header.dims.channels) * count(header.dims.n_lights)));
+  return bound;
 }
 
 }  // namespace
@@ -266,12 +327,36 @@ void BasisFile::parse() {
       throw_damaged("a block lies outside the file", name_);
     }
   }
-  require_no_loose_bytes(preamble, index_, name_);
+  require_no_loose_bytes(preamble, index_, header_.sections, name_);
 
   const auto tables = checked_part(bytes_, preamble.tables, "table part", name_);
   tables_ = tables_from_floats(
       decode_floats(tables, 1, table_values(header_), name_ + ", tables"), header_);
+  read_sections();
   order_ = coefficient_order(header_);
+}
+
+void BasisFile::read_sections() {
+  for (const BasisSection& section : header_.sections) {
+    const auto bytes = checked_part(bytes_, {section.offset, section.bytes, section.checksum},
+                                    fmt::format("section '{}'", section.name), name_);
+    const std::string where = fmt::format("{}, section '{}'", name_, section.name);
+    const std::size_t per_channel = count(header_.dims.channels) * count(header_.dims.n_lights);
+    if (section.name == kClippedSection) {
+      if (section.n_values != 2 * per_channel) {
+        throw_damaged("the numbers of clipped values are not two a light", where);
+      }
+      const std::vector<float> values = decode_floats(bytes, 1, 2 * per_channel, where);
+      require_bounds(values, where);
+      const auto half = values.begin() + static_cast<std::ptrdiff_t>(per_channel);
+      tables_.clipped_counts.assign(values.begin(), half);
+      tables_.clipped_norms.assign(half, values.end());
+    } else if (section.name == kCodedBoundSection || section.name == kTermBoundSection) {
+      const std::size_t n = picture_bound_values(header_, section.n_values, where);
+      (section.name == kTermBoundSection ? tables_.term_bound : tables_.coded_bound) =
+          picture_bound_from_floats(decode_floats(bytes, 1, n, where), header_, where);
+    }
+  }
 }
 
 TileRect BasisFile::tile_rect(int i_tile) const {
@@ -507,7 +592,30 @@ void BasisWriter::append(const PackedTile& tile) {
   }
 }
 
-std::uint64_t BasisWriter::finish(const BasisHeader& header, const BasisTables& tables) {
+void BasisWriter::append_section(const std::string& name, std::span<const float> values,
+                                 BasisHeader& header) {
+  const std::vector<std::byte> bytes = encode_floats(values, values.size());
+  header.sections.push_back(
+      {name, file_.size(), bytes.size(), block_checksum(bytes), values.size()});
+  file_.append(bytes);
+}
+
+std::uint64_t BasisWriter::finish(const BasisHeader& given, const BasisTables& tables) {
+  BasisHeader header = given;
+  header.sections.clear();
+  if (!tables.coded_bound.is_empty()) {
+    append_section(std::string(kCodedBoundSection), picture_bound_to_floats(tables.coded_bound),
+                   header);
+  }
+  if (!tables.term_bound.is_empty()) {
+    append_section(std::string(kTermBoundSection), picture_bound_to_floats(tables.term_bound),
+                   header);
+  }
+  if (!tables.clipped_counts.empty()) {
+    std::vector<float> clipped = tables.clipped_counts;
+    clipped.insert(clipped.end(), tables.clipped_norms.begin(), tables.clipped_norms.end());
+    append_section(std::string(kClippedSection), clipped, header);
+  }
   Preamble preamble;
   const auto add_part = [this](std::span<const std::byte> bytes) {
     const std::array<std::uint64_t, 3> part = {file_.size(), bytes.size(),

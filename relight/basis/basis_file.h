@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -20,7 +21,8 @@
 
 namespace haarlight {
 
-inline constexpr std::uint32_t kBasisVersion = 2;
+inline constexpr std::uint32_t kBasisVersion = 3;
+inline constexpr std::uint32_t kOldestBasisVersion = 2;  ///< that can still be read
 
 enum class BasisKind {
   haar,    ///< 2-D Haar over each grid of lights
@@ -50,6 +52,26 @@ struct StackError {
   double worst_value = 0.0;  ///< largest |decoded - T| of one value / largest |T|
 };
 
+/// Values that were clipped in every exposure: lower bounds of the light, which no error that a
+/// file or a picture states covers.
+struct ClippedValues {
+  double n_values = 0.0;  ///< of pixels x channels x lights
+  /// Norm of them as they stand, as a share of ||T||: how much of the stack they are at least.
+  double least_norm = 0.0;
+  [[nodiscard]] double share(const StackDims& dims) const {
+    return n_values / (double(dims.n_pixels()) * dims.channels * dims.n_lights);
+  }
+};
+
+/// A part of the file beside blocks, index and tables; a reader skips those it does not know.
+struct BasisSection {
+  std::string name;
+  std::uint64_t offset = 0;
+  std::uint64_t bytes = 0;
+  std::uint64_t checksum = 0;
+  std::uint64_t n_values = 0;  ///< floats, coded as the tables are
+};
+
 /// The header of a basis file.
 struct BasisHeader {
   StackDims dims;
@@ -75,20 +97,35 @@ struct BasisHeader {
   double asked_relative_l2 = 0.0;
   double asked_worst_pixel = 0.0;  ///< infinity: no limit
   StackError reached;
-  double stack_norm = 0.0;         ///< ||T||
-  double peak = 0.0;               ///< largest |T|
-  double mean_coefficients = 0.0;  ///< stored coefficients a pixel and channel
-  std::string source;              ///< session id or file name
-  std::string source_hash;         ///< of the plan, where there is one
-  std::string source_root;         ///< of the session, where it has one
-  std::string kind = "capture";    ///< capture, plate
+  std::optional<ClippedValues> clipped;  ///< none: not told (version 2, no frames)
+  double stack_norm = 0.0;               ///< ||T||
+  double peak = 0.0;                     ///< largest |T|
+  double mean_coefficients = 0.0;        ///< stored coefficients a pixel and channel
+  std::string source;                    ///< session id or file name
+  std::string source_hash;               ///< of the plan, where there is one
+  std::string source_root;               ///< of the session, where it has one
+  std::string kind = "capture";          ///< capture, plate
   std::string program;
+  std::vector<BasisSection> sections;  ///< as read; the writer's own
 
   [[nodiscard]] int n_grids() const { return grid > 0 ? dims.n_lights / (grid * grid) : 0; }
   /// Numbers of a tile's plate: rank (degree + 1)^2.
   [[nodiscard]] int n_plate() const {
     return plate_rank * (plate_degree + 1) * (plate_degree + 1);
   }
+};
+
+/// Bounds ||sum_i l_i P_i|| for pictures of norms p_i, channel by channel: over the blocks of
+/// kGramBlock neighbours in the order of coefficients the sum of
+///     sqrt(sum_j (v_j . x)^2 + share ||x||^2) + rest sum_i |l_i|,   x_i = p_i l_i.
+/// Method: docs/numerics/relight.md, "The coding error's bound".
+struct PictureBound {
+  int n_vectors = 0;
+  std::vector<float> shares;  ///< (channels, blocks); empty: no bound is stored
+  std::vector<float> rests;   ///< (channels, blocks)
+  std::vector<float>
+      vectors;  ///< (channels, n_vectors, n_lights), in the order of coefficients
+  [[nodiscard]] bool is_empty() const noexcept { return shares.empty(); }
 };
 
 /// Tables over lights and coefficients, rounded upwards to float where they bound something.
@@ -99,6 +136,11 @@ struct BasisTables {
       coefficient_errors;           ///< (channels, n_lights): of decoded - true coefficients
   std::vector<float> light_norms;   ///< (channels, n_lights): ||T_k||
   std::vector<float> light_errors;  ///< (channels, n_lights): ||decoded_k - T_k||
+  PictureBound coded_bound;         ///< of decoded - true coefficients; of quantised files
+  PictureBound term_bound;          ///< of the stored residual; where that has few coefficients
+  /// (channels, n_lights): values that were clipped, and their norm as they stand; empty: none
+  std::vector<float> clipped_counts;
+  std::vector<float> clipped_norms;
 };
 
 /// The order in which coefficients are stored: order[i] is a light-domain index (row * n + col
@@ -165,6 +207,7 @@ class BasisFile {
  private:
   BasisFile() = default;
   void parse();
+  void read_sections();
   /// (pixels, n_lights)
   [[nodiscard]] std::vector<float> decode_integers_of(int i_tile, int channel) const;
   [[nodiscard]] const BlockEntry& entry(int i_tile, int channel, int block) const;
@@ -215,6 +258,8 @@ class BasisWriter {
 
  private:
   void append_block(const PackedTile::Block& block);
+  void append_section(const std::string& name, std::span<const float> values,
+                      BasisHeader& header);
 
   PendingFile file_;
   std::vector<BlockEntry> index_;

@@ -1,7 +1,9 @@
 #include "relight/basis/basis_header.h"
 
+#include <charconv>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -20,7 +22,6 @@ using nlohmann::json;
 constexpr int kMaxSide = 1 << 16;
 constexpr int kMaxLights = 1 << 16;
 constexpr int kMaxChannels = 16;
-constexpr int kMaxRank = 64;
 
 json from_number(double v) { return std::isfinite(v) ? json(v) : json(nullptr); }
 
@@ -74,6 +75,14 @@ class Fields {
           where_);
     }
     return value.get<double>();
+  }
+
+  [[nodiscard]] std::uint64_t whole(const char* key) const {
+    const json& value = at(key);
+    if (!value.is_number_unsigned()) {
+      throw_bad(fmt::format("header field '{}{}' is not a whole number", prefix_, key), where_);
+    }
+    return value.get<std::uint64_t>();
   }
 
   [[nodiscard]] std::string text(const char* key) const {
@@ -150,6 +159,42 @@ void read_units(BasisHeader& header, const json& list, const std::string& where)
     }
     header.units.push_back(unit);
   }
+}
+
+std::vector<BasisSection> sections_from_json(const json& list, const std::string& where) {
+  std::vector<BasisSection> sections;
+  if (!list.is_array()) {
+    throw_bad("header field 'sections' is not a list", where);
+  }
+  for (const json& item : list) {
+    const Fields fields(item, "sections[].", where);
+    BasisSection section;
+    section.name = fields.text("name");
+    section.offset = fields.whole("offset");
+    section.bytes = fields.whole("bytes");
+    section.n_values = fields.whole("values");
+    const std::string digits = fields.text("checksum");
+    const char* end = digits.data() + digits.size();
+    const auto read = std::from_chars(digits.data(), end, section.checksum, 16);
+    if (read.ec != std::errc() || read.ptr != end) {
+      throw_bad(fmt::format("the checksum '{}' of section '{}' is no hexadecimal number",
+                            digits, section.name),
+                where);
+    }
+    sections.push_back(std::move(section));
+  }
+  return sections;
+}
+
+std::optional<ClippedValues> clipped_from_json(const Fields& fields, const StackDims& dims,
+                                               const std::string& where) {
+  ClippedValues clipped;
+  clipped.n_values = fields.number("values");
+  clipped.least_norm = fields.number("least_norm");
+  if (!(clipped.share(dims) <= 1.0) || !(clipped.least_norm <= 1.0 + 1e-6)) {
+    throw_bad("more values are clipped than there are", where);
+  }
+  return clipped;
 }
 
 void check_basis(const BasisHeader& header, const std::string& where) {
@@ -242,6 +287,19 @@ std::string basis_header_to_json(const BasisHeader& header) {
   if (!header.source_root.empty()) {
     root["source"]["root"] = header.source_root;
   }
+  if (header.clipped) {
+    root["clipped"] = {{"values", header.clipped->n_values},
+                       {"least_norm", header.clipped->least_norm}};
+  }
+  json sections = json::array();
+  for (const BasisSection& section : header.sections) {
+    sections.push_back({{"name", section.name},
+                        {"offset", section.offset},
+                        {"bytes", section.bytes},
+                        {"values", section.n_values},
+                        {"checksum", fmt::format("{:016x}", section.checksum)}});
+  }
+  root["sections"] = std::move(sections);
   return root.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
@@ -282,7 +340,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   const Fields plate = top.object("plate");
   header.plate = plate.text("kind");
   header.plate_source = plate.text("source");
-  header.plate_rank = plate.integer("rank", 0, kMaxRank);
+  header.plate_rank = plate.integer("rank", 0, kMaxPlateRank);
   header.plate_degree = plate.integer("degree", 0, kMaxPlateDegree);
   header.gain_step = plate.number("gain_step");
   read_groups(header, top.at("group_ends"), where);
@@ -302,6 +360,12 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.source_hash = source.text("hash");
   if (source.has("root")) {  // a computed plate's and an older session's has none
     header.source_root = source.text("root");
+  }
+  if (top.has("clipped")) {
+    header.clipped = clipped_from_json(top.object("clipped"), header.dims, where);
+  }
+  if (top.has("sections")) {  // not in version 2
+    header.sections = sections_from_json(top.at("sections"), where);
   }
   check_basis(header, where);
   return header;

@@ -5,8 +5,10 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <iterator>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -14,6 +16,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "relight/basis/error_gram.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/tile_coder.h"
 #include "relight/basis/tile_plate.h"
@@ -26,7 +29,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kRecipe =
-    "compress 2";                    // part of the pieces' key: bump when bytes change
+    "compress 3";                    // part of the pieces' key: bump when bytes change
 constexpr double kDarkFloor = 0.01;  // pixels below 1 % of the rms norm are judged against that
 constexpr double kPlateShare = 0.25;  // plate: rms that vectors and polynomials may miss, each
                                       // as a share of the target
@@ -38,6 +41,14 @@ constexpr double kStepMargin = 0.997;
 constexpr double kSampledMargin = 0.985;
 constexpr std::size_t kSmallPicture = std::size_t{1} << 18U;  // pixels: all rows are sampled
 constexpr int kMaxAttempts = 6;
+// Of the bound on the coding error: vectors a block, and the share of the file they may take at
+// about 1.5 bytes a number.
+constexpr int kLightsPerVector = 32;
+constexpr double kVectorShare = 0.125;
+constexpr double kVectorBytes = 1.5;
+// Products of a pixel's coefficients grow with their square: above it files keep the triangle
+// inequality for dropped terms.
+constexpr double kMostProductTerms = 32.0;
 constexpr int kTile = 32;
 constexpr std::size_t kMaxBatch = 64;
 
@@ -195,6 +206,12 @@ class Compressor {
   void code();
   void code_tile_rows(int from, int to, Progress& progress);
   [[nodiscard]] TileSums sum_tile_rows();
+  [[nodiscard]] std::vector<double> sum_products(std::size_t begin, double unit) const;
+  /// A bound of the products, in the stack's units; `rests` a channel.
+  [[nodiscard]] PictureBound bound_pictures(std::span<const double> products,
+                                            std::span<const float> norms,
+                                            std::span<const double> rests,
+                                            double block_bytes) const;
   void report(const TileSums& sums);
   void write(const TileSums& sums);
 
@@ -270,7 +287,10 @@ void Compressor::load(int y0, int y1) {
 /// A tile in work: its values, the kept coefficients at 12 bytes each and their packed copies.
 std::size_t Compressor::tiles_at_once() const {
   const std::uint64_t values = std::uint64_t{kTile} * kTile * count(dims().n_lights);
-  const std::uint64_t tile_bytes = values * (4 * count(dims().channels) + 32);
+  const std::uint64_t products = gram_size(dims().n_lights) * count(dims().channels);
+  const std::uint64_t tile_bytes = values * (4 * count(dims().channels) + 34) +
+                                   products * (2 * sizeof(float)) +
+                                   gram_size(dims().n_lights) * sizeof(double);
   if (tile_bytes > options_.memory_bytes) {
     throw Error(fmt::format("one tile needs {} bytes of memory, the budget is {}", tile_bytes,
                             options_.memory_bytes),
@@ -378,17 +398,21 @@ void Compressor::choose_steps(const StackSample& sample) {
   // |<basis vector, T_p>| <= peak * sqrt(n_lights).
   header.step = sample.residuals.choose_step(margin * margin * allowed * allowed,
                                              sample.peak * std::sqrt(double(dims().n_lights)));
+  coding_.has_term_products =
+      sample.residuals.n_kept(header.step) <= kMostProductTerms * sample.n_rows;
 }
 
 /// What a coded tile row depends on beside the job.
 std::string Compressor::step_key() const {
-  return fmt::format("{} {:x} {:x} {:x}", to_string(coding_.header.coding),
+  return fmt::format("{} {} {:x} {:x} {:x}", to_string(coding_.header.coding),
+                     coding_.has_term_products,
                      std::bit_cast<std::uint64_t>(coding_.header.step),
                      std::bit_cast<std::uint64_t>(coding_.header.gain_step),
                      std::bit_cast<std::uint64_t>(coding_.header.dark_norm));
 }
 
 std::string blocks_name(int tile_row) { return fmt::format("blocks-{:05}", tile_row); }
+std::string products_name(int tile_row) { return fmt::format("products-{:05}", tile_row); }
 std::string sums_name(int tile_row) { return fmt::format("sums-{:05}", tile_row); }
 
 void Compressor::code() {
@@ -404,7 +428,8 @@ void Compressor::code() {
     for (int r = from; r < to; ++r) {
       if (!is_own(r)) {
         progress.advance();
-      } else if (work_.read_numbers(sums_name(r), key) && work_.read(blocks_name(r), key)) {
+      } else if (work_.read_numbers(sums_name(r), key) && work_.read(blocks_name(r), key) &&
+                 (is_lossless || work_.read(products_name(r), key))) {
         ++summary_.n_rows_found;
         progress.advance();
       } else {
@@ -424,6 +449,17 @@ void Compressor::code() {
   options_.rank.wait_for_all();
 }
 
+void add_products(const CodedTile& tile, std::vector<double>& sums) {
+  sums.resize(tile.error_products.size() + tile.term_products.size());
+  std::size_t at = 0;
+  for (const std::int32_t product : tile.error_products) {
+    sums[at++] += product;
+  }
+  for (const float product : tile.term_products) {
+    sums[at++] += double{product};
+  }
+}
+
 /// Tile rows [from, to): loaded together, coded tile by tile in parallel, kept one by one.
 void Compressor::code_tile_rows(int from, int to, Progress& progress) {
   const int y1 = std::min(dims().height, to * kTile);
@@ -435,6 +471,7 @@ void Compressor::code_tile_rows(int from, int to, Progress& progress) {
   std::vector<CodedTile> coded(batch);
   std::vector<PackedTile> channels;
   TileSums sums(dims());
+  std::vector<double> products;  // of errors, then of terms
   for (std::size_t begin = 0; begin < n_tiles; begin += batch) {
     const std::size_t size = std::min(batch, n_tiles - begin);
     parallel_for(size, 1, [&](std::size_t first, std::size_t last) {
@@ -444,17 +481,23 @@ void Compressor::code_tile_rows(int from, int to, Progress& progress) {
         const int y0 = (from + static_cast<int>(t / tiles_x)) * kTile;
         const TileRect rect{x0, y0, std::min(kTile, dims().width - x0),
                             std::min(kTile, dims().height - y0)};
-        coded[i] = code_tile(coding_, rect, read(rect));
+        coded[i] = code_tile(coding_, rect, read(rect), source_.stack->clipped_in(rect));
       }
     });
     for (std::size_t i = 0; i < size; ++i) {
       sums.add(coded[i].sums);
+      add_products(coded[i], products);
       std::move(coded[i].channels.begin(), coded[i].channels.end(),
                 std::back_inserter(channels));
       coded[i] = {};
       if ((begin + i + 1) % tiles_x == 0) {
         const int tile_row = from + static_cast<int>((begin + i) / tiles_x);
         work_.write(blocks_name(tile_row), pack_pieces(channels), key);
+        if (!products.empty()) {
+          const std::vector<float> rounded(products.begin(), products.end());
+          work_.write(products_name(tile_row), std::as_bytes(std::span(rounded)), key);
+          std::fill(products.begin(), products.end(), 0.0);
+        }
         work_.write_numbers(sums_name(tile_row), sums.to_numbers(), key);  // last: says "whole"
         channels.clear();
         sums = TileSums(dims());
@@ -478,6 +521,62 @@ TileSums Compressor::sum_tile_rows() {
   return sums;
 }
 
+/// Products of all rows of tiles, (channels, gram_size); a row's are floats, off by 2^-24 of
+/// the norms at most.
+std::vector<double> Compressor::sum_products(std::size_t begin, double unit) const {
+  std::vector<double> products(count(dims().channels) * gram_size(dims().n_lights));
+  for (int r = 0; r < n_tile_rows(); ++r) {
+    const auto piece = work_.read(products_name(r), step_key());
+    HAARLIGHT_EXPECTS(piece && piece->size() >= (begin + products.size()) * sizeof(float),
+                      "a tile row that was just coded");
+    const std::byte* from = piece->data() + begin * sizeof(float);
+    for (std::size_t i = 0; i < products.size(); ++i) {
+      float product = 0.0F;
+      std::memcpy(&product, from + i * sizeof(float), sizeof(float));
+      products[i] += unit * double{product};
+    }
+  }
+  return products;
+}
+
+PictureBound Compressor::bound_pictures(std::span<const double> products,
+                                        std::span<const float> all_norms,
+                                        std::span<const double> rests,
+                                        double block_bytes) const {
+  PictureBound bound;
+  const int n_lights = dims().n_lights;
+  const double room = kVectorShare * block_bytes / kVectorBytes;
+  const int fit = static_cast<int>(room / (double(dims().channels) * n_lights));
+  bound.n_vectors = std::clamp(std::min(n_lights, kGramBlock) / kLightsPerVector, 0, fit);
+  const std::vector<int> order = coefficient_order(coding_.header);
+  bound.vectors.resize(count(dims().channels) * count(bound.n_vectors) * count(n_lights));
+  std::size_t from = 0;
+  for (int c = 0; c < dims().channels; ++c) {
+    for (int begin = 0; begin < n_lights; begin += kGramBlock) {
+      const std::size_t n = count(std::min(kGramBlock, n_lights - begin));
+      std::vector<float> norms(n);
+      for (std::size_t i = 0; i < n; ++i) {
+        norms[i] = all_norms[count(c) * count(n_lights) + count(order[count(begin) + i])];
+      }
+      const std::size_t n_products = n * (n + 1) / 2;
+      const ProductBound part =
+          fit_product_bound(products.subspan(from, n_products), norms,
+                            std::min(bound.n_vectors, static_cast<int>(n)));
+      from += n_products;
+      bound.shares.push_back(part.share);
+      bound.rests.push_back(static_cast<float>(round_up(rests[count(c)])));
+      for (std::size_t j = 0; j * n < part.vectors.size(); ++j) {
+        std::copy_n(
+            part.vectors.begin() + static_cast<std::ptrdiff_t>(j * n), n,
+            bound.vectors.begin() +
+                static_cast<std::ptrdiff_t>(
+                    (count(c) * count(bound.n_vectors) + j) * count(n_lights) + count(begin)));
+      }
+    }
+  }
+  return bound;
+}
+
 void Compressor::report(const TileSums& sums) {
   BasisHeader& header = coding_.header;
   double energy = 0.0;
@@ -491,6 +590,14 @@ void Compressor::report(const TileSums& sums) {
   header.reached.relative_l2 = energy > 0.0 ? std::sqrt(error / energy) : 0.0;
   header.reached.worst_pixel = sums.worst_pixel;
   header.reached.worst_value = sums.peak > 0.0 ? sums.worst_value / sums.peak : 0.0;
+  if (source_.stack->tells_clipped()) {
+    ClippedValues clipped;
+    clipped.n_values = std::accumulate(sums.clipped.begin(), sums.clipped.end(), 0.0);
+    const double least =
+        std::accumulate(sums.clipped_energy.begin(), sums.clipped_energy.end(), 0.0);
+    clipped.least_norm = energy > 0.0 ? std::sqrt(least / energy) : 0.0;
+    header.clipped = clipped;
+  }
   header.mean_coefficients =
       sums.n_coefficients / (double(dims().channels) * double(dims().n_pixels()));
   summary_.header = header;
@@ -512,8 +619,13 @@ void Compressor::write(const TileSums& sums) {
     tables.coefficient_errors = root_round_up(sums.coefficient_error);
     tables.light_norms = root_round_up(sums.light_energy);
     tables.light_errors = root_round_up(sums.light_error);
+    if (coding_.header.clipped && coding_.header.clipped->n_values > 0.0) {
+      tables.clipped_counts.assign(sums.clipped.begin(), sums.clipped.end());
+      tables.clipped_norms = root_round_up(sums.clipped_energy);
+    }
     const fs::path whole = work_.path("whole.hlb");
     BasisWriter writer(whole);
+    double block_bytes = 0.0;
     for (int r = 0; r < n_tile_rows(); ++r) {
       const std::optional<std::vector<std::byte>> blocks =
           work_.read(blocks_name(r), step_key());
@@ -521,6 +633,22 @@ void Compressor::write(const TileSums& sums) {
       for (const PackedTile& channel :
            unpack_pieces(*blocks, coding_.header.group_ends.size())) {
         writer.append(channel);
+      }
+      block_bytes += static_cast<double>(blocks->size());
+    }
+    if (coding_.header.coding == BasisCoding::quantised) {
+      const double unit = gram_scale(coding_.header) * gram_scale(coding_.header);
+      std::vector<double> rests = sums.gram_rests;
+      for (double& rest : rests) {
+        rest *= std::sqrt(double(dims().n_pixels()));
+      }
+      tables.coded_bound =
+          bound_pictures(sum_products(0, unit), tables.coefficient_errors, rests, block_bytes);
+      if (coding_.has_term_products) {
+        std::fill(rests.begin(), rests.end(), 0.0);
+        const std::size_t behind = count(dims().channels) * gram_size(dims().n_lights);
+        tables.term_bound = bound_pictures(sum_products(behind, 1.0), tables.coefficient_norms,
+                                           rests, block_bytes);
       }
     }
     summary_.bytes = writer.finish(coding_.header, tables);

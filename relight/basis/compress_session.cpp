@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/integer_coding.h"
 #include "relight/basis/plate.h"
 #include "session/develop.h"
 #include "session/sensor_response.h"
@@ -44,36 +45,54 @@ class DevelopedRows final : public RowSource {
   }
   [[nodiscard]] int rows_at_once() const override { return developer_.shape().band_rows; }
   void finish() override { static_cast<void>(developer_.record()); }
+  [[nodiscard]] bool tells_clipped() const override { return true; }
 
   void load_rows(int y0, int y1) override {
     if (y0 >= y0_ && y1 <= y1_) {
       return;
     }
-    values_ = {};  // first, so that both are never held
-    values_ = developer_.rows(y0, y1).values;
+    rows_ = {};  // first, so that both are never held
+    rows_ = developer_.rows(y0, y1);
     y0_ = y0;
     y1_ = y1;
   }
 
   void read_tile(const TileRect& rect, std::span<float> out) const override {
+    cut(rows_.values, rect, out.data());
+  }
+
+  [[nodiscard]] std::vector<std::uint8_t> clipped_in(const TileRect& rect) const override {
+    if (rows_.clipped.empty()) {
+      return {};
+    }
+    const StackDims all = dims();
+    std::vector<std::uint8_t> out(static_cast<std::size_t>(rect.n_pixels()) *
+                                  static_cast<std::size_t>(all.channels) *
+                                  static_cast<std::size_t>(all.n_lights));
+    cut(rows_.clipped, rect, out.data());
+    return out;
+  }
+
+ private:
+  /// A tile of what the developed rows hold, one for each value.
+  template <class T>
+  void cut(const std::vector<T>& from, const TileRect& rect, T* to) const {
     HAARLIGHT_EXPECTS(rect.y0 >= y0_ && rect.y0 + rect.height <= y1_, "rows that are loaded");
     const StackDims all = dims();
     const auto n_lights = static_cast<std::size_t>(all.n_lights);
     const auto width = static_cast<std::size_t>(all.width);
     const std::size_t n = static_cast<std::size_t>(rect.width) * n_lights;
-    float* to = out.data();
     for (int c = 0; c < all.channels; ++c) {
       for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
         const std::size_t line = static_cast<std::size_t>(c * (y1_ - y0_) + y - y0_) * width +
                                  static_cast<std::size_t>(rect.x0);
-        to = std::copy_n(values_.data() + line * n_lights, n, to);
+        to = std::copy_n(from.data() + line * n_lights, n, to);
       }
     }
   }
 
- private:
   Developer developer_;
-  std::vector<float> values_;  ///< (channels, y1_ - y0_, width, n_lights)
+  Developer::Rows rows_;  ///< (channels, y1_ - y0_, width, n_lights)
   int y0_ = 0;
   int y1_ = 0;
 };
@@ -151,7 +170,7 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
         static_cast<int>((2 * std::int64_t{i} + 1) * height / (std::int64_t{2} * n_rows));
     const Developer::Rows rows = developer.rows(y, y + 1);
     for (std::size_t k = 0; k < rows.values.size(); ++k) {
-      const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped, of no known error
+      const double error = std::max(0.0F, rows.errors[k]);  // -1: clipped
       noise += error * error;
       energy += double{rows.values[k]} * double{rows.values[k]};
     }
@@ -160,10 +179,54 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
   return energy > 0.0 ? std::optional(std::sqrt(noise / energy)) : std::nullopt;
 }
 
+namespace {
+
+/// Where the floats are whole steps of the camera to the bit, those are the smaller way to keep
+/// them. Nothing where one of them is not.
+std::optional<CompressSummary> compress_whole_steps(const CompressSource& source,
+                                                    const std::filesystem::path& file,
+                                                    CompressOptions options) {
+  constexpr int kRows = 4;
+  const StackDims dims = source.stack->dims();
+  const auto n_lights = static_cast<std::size_t>(dims.n_lights);
+  std::vector<float> row(static_cast<std::size_t>(dims.width * dims.channels) * n_lights);
+  for (int i = 0; i < kRows; ++i) {
+    const int y =
+        static_cast<int>((2 * std::int64_t{i} + 1) * dims.height / (std::int64_t{2} * kRows));
+    source.rows->load_rows(y, y + 1);
+    source.stack->read_tile({0, y, dims.width, 1}, row);
+    for (std::size_t at = 0; at < row.size(); ++at) {
+      const double unit = source.units[at % n_lights];
+      const double whole = std::round(double{row[at]} / unit);
+      if (std::abs(whole) > kLargestInteger || static_cast<float>(whole * unit) != row[at]) {
+        return std::nullopt;
+      }
+    }
+  }
+  // Under another name until it is known that the other rows are exact, too.
+  std::filesystem::path whole = file;
+  whole += ".whole";
+  options.is_integer = true;
+  CompressSummary summary = compress_stack(source, whole, options);
+  const bool is_exact = summary.header.reached.worst_value == 0.0;
+  if (options.rank.i == 0) {
+    if (is_exact) {
+      std::filesystem::rename(whole, file);
+    } else {
+      std::filesystem::remove(whole);
+    }
+  }
+  options.rank.wait_for_all();
+  return is_exact ? std::optional(std::move(summary)) : std::nullopt;
+}
+
+}  // namespace
+
 CompressSummary compress_session(const Session& session, const PlateChoice& choice,
                                  const std::filesystem::path& file,
                                  const CompressOptions& options) {
   DevelopOptions develop_options;
+  develop_options.marks_clipped = true;
   develop_options.memory_bytes = options.memory_bytes / 2;
   develop_options.unknown_as = options.unknown_as;
   develop_options.plate = sharing_plate(session, choice);
@@ -194,6 +257,11 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   source.name = session.info().id.empty() ? session.folder().string() : session.info().id;
   source.hash = session.info().plan_hash;
   source.root = session.info().root;
+  if (rest.relative_l2 == 0.0 && !rest.is_integer && !source.units.empty()) {
+    if (std::optional<CompressSummary> whole = compress_whole_steps(source, file, rest)) {
+      return *std::move(whole);
+    }
+  }
   return compress_stack(source, file, rest);
 }
 

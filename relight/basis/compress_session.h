@@ -25,8 +25,9 @@ namespace haarlight {
 [[nodiscard]] PlatePixels sharing_plate(const Session& session, const PlateChoice& choice);
 
 /// ||noise|| / ||T|| of a session's stack: of its values' standard errors (session/develop.h),
-/// in up to 16 rows spread over the picture. Nothing where nobody measured the camera's noise
-/// (the rig file has none), or where the rows are black.
+/// in up to 16 rows spread over the picture. A value that is clipped in every exposure is the
+/// same each time and has no noise (what it lacks is ClippedValues'). Nothing where nobody
+/// measured the camera's noise (the rig file has none), or where the rows are black.
 /// @throws Error  as develop() does
 [[nodiscard]] std::optional<double> measure_noise(const Session& session,
                                                   const PlateChoice& choice,
@@ -37,6 +38,7 @@ namespace haarlight {
 /// "Noise").
 inline constexpr double kNoiseTarget = 1.1;
 
+/// options.relative_l2 = 0: as whole steps of the camera where that is exact to the bit.
 /// @throws Error  as develop() and compress_stack() do
 [[nodiscard]] CompressSummary compress_session(const Session& session, const PlateChoice& plate,
                                                const std::filesystem::path& file,

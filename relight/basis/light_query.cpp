@@ -10,6 +10,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "relight/basis/error_gram.h"
 #include "relight/basis/haar.h"
 
 namespace haarlight {
@@ -31,30 +32,44 @@ std::vector<double> light_coefficients(const BasisHeader& header, const Eigen::V
   return light;
 }
 
-/// In fixed pieces and eight sums a piece: the same bits on any number of threads.
-double norm_of(const Image<float>& picture) {
+/// Of each channel alone, in fixed pieces and eight sums a piece: the same bits on any number
+/// of threads.
+std::vector<double> channel_norms(const Image<float>& picture) {
   constexpr std::size_t kPiece = std::size_t{1} << 16U;
   constexpr std::size_t kLanes = 8;
   const std::span<const float> values = picture.pixels();
-  std::vector<double> energies((values.size() + kPiece - 1) / kPiece);
+  const std::size_t channels = count(picture.channels());
+  const std::size_t n_pixels = values.size() / channels;
+  const std::size_t n_pieces = (n_pixels + kPiece - 1) / kPiece;
+  std::vector<double> energies(n_pieces * channels);
   parallel_for(energies.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t piece = begin; piece < end; ++piece) {
-      const std::size_t size = std::min(kPiece, values.size() - piece * kPiece);
-      const float* from = values.data() + piece * kPiece;
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t piece = i / channels;
+      const std::size_t size = std::min(kPiece, n_pixels - piece * kPiece);
+      const float* from = values.data() + piece * kPiece * channels + i % channels;
       std::array<double, kLanes> sums{};
-      std::size_t i = 0;
-      for (; i + kLanes <= size; i += kLanes) {
-        for (std::size_t k = 0; k < kLanes; ++k) {
-          sums[k] += double{from[i + k]} * double{from[i + k]};
-        }
+      for (std::size_t p = 0; p < size; ++p) {
+        const double value = from[p * channels];
+        sums[p % kLanes] += value * value;
       }
-      for (; i < size; ++i) {
-        sums[0] += double{from[i]} * double{from[i]};
-      }
-      energies[piece] = std::accumulate(sums.begin(), sums.end(), 0.0);
+      energies[i] = std::accumulate(sums.begin(), sums.end(), 0.0);
     }
   });
-  return std::sqrt(std::accumulate(energies.begin(), energies.end(), 0.0));
+  std::vector<double> norms(channels);
+  for (std::size_t i = 0; i < energies.size(); ++i) {
+    norms[i % channels] += energies[i];
+  }
+  std::transform(norms.begin(), norms.end(), norms.begin(),
+                 [](double energy) { return std::sqrt(energy); });
+  return norms;
+}
+
+double norm_of(std::span<const double> parts) {
+  double energy = 0.0;
+  for (const double part : parts) {
+    energy += part * part;
+  }
+  return std::sqrt(energy);
 }
 
 double error_of(const RelightBound& bound) {
@@ -109,7 +124,10 @@ std::vector<RelitPicture> relight_within(
 LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
                            const std::string& name, std::span<const LightWeights> weights,
                            TailBound tail_bound)
-    : header_(header), tables_(tables), tail_bound_(std::move(tail_bound)) {
+    : header_(header),
+      tables_(tables),
+      tail_bound_(std::move(tail_bound)),
+      order_(coefficient_order(header)) {
   for (std::size_t e = 0; e < weights.size(); ++e) {
     const LightWeights& w = weights[e];
     if (w.rows() != header.dims.n_lights) {
@@ -144,6 +162,7 @@ LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
         query.plate.push_back(header.gain_step * product);
       }
       query.coded = coded_bound(query, column);
+      count_clipped(column, query);
       query.terms_all = static_cast<int>(rank_terms(query, TermOrder::transport).size());
       query.terms = query.terms_all;
       all_.push_back(std::move(query));
@@ -153,8 +172,60 @@ LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
   rankings_.resize(all_.size());
 }
 
-/// The smallest of three bounds on ||sum_k w_k E_k||, E the error of the coded stack: triangle
-/// inequality over coefficients, over lights, and Cauchy-Schwarz.
+double picture_bound(const PictureBound& bound, std::span<const float> norms,
+                     std::span<const double> light, std::span<const int> order, int channel) {
+  constexpr double kRounding = 1e-9;  // of these sums: 2^-53 times some thousand
+  const std::size_t n_lights = light.size();
+  const std::size_t n_vectors = count(bound.n_vectors);
+  const int n_blocks = n_gram_blocks(static_cast<int>(n_lights));
+  double sum = 0.0;
+  for (int b = 0; b < n_blocks; ++b) {
+    const std::size_t begin = count(b) * count(kGramBlock);
+    const std::size_t end = std::min(n_lights, begin + count(kGramBlock));
+    std::vector<double> x(end - begin);
+    double energy = 0.0;
+    double size = 0.0;
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t k = count(order[i]);
+      x[i - begin] = double{norms[k]} * light[k];
+      energy += x[i - begin] * x[i - begin];
+      size += std::abs(light[k]);
+    }
+    const std::size_t block = count(channel) * count(n_blocks) + count(b);
+    double square = double{bound.shares[block]} * energy;
+    for (std::size_t j = 0; j < n_vectors; ++j) {
+      const float* v =
+          bound.vectors.data() + (count(channel) * n_vectors + j) * n_lights + begin;
+      double product = 0.0;
+      for (std::size_t i = 0; i < x.size(); ++i) {
+        product += double{v[i]} * x[i];
+      }
+      square += product * product;
+    }
+    sum += std::sqrt(square) + double{bound.rests[block]} * size;
+  }
+  return sum * (1.0 + kRounding);
+}
+
+/// What of the light in use was clipped.
+void LightQueries::count_clipped(const Eigen::VectorXd& w, LightQuery& query) const {
+  const std::size_t start = count(query.channel) * query.given.size();
+  const auto n_pixels = static_cast<double>(header_.dims.n_pixels());
+  for (std::size_t k = 0; k < query.given.size(); ++k) {
+    const double drive = std::abs(w[static_cast<Eigen::Index>(k)]);
+    if (drive > 0.0) {
+      query.lit_count += n_pixels;
+      if (!tables_.clipped_counts.empty()) {
+        query.clipped_count += double{tables_.clipped_counts[start + k]};
+        query.clipped += drive * double{tables_.clipped_norms[start + k]};
+      }
+    }
+  }
+}
+
+/// The smallest of the bounds on ||sum_k w_k E_k||, E the error of the coded stack: triangle
+/// inequality over coefficients, over lights, Cauchy-Schwarz, and what the file holds on how
+/// the errors go together.
 double LightQueries::coded_bound(const LightQuery& query, const Eigen::VectorXd& w) const {
   const std::size_t start = count(query.channel) * query.light.size();
   double by_coefficient = 0.0;
@@ -166,7 +237,15 @@ double LightQueries::coded_bound(const LightQuery& query, const Eigen::VectorXd&
     by_light += std::abs(w[static_cast<Eigen::Index>(i)]) * light_error;
     energy += light_error * light_error;
   }
-  return std::min({by_coefficient, by_light, std::sqrt(energy) * w.norm()});
+  double least = std::min({by_coefficient, by_light, std::sqrt(energy) * w.norm()});
+  if (!tables_.coded_bound.is_empty()) {
+    least = std::min(
+        least,
+        picture_bound(tables_.coded_bound,
+                      std::span(tables_.coefficient_errors).subspan(start, query.light.size()),
+                      query.light, order_, query.channel));
+  }
+  return least;
 }
 
 /// What a term adds to the picture at most: |l_i| ||C_i||.
@@ -191,6 +270,39 @@ std::vector<int> LightQueries::rank_terms(const LightQuery& query, TermOrder ord
   return terms;
 }
 
+/// By what the file holds on how the terms' pictures go together; from the last term on.
+void LightQueries::sharpen_tails(const LightQuery& query, Ranking& ranking) const {
+  const PictureBound& bound = tables_.term_bound;
+  const std::size_t n_lights = query.light.size();
+  const std::size_t n_vectors = count(bound.n_vectors);
+  const std::size_t n_blocks = count(n_gram_blocks(static_cast<int>(n_lights)));
+  const float* vectors = bound.vectors.data() + count(query.channel) * n_vectors * n_lights;
+  const float* norms = tables_.coefficient_norms.data() + count(query.channel) * n_lights;
+  std::vector<int> places(n_lights);
+  for (std::size_t i = 0; i < n_lights; ++i) {
+    places[count(order_[i])] = static_cast<int>(i);
+  }
+  std::vector<double> products(n_blocks * n_vectors);
+  std::vector<double> energies(n_blocks);
+  std::vector<double> parts(n_blocks);
+  for (std::size_t r = ranking.terms.size(); r-- > 0;) {
+    const std::size_t k = count(ranking.terms[r]);
+    const std::size_t place = count(places[k]);
+    const std::size_t b = place / count(kGramBlock);
+    const double x = double{norms[k]} * query.light[k];
+    energies[b] += x * x;
+    double square = double{bound.shares[count(query.channel) * n_blocks + b]} * energies[b];
+    for (std::size_t j = 0; j < n_vectors; ++j) {
+      double& product = products[b * n_vectors + j];
+      product += double{vectors[j * n_lights + place]} * x;
+      square += product * product;
+    }
+    parts[b] = std::sqrt(square) * (1.0 + 1e-9);  // these sums' rounding
+    ranking.tails[r] =
+        std::min(ranking.tails[r], std::accumulate(parts.begin(), parts.end(), 0.0));
+  }
+}
+
 const LightQueries::Ranking& LightQueries::ranking(std::size_t q, TermOrder order) {
   std::optional<Ranking>& kept = rankings_[q];
   if (kept && kept->order == order) {
@@ -206,6 +318,8 @@ const LightQueries::Ranking& LightQueries::ranking(std::size_t q, TermOrder orde
     const std::vector<double> sharper = tail_bound_(query, ranking.terms);
     std::transform(sharper.begin(), sharper.end(), ranking.tails.begin(), ranking.tails.begin(),
                    [](double a, double b) { return std::min(a, b); });
+  } else if (!tables_.term_bound.is_empty()) {
+    sharpen_tails(query, ranking);
   }
   kept = std::move(ranking);
   return *kept;
@@ -273,6 +387,35 @@ double LightQueries::coded(std::size_t environment) const {
   return std::sqrt(square);
 }
 
+void LightQueries::state_clipped(std::size_t environment, RelightBound& bound) const {
+  if (!header_.clipped) {
+    return;
+  }
+  double square = 0.0;
+  double n_clipped = 0.0;
+  double n_lit = 0.0;
+  for (const LightQuery& query : all_) {
+    if (count(query.environment) == environment) {
+      square += query.clipped * query.clipped;
+      n_clipped += query.clipped_count;
+      n_lit += query.lit_count;
+    }
+  }
+  bound.clipped_share = n_lit > 0.0 ? n_clipped / n_lit : 0.0;
+  bound.clipped = std::sqrt(square);
+}
+
+void LightQueries::add_coded(std::size_t environment, double more, RelightBound& bound) const {
+  bound.coded += coded(environment) + more;
+  for (const LightQuery& query : all_) {
+    if (count(query.environment) == environment) {
+      bound.channels[count(query.out_channel)].error += query.coded + more;
+    }
+  }
+  state_clipped(environment, bound);
+  set_relative_bound(bound);
+}
+
 void LightQueries::finish(std::vector<RelitPicture>& pictures) const {
   std::vector<double> dropped(pictures.size());
   for (const LightQuery& query : queries_) {
@@ -285,18 +428,37 @@ void LightQueries::finish(std::vector<RelitPicture>& pictures) const {
     RelightBound& bound = pictures[e].bound;
     bound.dropped = std::sqrt(dropped[e]);
     bound.coded = coded(e);
-    bound.picture_norm = norm_of(pictures[e].picture);
+    state_clipped(e, bound);
+    const std::vector<double> norms = channel_norms(pictures[e].picture);
+    bound.picture_norm = norm_of(norms);
+    bound.channels.resize(norms.size());
+    for (const LightQuery& query : queries_) {
+      if (count(query.environment) == e) {
+        const std::size_t c = count(query.out_channel);
+        bound.channels[c] = {query.dropped + query.coded, norms[c], 0.0};
+      }
+    }
     set_relative_bound(bound);
   }
 }
 
+namespace {
+
+double relative_bound(double error, double picture_norm) {
+  if (!std::isfinite(picture_norm)) {  // brighter than floats can tell
+    return std::numeric_limits<double>::infinity();
+  }
+  const double truth = picture_norm - error;
+  const double share = truth > 0.0 ? error / truth : std::numeric_limits<double>::infinity();
+  return error > 0.0 ? share : 0.0;
+}
+
+}  // namespace
+
 void set_relative_bound(RelightBound& bound) {
-  const double error = error_of(bound);
-  const double truth = bound.picture_norm - error;
-  if (!std::isfinite(bound.picture_norm)) {  // brighter than floats can tell
-    bound.relative_l2 = std::numeric_limits<double>::infinity();
-  } else if (error > 0.0) {
-    bound.relative_l2 = truth > 0.0 ? error / truth : std::numeric_limits<double>::infinity();
+  bound.relative_l2 = relative_bound(error_of(bound), bound.picture_norm);
+  for (ChannelBound& channel : bound.channels) {
+    channel.relative_l2 = relative_bound(channel.error + bound.rounding, channel.picture_norm);
   }
 }
 

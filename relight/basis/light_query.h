@@ -25,6 +25,9 @@ struct LightQuery {
   std::vector<double> plate;  ///< (rank): gain step * V_j . w
   double dropped = 0.0;
   double coded = 0.0;
+  double clipped = 0.0;        ///< sum |w_k| ||T_k, clipped||
+  double clipped_count = 0.0;  ///< values that were clipped, of the lights in use
+  double lit_count = 0.0;      ///< values of the lights in use
   int terms = 0;
   int terms_all = 0;
 };
@@ -53,6 +56,9 @@ class LightQueries {
   [[nodiscard]] std::size_t n_environments() const noexcept { return out_channels_.size(); }
   /// RelightBound::coded of one environment.
   [[nodiscard]] double coded(std::size_t environment) const;
+  /// To the bound of a picture of all lights that was summed elsewhere: the file's own error
+  /// and `more`, and what was clipped.
+  void add_coded(std::size_t environment, double more, RelightBound& bound) const;
   /// Black pictures of the environments' shapes, in the memory of `reuse` where that fits: new
   /// pages cost as much as summing a sparse picture.
   [[nodiscard]] std::vector<RelitPicture> black_pictures(
@@ -71,20 +77,33 @@ class LightQueries {
 
   [[nodiscard]] double reach(const LightQuery& query, int i) const;
   [[nodiscard]] std::vector<int> rank_terms(const LightQuery& query, TermOrder order) const;
+  void sharpen_tails(const LightQuery& query, Ranking& ranking) const;
   /// Of all_[q]; kept until another order is asked for.
   [[nodiscard]] const Ranking& ranking(std::size_t q, TermOrder order);
   [[nodiscard]] double coded_bound(const LightQuery& query, const Eigen::VectorXd& w) const;
+  void state_clipped(std::size_t environment, RelightBound& bound) const;
+  void count_clipped(const Eigen::VectorXd& w, LightQuery& query) const;
 
   const BasisHeader& header_;
   const BasisTables& tables_;
   TailBound tail_bound_;
+  std::vector<int> order_;  ///< coefficient_order()
   std::vector<int> out_channels_;
   std::vector<LightQuery> all_;                   ///< every term
   std::vector<LightQuery> queries_;               ///< with the terms kept
   std::vector<std::optional<Ranking>> rankings_;  ///< of all_
 };
 
-/// RelightBound::relative_l2 from the others.
+/// ||sum_i l_i P_i|| at most, by a bound that a file holds.
+/// @param norms    (n_lights) of one channel, by light-domain index: p_i >= ||P_i||
+/// @param light    (n_lights): l_i, by light-domain index
+/// @param order    coefficient_order()
+/// @param channel  of the file
+[[nodiscard]] double picture_bound(const PictureBound& bound, std::span<const float> norms,
+                                   std::span<const double> light, std::span<const int> order,
+                                   int channel);
+
+/// RelightBound::relative_l2 from the others, and that of each channel.
 void set_relative_bound(RelightBound& bound);
 
 /// Runs `sum` (which sums the terms kept now and calls finish()) as the options ask: once, or,

@@ -1,8 +1,11 @@
 #include "relight/basis/plate.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <numbers>
+#include <numeric>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
@@ -83,6 +86,46 @@ MatrixXd orthonormal_columns(const MatrixXd& m) {
   return qr.householderQ() * MatrixXd::Identity(m.rows(), m.cols());
 }
 
+// Several sums side by side: one waits for each addition before it.
+constexpr std::size_t kLanes = 8;
+
+float largest_of(std::span<const float> values) {
+  std::array<float, kLanes> each{};
+  each.fill(values.front());
+  std::size_t k = 0;
+  for (; k + kLanes <= values.size(); k += kLanes) {
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      each[i] = each[i] < values[k + i] ? values[k + i] : each[i];
+    }
+  }
+  for (; k < values.size(); ++k) {
+    each[0] = std::max(each[0], values[k]);
+  }
+  return *std::max_element(each.begin(), each.end());
+}
+
+/// ||t - gain b|| < ||t||.
+bool lowers_energy(std::span<const float> t, std::span<const float> b, float gain) {
+  std::array<double, kLanes> energy{};
+  std::array<double, kLanes> residual{};
+  const auto add = [&](std::size_t lane, std::size_t k) {
+    const float rest = t[k] - gain * b[k];
+    energy[lane] += double{t[k]} * double{t[k]};
+    residual[lane] += double{rest} * double{rest};
+  };
+  std::size_t k = 0;
+  for (; k + kLanes <= t.size(); k += kLanes) {
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      add(i, k + i);
+    }
+  }
+  for (; k < t.size(); ++k) {
+    add(0, k);
+  }
+  return std::accumulate(residual.begin(), residual.end(), 0.0) <
+         std::accumulate(energy.begin(), energy.end(), 0.0);
+}
+
 }  // namespace
 
 ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
@@ -94,6 +137,14 @@ ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
   camera_ = rig.cameras[count(i_camera)].model;
   plane_ = rig.planes[count(i_plane)];
   squares_ = rig_lights(rig);
+  if (lights_off_plane(rig, plane_).size() == squares_.size()) {
+    throw Error(fmt::format("no light reaches the plane \"{}\": all lie in or behind it, or "
+                            "shine away from it",
+                            plane_.id),
+                rig.file.empty() ? rig.name : rig.file.string(),
+                "correct centre and emits of the faces, or n and d of the plane; or use "
+                "--plate none");
+  }
 }
 
 StackDims ComputedPlate::dims() const {
@@ -128,28 +179,23 @@ void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const 
 float plate_gain(std::span<const float> t, std::span<const float> b,
                  std::vector<float>& scratch) {
   HAARLIGHT_EXPECTS(t.size() == b.size(), "one plate value a light");
-  const float largest = *std::max_element(b.begin(), b.end());
+  const float largest = largest_of(b);
   if (!(largest > 0.0F)) {
     return 0.0F;
   }
   const auto dark = static_cast<float>(kDarkLight * double{largest});
-  scratch.clear();
-  for (std::size_t k = 0; k < t.size(); ++k) {
-    if (b[k] > dark) {
-      scratch.push_back(t[k] / b[k]);
-    }
+  scratch.resize(t.size());
+  std::transform(t.begin(), t.end(), b.begin(), scratch.begin(), std::divides<>());
+  std::size_t n_lit = 0;
+  for (std::size_t k = 0; k < t.size(); ++k) {  // without a branch that is guessed wrong
+    scratch[n_lit] = scratch[k];
+    n_lit += b[k] > dark ? 1U : 0U;
   }
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
-  std::nth_element(scratch.begin(), middle, scratch.end());
+  const auto end = scratch.begin() + static_cast<std::ptrdiff_t>(n_lit);
+  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(n_lit / 2);
+  std::nth_element(scratch.begin(), middle, end);
   const float gain = *middle;
-  double energy = 0.0;
-  double residual = 0.0;
-  for (std::size_t k = 0; k < t.size(); ++k) {
-    const float rest = t[k] - gain * b[k];
-    energy += double{t[k]} * double{t[k]};
-    residual += double{rest} * double{rest};
-  }
-  return residual < energy ? gain : 0.0F;
+  return lowers_energy(t, b, gain) ? gain : 0.0F;
 }
 
 float plate_gain(std::span<const float> t, std::span<const float> b) {

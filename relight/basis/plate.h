@@ -21,7 +21,7 @@ namespace haarlight {
 /// does not see the plane is 0 under every light.
 class ComputedPlate final : public StackSource {
  public:
-  /// @throws Error  the rig has no camera or no such plane
+  /// @throws Error  the rig has no camera or no such plane, or no light reaches the plane
   ComputedPlate(const Rig& rig, int i_camera = 0, int i_plane = 0);
   [[nodiscard]] StackDims dims() const override;
   void read_tile(const TileRect& rect, std::span<float> out) const override;

@@ -525,8 +525,7 @@ std::vector<RelitPicture> PreparedBasis::relight_dense(std::span<const LightWeig
           : 0.0;
   std::vector<RelitPicture> pictures = dense_->relight(weights, run.code, std::move(run.reuse));
   for (std::size_t e = 0; e < pictures.size(); ++e) {
-    pictures[e].bound.coded += asked.coded(e) + decoded * weights[e].norm();
-    set_relative_bound(pictures[e].bound);
+    asked.add_coded(e, decoded * weights[e].norm(), pictures[e].bound);
   }
   return pictures;
 }

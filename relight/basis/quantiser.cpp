@@ -71,6 +71,16 @@ double MagnitudeHistogram::n_values() const {
   return std::accumulate(count_.begin(), count_.end(), 0.0);
 }
 
+double MagnitudeHistogram::n_kept(double step) const {
+  double n = 0.0;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (count_[i] > 0.0 && std::sqrt(energy_[i] / count_[i]) >= kDeadZone * step) {
+      n += count_[i];
+    }
+  }
+  return n;
+}
+
 std::vector<double> MagnitudeHistogram::to_numbers() const {
   std::vector<double> numbers;
   for (std::size_t i = 0; i < kBins; ++i) {

@@ -41,6 +41,8 @@ class MagnitudeHistogram {
   /// @param largest  no magnitude is above
   [[nodiscard]] double choose_step(double allowed, double largest) const;
   [[nodiscard]] double n_values() const;
+  /// How many a quantiser with this step keeps, to a bin.
+  [[nodiscard]] double n_kept(double step) const;
 
   /// The smallest magnitude that falls into a bin.
   [[nodiscard]] static double lower_edge(std::uint32_t bin);

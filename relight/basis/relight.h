@@ -34,7 +34,16 @@ struct RelightOptions {
   TermOrder order = TermOrder::transport;
 };
 
-/// Rigorous bounds, from the norms in the file; no truth is needed. Per picture.
+/// Of one channel of a picture.
+struct ChannelBound {
+  double error =
+      0.0;  ///< of its dropped terms and of the coding; RelightBound::rounding besides
+  double picture_norm = 0.0;
+  double relative_l2 = 0.0;  ///< as RelightBound::relative_l2
+};
+
+/// Rigorous bounds, from the norms in the file; no truth is needed. Per picture. They are
+/// against the stack that was compressed: what a clipped value lacks is in none but `clipped`.
 struct RelightBound {
   /// ||picture - exact picture of the basis file|| <= this: sum of the dropped |l_i| * ||T_i||.
   double dropped = 0.0;
@@ -46,6 +55,14 @@ struct RelightBound {
   /// e / (picture_norm - e) with e = dropped + coded + rounding; infinity when that is not
   /// positive and 0 for a picture without any light.
   double relative_l2 = 0.0;
+  std::vector<ChannelBound> channels;  ///< each channel alone
+  /// What the bounds above leave out: the share of the values under the lights in use that were
+  /// clipped in every exposure and so are lower bounds; none: the file does not tell.
+  std::optional<double> clipped_share;
+  /// Where no clipped value was truly brighter than 1 + f times what the file holds, the
+  /// picture of the light as it was is at most f * clipped further off: sum |w_k| ||T_k,
+  /// clipped||.
+  double clipped = 0.0;
 };
 
 struct RelitPicture {

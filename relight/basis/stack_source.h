@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -50,6 +51,14 @@ class StackSource {
   /// True where every pixel costs a computation and neighbours differ smoothly: few pixels are
   /// then asked for.
   [[nodiscard]] virtual bool is_closed_form() const { return false; }
+  /// True where the source knows which of its values were clipped.
+  [[nodiscard]] virtual bool tells_clipped() const { return false; }
+  /// In the order of read_tile: not 0 where a value was clipped in every exposure, so that it
+  /// is a lower bound. Empty: none of the tile's was, or nobody knows. Thread-safe.
+  [[nodiscard]] virtual std::vector<std::uint8_t> clipped_in(const TileRect& rect) const {
+    static_cast<void>(rect);
+    return {};
+  }
 };
 
 /// A stack that must be worked for row by row: frames still to be developed, or generated

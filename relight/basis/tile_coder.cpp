@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <functional>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "relight/basis/error_gram.h"
 #include "relight/basis/integer_coding.h"
 #include "relight/basis/tile_plate.h"
 
@@ -184,9 +187,27 @@ void add_squares(std::span<const float> t, double* energies, double& peak) {
   peak = double{largest};
 }
 
+/// One pixel's coefficients, in any order.
+void add_terms(std::span<const Kept> kept, double step, SparseProducts& products) {
+  std::vector<std::pair<int, double>> terms;
+  terms.reserve(kept.size());
+  for (const Kept& k : kept) {
+    terms.emplace_back(static_cast<int>(k.place), step * k.value);
+  }
+  std::sort(terms.begin(), terms.end());
+  std::vector<int> places;
+  std::vector<double> values;
+  for (const auto& [place, value] : terms) {
+    places.push_back(place);
+    values.push_back(value);
+  }
+  products.add(places, values);
+}
+
 template <class Real>
 PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int channel,
-                        std::span<const float> values, TileSums& sums) {
+                        std::span<const float> values, CodedTile& coded) {
+  TileSums& sums = coded.sums;
   const BasisHeader& header = coding.header;
   const std::size_t n_lights = count(header.dims.n_lights);
   const std::size_t n_pixels = count(rect.n_pixels());
@@ -203,6 +224,9 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
   double* light_error = sums.light_error.data() + count(channel) * n_lights;
   double* energies = sums.coefficient_energy.data() + count(channel) * n_lights;
   double* errors = sums.coefficient_error.data() + count(channel) * n_lights;
+  TileErrors whole_errors(places, n_pixels);
+  SparseProducts term_products(coding.has_term_products ? header.dims.n_lights : 0);
+  const double scale = gram_scale(header);
   for (std::size_t p = 0; p < n_pixels; ++p) {
     const std::span<const float> t = values.subspan(p * n_lights, n_lights);
     add_squares(t, light_energy, sums.peak);
@@ -240,15 +264,20 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
       error += double{rest} * double{rest};
       row[k] = rest;
     }
+    const std::size_t n_before = kept.size();
     for (std::size_t k = 0; k < n_lights; ++k) {
       if (quanta[k] != 0) {
         kept.push_back(
             {static_cast<std::uint32_t>(places[k]), static_cast<std::uint32_t>(p), quanta[k]});
       }
     }
+    if (coding.has_term_products) {
+      add_terms(std::span(kept).last(kept.size() - n_before), step, term_products);
+    }
     if (norm > 0.0) {
       sums.worst_pixel = std::max(sums.worst_pixel, std::sqrt(error) / norm);
     }
+    whole_errors.append(std::span<const Real>(row), 1.0 / scale);
     // The transform is linear: the coefficients' errors become the lights'.
     inverse_basis(header, std::span(row));
     Real worst = Real(0);
@@ -259,6 +288,15 @@ PackedTile code_channel(const TileCoding& coding, const TileRect& rect, int chan
     sums.worst_value = std::max(sums.worst_value, double{worst});
   }
   sums.n_coefficients += static_cast<double>(kept.size());
+  std::vector<std::int32_t> products = whole_errors.products();
+  if (coded.error_products.empty()) {
+    coded.error_products = std::move(products);
+  } else {
+    coded.error_products.insert(coded.error_products.end(), products.begin(), products.end());
+  }
+  coded.term_products.insert(coded.term_products.end(), term_products.products().begin(),
+                             term_products.products().end());
+  sums.gram_rests[count(channel)] = scale * whole_errors.largest_rest();
   PackedTile packed;
   packed.pixels.bytes = encode_pixels(pixels);
   packed.groups = pack_groups(kept, header, n_pixels);
@@ -411,13 +449,32 @@ void add(std::vector<double>& sum, const std::vector<double>& part) {
   std::transform(sum.begin(), sum.end(), part.begin(), sum.begin(), std::plus<>());
 }
 
+/// Counts the values that are lower bounds, and their least energy.
+void add_clipped(std::span<const float> values, std::span<const std::uint8_t> clipped,
+                 std::size_t n_lights, double* counts, double* energies) {
+  for (std::size_t from = 0; from < clipped.size(); from += n_lights) {
+    const std::span<const std::uint8_t> row = clipped.subspan(from, n_lights);
+    if (std::memchr(row.data(), 1, row.size()) == nullptr) {
+      continue;
+    }
+    for (std::size_t k = 0; k < n_lights; ++k) {
+      const double mark = row[k];
+      const double value = values[from + k];
+      counts[k] += mark;
+      energies[k] += mark * value * value;
+    }
+  }
+}
+
 }  // namespace
 
 TileSums::TileSums(const StackDims& dims) {
   const std::size_t n = count(dims.channels) * count(dims.n_lights);
-  for (auto* part : {&light_energy, &light_error, &coefficient_energy, &coefficient_error}) {
+  for (auto* part : {&light_energy, &light_error, &coefficient_energy, &coefficient_error,
+                     &clipped, &clipped_energy}) {
     part->assign(n, 0.0);
   }
+  gram_rests.assign(count(dims.channels), 0.0);
 }
 
 void TileSums::add(const TileSums& other) {
@@ -425,6 +482,10 @@ void TileSums::add(const TileSums& other) {
   haarlight::add(light_error, other.light_error);
   haarlight::add(coefficient_energy, other.coefficient_energy);
   haarlight::add(coefficient_error, other.coefficient_error);
+  haarlight::add(clipped, other.clipped);
+  haarlight::add(clipped_energy, other.clipped_energy);
+  std::transform(gram_rests.begin(), gram_rests.end(), other.gram_rests.begin(),
+                 gram_rests.begin(), [](double a, double b) { return std::max(a, b); });
   peak = std::max(peak, other.peak);
   worst_pixel = std::max(worst_pixel, other.worst_pixel);
   worst_value = std::max(worst_value, other.worst_value);
@@ -433,39 +494,52 @@ void TileSums::add(const TileSums& other) {
 
 std::vector<double> TileSums::to_numbers() const {
   std::vector<double> numbers = {peak, worst_pixel, worst_value, n_coefficients};
-  for (const auto* part :
-       {&light_energy, &light_error, &coefficient_energy, &coefficient_error}) {
+  for (const auto* part : {&light_energy, &light_error, &coefficient_energy, &coefficient_error,
+                           &clipped, &clipped_energy, &gram_rests}) {
     numbers.insert(numbers.end(), part->begin(), part->end());
   }
   return numbers;
 }
 
 bool TileSums::set_numbers(std::span<const double> numbers) {
-  const std::size_t n = light_energy.size();
-  if (numbers.size() != 4 + 4 * n) {
+  if (numbers.size() != to_numbers().size()) {
     return false;
   }
   peak = numbers[0];
   worst_pixel = numbers[1];
   worst_value = numbers[2];
   n_coefficients = numbers[3];
-  std::size_t from = 4;
-  for (auto* part : {&light_energy, &light_error, &coefficient_energy, &coefficient_error}) {
-    std::copy_n(numbers.begin() + static_cast<std::ptrdiff_t>(from), n, part->begin());
-    from += n;
+  auto from = numbers.begin() + 4;
+  for (auto* part : {&light_energy, &light_error, &coefficient_energy, &coefficient_error,
+                     &clipped, &clipped_energy, &gram_rests}) {
+    std::copy_n(from, part->size(), part->begin());
+    from += static_cast<std::ptrdiff_t>(part->size());
   }
   return true;
 }
 
+double gram_scale(const BasisHeader& header) {
+  // Floats may carry an error a little over the dead zone.
+  return 1.001 * header.dead_zone * header.step / kGramLargest;
+}
+
 CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
-                    std::span<const float> values) {
+                    std::span<const float> values, std::span<const std::uint8_t> clipped) {
   const BasisHeader& header = coding.header;
   const std::size_t per_channel = count(rect.n_pixels()) * count(header.dims.n_lights);
   HAARLIGHT_EXPECTS(values.size() == count(header.dims.channels) * per_channel,
                     "a tile's values");
+  HAARLIGHT_EXPECTS(clipped.empty() || clipped.size() == values.size(), "a mark a value");
   require_finite(coding, rect, values);
   CodedTile coded;
   coded.sums = TileSums(header.dims);
+  const std::size_t n_lights = count(header.dims.n_lights);
+  for (std::size_t c = 0; !clipped.empty() && c < count(header.dims.channels); ++c) {
+    add_clipped(values.subspan(c * per_channel, per_channel),
+                clipped.subspan(c * per_channel, per_channel), n_lights,
+                coded.sums.clipped.data() + c * n_lights,
+                coded.sums.clipped_energy.data() + c * n_lights);
+  }
   for (int c = 0; c < header.dims.channels; ++c) {
     const std::span<const float> t = values.subspan(count(c) * per_channel, per_channel);
     if (header.coding == BasisCoding::lossless) {
@@ -473,9 +547,9 @@ CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
     } else if (header.coding == BasisCoding::integers) {
       coded.channels.push_back(code_integers(coding, rect, c, t, coded.sums));
     } else if (is_float_enough(header)) {
-      coded.channels.push_back(code_channel<float>(coding, rect, c, t, coded.sums));
+      coded.channels.push_back(code_channel<float>(coding, rect, c, t, coded));
     } else {
-      coded.channels.push_back(code_channel<double>(coding, rect, c, t, coded.sums));
+      coded.channels.push_back(code_channel<double>(coding, rect, c, t, coded));
     }
   }
   return coded;

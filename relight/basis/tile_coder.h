@@ -25,6 +25,7 @@ struct TileCoding {
   PlateVectors vectors;  ///< rank 0: no plate
   const StackSource* plate = nullptr;
   double worst_pixel = std::numeric_limits<double>::infinity();
+  bool has_term_products = false;
   std::string source;  ///< named in errors
 };
 
@@ -34,9 +35,12 @@ struct TileSums {
   std::vector<double> light_error;         ///< of decoded_k - T_k
   std::vector<double> coefficient_energy;  ///< of the stored residual
   std::vector<double> coefficient_error;   ///< of decoded - true coefficients
-  double peak = 0.0;                       ///< largest |T|
-  double worst_pixel = 0.0;                ///< StackError::worst_pixel
-  double worst_value = 0.0;                ///< largest |decoded - T|
+  std::vector<double> clipped;             ///< values clipped in every exposure
+  std::vector<double> clipped_energy;      ///< of them: at least
+  std::vector<double> gram_rests;  ///< (channels): TileErrors::largest_rest(), as a value
+  double peak = 0.0;               ///< largest |T|
+  double worst_pixel = 0.0;        ///< StackError::worst_pixel
+  double worst_value = 0.0;        ///< largest |decoded - T|
   double n_coefficients = 0.0;
 
   TileSums() = default;
@@ -50,13 +54,24 @@ struct TileSums {
 struct CodedTile {
   std::vector<PackedTile> channels;
   TileSums sums;
+  /// (channels, gram_size(n_lights)) of a quantised file: products of the coefficients' errors
+  /// in units of gram_scale(header)^2.
+  std::vector<std::int32_t> error_products;
+  /// The same of the stored coefficients themselves, in the stack's units; empty unless
+  /// TileCoding::has_term_products.
+  std::vector<float> term_products;
 };
 
+/// What an error's whole step is for TileErrors: no error is larger than kGramLargest of them.
+[[nodiscard]] double gram_scale(const BasisHeader& header);
+
 /// Codes one tile. Values are float where the error asked for is 1e-4 or more, else double.
-/// @param values  (channels, rect.height, rect.width, n_lights)
+/// @param values   (channels, rect.height, rect.width, n_lights)
+/// @param clipped  the same: not 0 where a value is a lower bound; empty: none is
 /// @throws Error  NaN or infinity: names light and pixel
 [[nodiscard]] CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
-                                  std::span<const float> values);
+                                  std::span<const float> values,
+                                  std::span<const std::uint8_t> clipped = {});
 
 /// What the steps are chosen from: a part of the stack, before any step is known.
 struct StackSample {

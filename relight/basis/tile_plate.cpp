@@ -10,6 +10,7 @@
 
 #include "core/error.h"
 #include "core/random.h"
+#include "relight/basis/relight_kernels.h"
 
 namespace haarlight {
 
@@ -198,22 +199,71 @@ std::vector<float> fit_tile_plate(const StackSource& plate, int channel, const T
   return fit(directions(plate, channel, rect, places, vectors), places, rect, degree);
 }
 
+namespace {
+
+/// out = sum_j weights[j] vectors[j], a few numbers at a time: their sums stay in registers.
+template <class Real>
+[[gnu::always_inline]] inline void combine(std::span<const Real> weights, const float* vectors,
+                                           std::span<Real> out) {
+  constexpr std::size_t kLanes = 32 / sizeof(Real) * 4;
+  const std::size_t n = out.size();
+  std::size_t k = 0;
+  for (; k + kLanes <= n; k += kLanes) {
+    std::array<Real, kLanes> sums{};
+    for (std::size_t j = 0; j < weights.size(); ++j) {
+      const float* vector = vectors + j * n + k;
+      for (std::size_t i = 0; i < kLanes; ++i) {
+        sums[i] += weights[j] * static_cast<Real>(vector[i]);
+      }
+    }
+    std::copy(sums.begin(), sums.end(), out.begin() + static_cast<std::ptrdiff_t>(k));
+  }
+  for (; k < n; ++k) {
+    out[k] = Real(0);
+    for (std::size_t j = 0; j < weights.size(); ++j) {
+      out[k] += weights[j] * static_cast<Real>(vectors[j * n + k]);
+    }
+  }
+}
+
+template <class Real>
+void combine_portable(std::span<const Real> weights, const float* vectors,
+                      std::span<Real> out) {
+  combine(weights, vectors, out);
+}
+
+#if defined(__x86_64__)
+/// The same sums in the same order: the same bits.
+template <class Real>
+[[gnu::target("avx2")]] void combine_avx2(std::span<const Real> weights, const float* vectors,
+                                          std::span<Real> out) {
+  combine(weights, vectors, out);
+}
+#endif
+
+}  // namespace
+
 template <class Real>
 void plate_direction(std::span<const float> tile_plate, std::span<const double> terms,
                      std::span<const float> vectors, std::span<Real> out) {
-  std::fill(out.begin(), out.end(), Real(0));
   const std::size_t rank = terms.empty() ? 0 : tile_plate.size() / terms.size();
+  std::array<Real, kMaxPlateRank> weights{};
+  HAARLIGHT_EXPECTS(rank <= weights.size(), "as many vectors as are stored at most");
   for (std::size_t j = 0; j < rank; ++j) {
     double u = 0.0;
     for (std::size_t t = 0; t < terms.size(); ++t) {
       u += double{tile_plate[j * terms.size() + t]} * terms[t];
     }
-    const Real weight = static_cast<Real>(u);
-    const float* vector = vectors.data() + j * out.size();
-    for (std::size_t k = 0; k < out.size(); ++k) {
-      out[k] += weight * static_cast<Real>(vector[k]);
-    }
+    weights[j] = static_cast<Real>(u);
   }
+  const std::span<const Real> used = std::span(weights).first(rank);
+#if defined(__x86_64__)
+  if (best_kernel_code() == KernelCode::avx2) {
+    combine_avx2<Real>(used, vectors.data(), out);
+    return;
+  }
+#endif
+  combine_portable<Real>(used, vectors.data(), out);
 }
 template void plate_direction<float>(std::span<const float>, std::span<const double>,
                                      std::span<const float>, std::span<float>);

@@ -22,6 +22,7 @@
 namespace haarlight {
 
 inline constexpr int kMaxPlateDegree = 8;
+inline constexpr int kMaxPlateRank = 64;
 
 /// C_t of every pixel of a tile, (pixels, (degree + 1)^2).
 [[nodiscard]] std::vector<double> plate_terms(const TileRect& rect, int degree);

@@ -18,6 +18,8 @@ namespace {
 
 using nlohmann::json;
 
+constexpr double kMost =
+    1e20;  // of a drive: sums of products end in single precision at 3.4e38
 constexpr std::uintmax_t kMaxWeightBytes = std::uintmax_t{64} << 20U;  // 3 * 24576 numbers
 
 void add_word(std::string_view word, Eigen::MatrixXd& weights) {
@@ -31,8 +33,8 @@ void add_word(std::string_view word, Eigen::MatrixXd& weights) {
   if (is_good && equals != std::string_view::npos) {
     const std::string_view number = word.substr(equals + 1);
     const auto read = std::from_chars(number.data(), number.data() + number.size(), w);
-    is_good =
-        read.ec == std::errc() && read.ptr == number.data() + number.size() && std::isfinite(w);
+    is_good = read.ec == std::errc() && read.ptr == number.data() + number.size() &&
+              std::abs(w) <= kMost;
   }
   if (!is_good) {
     throw Error(fmt::format("'{}' is not a light and its drive", word), "command line",
@@ -90,9 +92,9 @@ Eigen::MatrixXd weights_from_json(const std::filesystem::path& file, int n_light
   Eigen::MatrixXd weights(n_lights, colours);
   for (int i = 0; i < n; ++i) {
     const double w = numbers[static_cast<std::size_t>(i)];
-    if (!std::isfinite(w)) {
-      throw Error(fmt::format("weight {} is not finite", i), file.string(),
-                  "correct the number");
+    if (!(std::abs(w) <= kMost)) {
+      throw Error(fmt::format("weight {} is {:.3g}: at most {:.0e}", i, w, kMost),
+                  file.string(), "correct the number, or scale all of them down");
     }
     weights(i / colours, i % colours) = w;
   }

@@ -220,6 +220,7 @@ Environment Environment::from_faces(std::array<Image<float>, 6> faces,
 
 void Environment::check(const std::string& name) {
   constexpr float kRinging = 1e-5F;  // of the peak: below what any capture resolves
+  constexpr float kMost = 1e20F;     // sums of products end in single precision at 3.4e38
   const bool is_lat_long = layout_ == EnvironmentLayout::lat_long;
   const std::span<Image<float>> pictures =
       is_lat_long ? std::span<Image<float>>(&picture_, 1) : std::span<Image<float>>(faces_);
@@ -240,6 +241,13 @@ void Environment::check(const std::string& name) {
                 fmt::format("radiance {} at column {}, row {}{}", v, x, y,
                             is_lat_long ? "" : fmt::format(" of face {}", kFaceNames[f])),
                 name, "light is finite and not negative: clip or repair the picture");
+          }
+          if (v > kMost) {
+            throw Error(
+                fmt::format("radiance {:.3g} at column {}, row {}{}: at most {:.0e}", v, x, y,
+                            is_lat_long ? "" : fmt::format(" of face {}", kFaceNames[f]),
+                            kMost),
+                name, "scale the picture down, or repair the texel");
           }
           v = std::max(v, 0.0F);
         }

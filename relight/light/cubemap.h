@@ -46,7 +46,7 @@ class Environment {
   /// Negative values up to 1e-5 of the picture's peak, which filters and lossy EXR leave,
   /// become 0.
   /// @throws Error  not a picture, no known shape, faces of different sizes, a missing face, a
-  ///                texel that is NaN, infinite or more negative than that (by place)
+  ///                texel that is NaN, above 1e20 or more negative than that (by place)
   [[nodiscard]] static Environment read(const std::filesystem::path& path);
   /// From a picture in memory; the shape tells the layout.
   /// @param name  for errors

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
@@ -20,7 +21,18 @@ using Eigen::Vector3d;
 constexpr int kUnknowns = 3;
 constexpr double kBrightRank = 0.9;
 constexpr double kSigmaOfMedian = 1.4826;
-constexpr double kSettled = 1e-4;     // change of b between rounds, relative: 0.006 degrees
+constexpr double kSettled = 1e-4;  // change of b between rounds, relative: 0.006 degrees
+constexpr double kRightAngle = 0.5 * std::numbers::pi;
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+/// Determinant over trace^3 of what is left without a group; below it that tells two components
+/// only (three alike: 1/27; eigenvalues 1 : 0.1 : kAmbiguous : 8e-6).
+constexpr double kLeastRest = 1e-6;
+/// Share of the angle between a robust fit and plain least squares that counts as its standard
+/// error: what it throws out is the model's failure, of which some is left in what it keeps.
+constexpr double kDoubt = 0.5;
+/// Of what neighbours' residuals share, the part that goes into b unseen: three of about nine
+/// smooth functions of the light's direction (harmonics up to order 2) are b's, sqrt(3 / 6).
+constexpr double kShared = 0.7;
 constexpr double kLeastScale = 1e-6;  // of |b|: float samples of an exact Lambertian
 
 double own_scales(RobustLoss loss) {
@@ -79,17 +91,26 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
                     "shares within 0 to 1");
 }
 
-void LambertFitter::accumulate() {
-  const auto x = x_.head(n_);
-  const auto y = y_.head(n_);
-  const auto z = z_.head(n_);
-  const auto v = value_.head(n_);
-  const auto w = w_.head(n_);
+LambertFitter::Sums LambertFitter::sums(int first, int n) const {
+  const auto x = x_.segment(first, n);
+  const auto y = y_.segment(first, n);
+  const auto z = z_.segment(first, n);
+  const auto v = value_.segment(first, n);
+  const auto w = w_.segment(first, n);
   const double xy = (w * x * y).sum();
   const double xz = (w * x * z).sum();
   const double yz = (w * y * z).sum();
-  matrix_ << (w * x * x).sum(), xy, xz, xy, (w * y * y).sum(), yz, xz, yz, (w * z * z).sum();
-  right_ = {(w * x * v).sum(), (w * y * v).sum(), (w * z * v).sum()};
+  Sums sums;
+  sums.matrix << (w * x * x).sum(), xy, xz, xy, (w * y * y).sum(), yz, xz, yz,
+      (w * z * z).sum();
+  sums.right = {(w * x * v).sum(), (w * y * v).sum(), (w * z * v).sum()};
+  return sums;
+}
+
+void LambertFitter::accumulate() {
+  const Sums all = sums(0, n_);
+  matrix_ = all.matrix;
+  right_ = all.right;
 }
 
 bool LambertFitter::solve(Vector3d& b) const {
@@ -299,6 +320,115 @@ void LambertFitter::reweight(Vector3d& b) {
   }
 }
 
+double LambertFitter::median_residual(const LambertFit& fit) {
+  HAARLIGHT_EXPECTS(fit.state == PixelState::good, "a good fit");
+  residuals(fit.b);
+  ranked_.head(n_) = r_.head(n_).cast<float>();
+  return double{select(n_ / 2)} / fit.b.norm();
+}
+
+int LambertFitter::group_of(int i) const {
+  const int light = light_[static_cast<std::size_t>(i)];
+  return group_.empty() ? light : group_[static_cast<std::size_t>(light)];
+}
+
+int LambertFitter::end_of_group(int first) const {
+  int last = first + 1;
+  while (last < n_ && group_of(last) == group_of(first)) {
+    ++last;
+  }
+  return last;
+}
+
+/// What the model gets wrong alike for neighbouring lights, over |b|, as the angle by which as
+/// much again can have gone into the normal unseen. The groups' mean residuals, less what
+/// independent errors leave in them: C^2 = (sum n_g m_g^2 - G s^2) / n, and sqrt(tr A^-1) of
+/// A = sum s s^T / n, across b, turns it into an angle.
+double LambertFitter::shared_error(const Vector3d& b) const {
+  Sums all;
+  double square = 0.0;
+  double of_means = 0.0;
+  int n_groups = 0;
+  for (int first = 0; first < n_; ++n_groups) {
+    const int last = end_of_group(first);
+    double mean = 0.0;
+    for (int i = first; i < last; ++i) {
+      const Vector3d s = direction(i);
+      const double r = value_[i] - b.dot(s);
+      all.matrix += s * s.transpose();
+      square += r * r;
+      mean += r;
+    }
+    of_means += mean * mean / (last - first);
+    first = last;
+  }
+  const double left = std::max(1, n_ - n_groups);
+  const double shared =
+      std::max(0.0, of_means - n_groups * std::max(0.0, square - of_means) / left) / n_;
+  Matrix3d inverse;
+  bool is_invertible = false;
+  const double trace = all.matrix.trace();
+  all.matrix.computeInverseWithCheck(inverse, is_invertible,
+                                     kLeastRest * trace * trace * trace);
+  if (!is_invertible) {
+    return kRightAngle;
+  }
+  const Vector3d along = b.normalized();
+  const double across = n_ * (inverse.trace() - along.dot(inverse * along));
+  return std::sqrt(shared * std::max(0.0, across)) / b.norm();
+}
+
+double LambertFitter::sigma(const Vector3d& b, const Vector3d& plain) {
+  accumulate();  // of the last weights
+  residuals(b);
+  // Samples that count were chosen for their small residuals: what half of all keep within
+  // tells the noise.
+  const double kept = std::sqrt((w_.head(n_) * r_.head(n_).square()).sum() / w_.head(n_).sum());
+  ranked_.head(n_) = r_.head(n_).cast<float>();
+  const double noise = kSigmaOfMedian * double{select(n_ / 2)};
+  const double chosen = kept > 0.0 ? std::max(1.0, noise / kept) : 1.0;
+  const double doubt = kDoubt * std::atan2(b.cross(plain).norm(), b.dot(plain));
+  const double shared = kShared * shared_error(b);
+  const double all = std::hypot(std::min(kRightAngle, chosen * jackknife(b)), doubt, shared);
+  return std::min(90.0, all * kDegrees);
+}
+
+/// The spread of the normals that come out when one group of lights after the other is left
+/// out, at the final weights: (G - 1) / G times the sum of their squared distances from the
+/// normal of all [Efron82]. Returned in radians.
+double LambertFitter::jackknife(const Vector3d& b) const {
+  const Vector3d n = b.normalized();
+  double sum = 0.0;
+  int n_groups = 0;
+  for (int first = 0; first < n_;) {
+    const int last = end_of_group(first);
+    const Sums part = sums(first, last - first);
+    first = last;
+    if (!(part.matrix.trace() > 0.0)) {
+      continue;  // none of its samples counts
+    }
+    ++n_groups;
+    const Matrix3d rest = matrix_ - part.matrix;
+    const double trace = rest.trace();
+    Matrix3d inverse;
+    bool is_invertible = false;
+    rest.computeInverseWithCheck(inverse, is_invertible, kLeastRest * trace * trace * trace);
+    if (!is_invertible) {
+      return kRightAngle;
+    }
+    const Vector3d without = inverse * (right_ - part.right);
+    const double length = without.norm();
+    if (!(length > 0.0)) {
+      return kRightAngle;
+    }
+    sum += (without / length - n).squaredNorm();
+  }
+  if (n_groups < 2) {
+    return kRightAngle;
+  }
+  return std::min(kRightAngle, std::sqrt(sum * (n_groups - 1) / n_groups));
+}
+
 LambertFit LambertFitter::fit() {
   LambertFit result;
   const int n_given = n_;
@@ -316,6 +446,7 @@ LambertFit LambertFitter::fit() {
   Vector3d b = Vector3d::Zero();
   accumulate();
   const bool is_solved = solve(b);
+  const Vector3d plain = b;
   if (is_solved && options_.method == LambertMethod::trimmed) {
     trim(b);
   } else if (is_solved && options_.method == LambertMethod::m_estimator) {
@@ -340,6 +471,9 @@ LambertFit LambertFitter::fit() {
   result.b = b;
   result.error = std::sqrt(sum / w_.head(n_).sum()) / length;
   result.n_used = static_cast<int>((w_.head(n_) > 0.0).count());
+  if (options_.has_sigma) {
+    result.sigma_deg = sigma(b, plain);
+  }
   result.state = PixelState::good;
   return result;
 }

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 #include "core/error.h"
+#include "relight/shape/light_groups.h"
 #include "relight/shape/normal_picture.h"
 #include "relight/shape/slope_field.h"
 
@@ -18,14 +20,16 @@ using Eigen::Vector3d;
 /// Where the pixels' surface lies, from what was integrated.
 class PointMaker {
  public:
-  PointMaker(const PixelPoints& pixels, const HeightMap& map)
+  /// @param gauge  (height, width) the mean height wanted of a part is the mean of this over it
+  PointMaker(const PixelPoints& pixels, const HeightMap& map, const Image<float>& gauge)
       : pixels_(pixels), map_(map), parts_(find_parts(map.is_known.view())) {
+    const auto n = static_cast<std::size_t>(parts_.n_parts);
+    find_means(gauge);
     if (pixels.camera() == nullptr) {
       return;
     }
-    // ln D + c of each part: its mean height above the plane is 0. Heights are linear in
-    // exp(c).
-    const auto n = static_cast<std::size_t>(parts_.n_parts);
+    // ln D + c of each part: its mean height above the plane is the gauge's. Heights are linear
+    // in exp(c).
     std::vector<double> facing(n, 0.0);
     std::vector<double> below(n, 0.0);
     scale_.assign(n, 1.0);
@@ -37,7 +41,8 @@ class PointMaker {
         if (part >= 0) {
           const double down = pixels.to_camera(x + 0.5, y + 0.5).dot(pixels.plane_normal());
           facing[static_cast<std::size_t>(part)] += down * std::exp(double{map.height(y, x)});
-          below[static_cast<std::size_t>(part)] += eye_height;
+          below[static_cast<std::size_t>(part)] +=
+              eye_height - mean_[static_cast<std::size_t>(part)];
         }
       }
     }
@@ -54,9 +59,10 @@ class PointMaker {
       return 0.0;
     }
     if (pixels_.camera() == nullptr) {
+      const double height = double{map_.height(y, x)} + mean_[static_cast<std::size_t>(part)];
       point = pixels_.at(x + 0.5, y + 0.5);
-      point.z() += double{map_.height(y, x)};
-      return double{map_.height(y, x)};
+      point.z() += height;
+      return height;
     }
     const double distance =
         scale_[static_cast<std::size_t>(part)] * std::exp(double{map_.height(y, x)});
@@ -65,15 +71,32 @@ class PointMaker {
   }
 
  private:
+  void find_means(const Image<float>& gauge) {
+    const auto n = static_cast<std::size_t>(parts_.n_parts);
+    mean_.assign(n, 0.0);
+    std::vector<double> pixels(n, 0.0);
+    for (std::size_t i = 0; i < gauge.pixels().size(); ++i) {
+      const int part = parts_.label.pixels()[i];
+      if (part >= 0) {
+        mean_[static_cast<std::size_t>(part)] += double{gauge.pixels()[i]};
+        pixels[static_cast<std::size_t>(part)] += 1.0;
+      }
+    }
+    for (std::size_t part = 0; part < n; ++part) {
+      mean_[part] /= std::max(1.0, pixels[part]);
+    }
+  }
+
   const PixelPoints& pixels_;
   const HeightMap& map_;
   Parts parts_;
+  std::vector<double> mean_;   ///< wanted mean height of each part, mm
   std::vector<double> scale_;  ///< camera: exp of each part's constant, mm
 };
 
 /// Puts heights and points into the shape. @return  rms change of the heights, mm
-double place(const PixelPoints& pixels, Shape& shape) {
-  const PointMaker maker(pixels, shape.map);
+double place(const PixelPoints& pixels, const Image<float>& gauge, Shape& shape) {
+  const PointMaker maker(pixels, shape.map, gauge);
   double sum = 0.0;
   double n = 0.0;
   double low = std::numeric_limits<double>::infinity();
@@ -100,7 +123,8 @@ double place(const PixelPoints& pixels, Shape& shape) {
 }
 
 /// Heights and points from the present normals.
-void find_heights(const PixelPoints& pixels, const IntegrateOptions& options, Shape& shape) {
+void find_heights(const PixelPoints& pixels, const IntegrateOptions& options,
+                  const Image<float>& gauge, Shape& shape) {
   const ImageView<const float> normals = shape.surface.normal.view();
   const Image<std::uint8_t> good = shape.surface.is_good();
   const SlopeField slopes =
@@ -109,8 +133,122 @@ void find_heights(const PixelPoints& pixels, const IntegrateOptions& options, Sh
           : orthographic_slopes(turned_normals(normals, pixels.picture_from_world()).view(),
                                 good.view(), pixels.mm_per_pixel());
   shape.map = integrate_slopes(slopes, options);
-  shape.changes.push_back(place(pixels, shape));
+  shape.changes.push_back(place(pixels, gauge, shape));
 }
+
+/// Sizes and mean heights of the parts as they are, largest first.
+std::vector<PartHeight> parts_as_they_are(const Shape& shape) {
+  const Parts parts = find_parts(shape.map.is_known.view());
+  std::vector<PartHeight> list(static_cast<std::size_t>(parts.n_parts));
+  for (std::size_t i = 0; i < shape.height.pixels().size(); ++i) {
+    const int label = parts.label.pixels()[i];
+    if (label >= 0) {
+      PartHeight& part = list[static_cast<std::size_t>(label)];
+      ++part.n_pixels;
+      part.mean_mm += double{shape.height.pixels()[i]};
+    }
+  }
+  for (PartHeight& part : list) {
+    part.mean_mm /= static_cast<double>(std::max<std::int64_t>(1, part.n_pixels));
+  }
+  return list;
+}
+
+void sort_by_size(std::vector<PartHeight>& parts) {
+  std::stable_sort(parts.begin(), parts.end(), [](const PartHeight& a, const PartHeight& b) {
+    return a.n_pixels > b.n_pixels;
+  });
+}
+
+/// The rounds of one recovery.
+class Rounds {
+ public:
+  Rounds(const StackSource& stack, const StereoLights& lights, const PixelPoints& pixels,
+         ImageView<const std::uint8_t> mask, const ShapeOptions& options, Shape& shape)
+      : stack_(stack),
+        lights_(lights),
+        pixels_(pixels),
+        mask_(mask),
+        options_(options),
+        shape_(shape),
+        gauge_(stack.dims().height, stack.dims().width, 1),
+        settled_(options.tolerance * pixels.mm_per_pixel() * stack.dims().width) {}
+
+  /// Where the parts were found to stand, largest first; empty: it was not asked.
+  [[nodiscard]] const std::vector<PartHeight>& found() const noexcept { return found_; }
+
+  /// Until the heights stand still. @param most  rounds
+  void go(const StereoOptions& stereo, int most) {
+    for (int round = 0; round < most; ++round) {
+      shape_.surface = photometric_stereo(stack_, lights_, shape_.points.view(), mask_, stereo);
+      find_heights(pixels_, options_.integrate, gauge_, shape_);
+      const bool is_moved =
+          options_.finds_part_heights && lights_.are_near && n_searches_ < kSearches;
+      if (is_moved) {
+        raise_parts({.is_first = n_searches_ == 0,
+                     .has_sigma = n_searches_ + 1 == kSearches || round + 1 == most});
+        ++n_searches_;
+      }
+      shape_.is_settled =
+          !lights_.are_near || (!is_moved && shape_.changes.back() <= still_mm());
+      if (shape_.is_settled) {
+        return;
+      }
+    }
+  }
+
+ private:
+  /// Heights that move less stand still: the tolerance, or half of what the normals' own
+  /// standard errors make of the step from pixel to pixel, where that is known.
+  [[nodiscard]] double still_mm() const {
+    constexpr double kOfError = 0.5;
+    double sum = 0.0;
+    double n = 0.0;
+    for (const float sigma_deg : shape_.surface.sigma_deg.pixels()) {
+      sum += double{sigma_deg} * double{sigma_deg};
+      n += sigma_deg > 0.0F ? 1.0 : 0.0;
+    }
+    const double sigma = std::sqrt(sum / std::max(n, 1.0)) * std::numbers::pi / 180.0;
+    return std::max(settled_, kOfError * sigma * pixels_.mm_per_pixel());
+  }
+
+  /// As often as it takes the shape to follow: later the gauge stands still, so that the
+  /// heights can.
+  static constexpr int kSearches = 4;
+
+  /// Puts each part where the fall-off says it stands.
+  void raise_parts(const PartSearch& search) {
+    const Parts parts = find_parts(shape_.map.is_known.view());
+    found_ = find_part_heights(stack_, lights_, pixels_, parts, shape_.points.view(), search);
+    double of_largest = 0.0;
+    std::int64_t most = 0;
+    for (const PartHeight& part : found_) {
+      if (part.is_known && part.n_pixels > most) {
+        most = part.n_pixels;
+        of_largest = part.mean_mm;
+      }
+    }
+    for (std::size_t i = 0; i < gauge_.pixels().size(); ++i) {
+      const int label = parts.label.pixels()[i];
+      const bool is_known = label >= 0 && found_[static_cast<std::size_t>(label)].is_known;
+      gauge_.pixels()[i] = static_cast<float>(
+          is_known ? found_[static_cast<std::size_t>(label)].mean_mm : of_largest);
+    }
+    shape_.changes.back() += place(pixels_, gauge_, shape_);
+    sort_by_size(found_);
+  }
+
+  const StackSource& stack_;
+  const StereoLights& lights_;
+  const PixelPoints& pixels_;
+  ImageView<const std::uint8_t> mask_;
+  const ShapeOptions& options_;
+  Shape& shape_;
+  Image<float> gauge_;  ///< where each part's mean belongs, mm above the plane
+  double settled_;
+  int n_searches_ = 0;
+  std::vector<PartHeight> found_;
+};
 
 }  // namespace
 
@@ -122,7 +260,9 @@ Shape shape_of(SurfaceEstimate surface, const PixelPoints& pixels,
   const int w = shape.surface.normal.width();
   shape.points = Image<float>(h, w, 3);
   shape.height = Image<float>(h, w, 1);
-  find_heights(pixels, options, shape);
+  find_heights(pixels, options, Image<float>(h, w, 1), shape);
+  shape.parts = parts_as_they_are(shape);
+  sort_by_size(shape.parts);
   return shape;
 }
 
@@ -134,17 +274,39 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
   Shape shape;
   shape.points = plane_points(pixels, dims.width, dims.height);
   shape.height = Image<float>(dims.height, dims.width, 1);
-  const double settled = options.tolerance * pixels.mm_per_pixel() * dims.width;
-  const int n_rounds = lights.are_near ? options.max_rounds : 1;
-  for (int round = 0; round < n_rounds; ++round) {
-    shape.surface =
-        photometric_stereo(stack, lights, shape.points.view(), mask, options.stereo);
-    find_heights(pixels, options.integrate, shape);
-    shape.is_settled = n_rounds == 1 || shape.changes.back() <= settled;
-    if (shape.is_settled) {
-      break;
-    }
+  StereoOptions stereo = options.stereo;
+  stereo.view = &pixels;
+  Rounds rounds(stack, lights, pixels, mask, options, shape);
+  // A fit is chosen where the points are nearly right.
+  const bool is_coarse_first = options.chooses_fit || dims.n_lights > options.n_coarse_lights;
+  const int n_coarse = lights.are_near && is_coarse_first ? options.max_rounds - 2 : 0;
+  if (n_coarse > 0) {
+    StereoOptions few = stereo;
+    few.use = thinned(group_lights(middle_directions(lights, shape.points.view())),
+                      options.n_coarse_lights);
+    few.fit.has_sigma = false;
+    rounds.go(few, n_coarse);
   }
+  if (options.chooses_fit) {
+    const Image<std::uint8_t> good =
+        n_coarse > 0 ? shape.surface.is_good() : Image<std::uint8_t>();
+    shape.scores = score_fits(stack, lights,
+                              lights.are_near ? ImageView<const float>(shape.points.view())
+                                              : ImageView<const float>(),
+                              n_coarse > 0 ? good.view() : mask, stereo);
+    const bool has_sigma = stereo.fit.has_sigma;
+    stereo.fit = shape.scores.front().fit;
+    stereo.fit.has_sigma = has_sigma;
+  }
+  shape.fit = stereo.fit;
+  rounds.go(stereo,
+            lights.are_near ? options.max_rounds - static_cast<int>(shape.changes.size()) : 1);
+  if (!lights.are_near && stereo.fit.has_sigma) {
+    shape.nearness = find_nearness(stack, lights, shape.surface, stereo);
+    add_nearness(shape.nearness, shape.surface);
+  }
+  shape.parts = rounds.found().empty() ? parts_as_they_are(shape) : rounds.found();
+  sort_by_size(shape.parts);
   return shape;
 }
 

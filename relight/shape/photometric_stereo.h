@@ -10,6 +10,7 @@
 #include "relight/basis/stack_source.h"
 #include "relight/light/near_light.h"
 #include "relight/shape/lambert_fit.h"
+#include "relight/shape/pixel_samples.h"
 
 /// @file
 /// Normals and albedo of a picture from its light stack, pixel by pixel [Woodham80]. Far: one
@@ -19,20 +20,17 @@
 
 namespace haarlight {
 
-/// The lights of a stack, in its order and in one frame.
-struct StereoLights {
-  bool are_near = false;
-  std::vector<NearLight> near;              ///< (n_lights) where are_near
-  std::vector<Eigen::Vector3d> directions;  ///< (n_lights) unit, to the light, else
-  std::vector<Eigen::Vector3d> powers;      ///< far: (n_lights) R, G, B; empty: all 1
-};
-
 struct StereoOptions {
   LambertOptions fit{};
   /// (n_lights): a value at or above is clipped; empty: none is.
   std::vector<float> saturation{};
   /// Standard errors of the stack's values: -1 marks a clipped value. May be null.
   const StackSource* errors = nullptr;
+  /// Near lights: the view along which a point may lie wrong. With it and fit.has_sigma, the
+  /// normals' standard errors hold what the fall-off says against the points. May be null.
+  const PixelPoints* view = nullptr;
+  /// Which lights count; empty: all.
+  std::vector<int> use{};
   ProgressStyle progress = ProgressStyle::none;
 };
 
@@ -42,6 +40,8 @@ struct SurfaceEstimate {
   Image<float> error;   ///< (height, width): rms residual over albedo
   Image<std::uint16_t> n_used;  ///< (height, width): lights that count
   Image<std::uint8_t> state;    ///< (height, width): PixelState
+  /// (height, width): LambertFit::sigma_deg; 0 unless good. Empty where it was not asked for.
+  Image<float> sigma_deg{};
 
   [[nodiscard]] std::int64_t n_in(PixelState state) const;
   /// (height, width): 1 where good.
@@ -57,6 +57,10 @@ struct SurfaceEstimate {
                                                  ImageView<const float> points,
                                                  ImageView<const std::uint8_t> mask,
                                                  const StereoOptions& options = {});
+
+/// Directions to the lights from the middle of the points.
+[[nodiscard]] std::vector<Eigen::Vector3d> middle_directions(const StereoLights& lights,
+                                                             ImageView<const float> points);
 
 /// The points of the reference plane that the pixels see, (height, width, 3).
 [[nodiscard]] Image<float> plane_points(const PixelPoints& pixels, int width, int height);

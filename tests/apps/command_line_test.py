@@ -119,8 +119,10 @@ READS = {"check": "{rig} {plan} {scene} {room} object.hlb", "verify": "session",
          "cameras": ""}
 
 
-def write_sphere(folder, size, radius):
-    """A matte sphere under 36 far lights, sRGB; x right, y up, z to the camera."""
+def write_surface(folder, size, normal, widths=None):
+    """A matte surface under 36 lights, sRGB; x right, y up, z to the camera. normal(x, y) of a
+    place in pixels from the middle, None: black. `widths`: how far the lights stand, in picture
+    widths, aimed at the middle (None: far); the list holds their directions either way."""
     folder.mkdir()
     lines = ["36"]
     for k in range(36):
@@ -129,17 +131,29 @@ def write_sphere(folder, size, radius):
                  math.sin(up))
 
         def value(col, row, light=light):
-            x, y = (col + 0.5 - size / 2) / radius, (size / 2 - row - 0.5) / radius
-            if x * x + y * y >= 1.0:
+            x, y = col + 0.5 - size / 2, size / 2 - row - 0.5
+            n = normal(x, y)
+            if n is None:
                 return 0
-            n = (x, y, math.sqrt(1.0 - x * x - y * y))
-            lit = 0.8 * max(0.0, sum(a * b for a, b in zip(n, light)))
+            way = light if widths is None else tuple(
+                c - p / (widths * size) for c, p in zip(light, (x, y, 0.0)))
+            lit = 0.6 * max(0.0, sum(a * b for a, b in zip(n, way))) / math.hypot(*way) ** 3
             coded = 12.92 * lit if lit <= 0.0031308 else 1.055 * lit ** (1 / 2.4) - 0.055
-            return round(255 * coded)
+            return min(255, round(255 * coded))
 
         write_png(folder / f"light{k}.png", size, size, value)
         lines.append(f"light{k}.png " + " ".join(f"{c:.6f}" for c in light))
     (folder / "dirs.lp").write_text("\n".join(lines) + "\n")
+
+
+def ball(x, y, radius):
+    """The normal of a ball that is seen from far; nothing beside it."""
+    u, v = x / radius, y / radius
+    return (u, v, math.sqrt(1.0 - u * u - v * v)) if u * u + v * v < 1.0 else None
+
+
+def write_sphere(folder, size, radius):
+    write_surface(folder, size, lambda x, y: ball(x, y, radius))
 
 
 def sphere_normals(ply, radius):
@@ -316,6 +330,21 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(self.run_line("view object.hlb --port 70000").returncode, USAGE)
         self.assertEqual(self.run_line("view object.hlb --web absent").returncode, BAD_INPUT)
 
+    def test_the_simulator_ends_in_order_right_after_it_rendered(self):
+        """The ray caster's threads live on for a while: a signal may reach one of them."""
+        for i in range(5):
+            words = [self.programs.sim, SOURCE / "configs/rigs/small8.toml", "--scene",
+                     SOURCE / "configs/scenes/stairs.toml", "--cache", self.folder / f"cache{i}"]
+            with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                  text=True, cwd=self.folder) as served:
+                for line in served.stdout:
+                    if line == "ready\n":
+                        break
+                served.terminate()
+                told = served.communicate(timeout=30)[1]
+            self.assertEqual(served.returncode, 0, told)
+            self.assertIn("frames delivered", told)
+
     def test_bases_leaves_records_of_the_shared_schema(self):
         done = self.run_line("bases object.hlb -o compared --error 0.05 --size 2")
         self.assertEqual(done.returncode, DONE, done.stderr)
@@ -399,6 +428,26 @@ class CommandLine(unittest.TestCase):
         self.assertIn("light 64 does not exist", far.stderr)
         self.assertEqual(self.run_line("check session").returncode, BAD_INPUT)
         self.assertEqual(self.run_line("check {rig} --as car").returncode, USAGE)
+
+    def test_lights_that_do_not_reach_the_plane_are_said(self):
+        text = RIG.read_text()
+        down = "emits = [0.0, 0.0, -1.0]"
+        self.assertIn(down, text)
+        dark = self.folder / "dark.toml"
+        dark.write_text(text.replace(down, "emits = [0, 0, 1]"))
+        for line in ("check dark.toml", "plate dark.toml -o dark.hlb"):
+            with self.subTest(line=line):
+                shown = self.run_line(line)
+                self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
+                self.assertIn("no light reaches the plane", shown.stderr)
+                self.assertIn("dark.toml", shown.stderr)
+        self.assertFalse((self.folder / "dark.hlb").exists())
+        begin, end = text.index("[[face]]"), text.index("[[plane]]")
+        second = text[begin:end].replace('id = "top"', 'id = "back"').replace(down, "emits = [0, 0, 1]")
+        (self.folder / "half.toml").write_text(text[:end] + second + text[end:])
+        half = self.run_line("check half.toml")
+        self.assertEqual(half.returncode, DONE, half.stderr)
+        self.assertIn("warning: 64 of 128 lights (the first: 64) do not reach the plane", half.stdout)
 
     def test_check_warns_of_a_measured_file_with_the_mean_latch_alone(self):
         text = ('[measured]\ndate = "2026-11-21T10:20:46Z"\ntool = "haarlight"\n'
@@ -513,6 +562,75 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(wrong.returncode, USAGE, wrong.stderr)
                 self.assertIn(words, wrong.stderr)
         self.assertFalse((self.folder / "no.shape").exists())
+
+    def shape(self, line, name):
+        """Runs shape on a session; its words, its warnings, its report."""
+        done = self.run_line(f"shape {line} --force -o {name}.shape --report {name}.json")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertEqual(report_problems(self.folder / f"{name}.json", "shape"), [])
+        return done.stdout, done.stderr, json.loads((self.folder / f"{name}.json").read_text())
+
+    def import_surface(self, name, size, normal, widths=None):
+        write_surface(self.folder / name, size, normal, widths)
+        done = self.run_line(f"import {name} --lights {name}/dirs.lp -o {name}.session")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+
+    def test_shape_finds_the_mask_and_states_its_errors(self):
+        size, radius = 48, 20.0
+        self.import_surface("matte", size, lambda x, y: ball(x, y, radius))
+        n_ball = sum(ball(i % size + 0.5 - size / 2, i // size + 0.5 - size / 2, radius) is not None
+                     for i in range(size * size))
+        words, warnings, report = self.shape("matte.session --mesh ply", "matte")
+        found = report["details"]["mask_pixels"]
+        self.assertIn(f"mask: found by darkness, {found} of {size * size} pixels", words)
+        self.assertTrue((self.folder / "matte.shape/mask.png").is_file())
+        self.assertTrue((self.folder / "matte.shape/sigma.exr").is_file())
+        # The horizon, lit by few lights, may be missed: a ring of a pixel.
+        self.assertLessEqual(found, n_ball)
+        self.assertGreater(found, n_ball - 2 * math.pi * radius)
+        self.assertEqual(report["details"]["part_pixels"], [report["reached"]["good_pixels"]])
+        self.assertNotIn("do not touch", warnings)
+        # What it states of its normals holds: the printed numbers, and two of them cover.
+        median = report["reached"]["sigma_deg_median"]
+        most = report["reached"]["sigma_deg_nine_tenths"]
+        stated = re.search(r"\+- (\S+) degrees in the median, nine tenths within (\S+) ", words)
+        self.assertAlmostEqual(float(stated[1]), median, delta=0.06 * median)
+        self.assertAlmostEqual(float(stated[2]), most, delta=0.06 * most)
+        errors = sorted(math.degrees(math.acos(max(-1.0, min(1.0, sum(
+                            a * b for a, b in zip(n, ball(x * radius, y * radius, radius)))))))
+                        for (x, y), n in sphere_normals(self.folder / "matte.shape/mesh.ply", radius)
+                        if math.hypot(x, y) < 0.99)
+        self.assertGreater(len(errors), 800)
+        self.assertLessEqual(errors[len(errors) // 2], 2 * median)
+        self.assertLessEqual(errors[9 * len(errors) // 10], 2 * most)
+        self.assertLess(median, 2.0)  # and they are no excuse: 8 bits leave 0.1
+
+        words, _, report = self.shape("matte.session --mask none --mesh none", "whole")
+        self.assertIn(f"mask: every pixel, {size * size} of", words)
+        write_png(self.folder / "half.png", size, size, lambda x, y: 255 if x < size // 2 else 0)
+        words, _, report = self.shape("matte.session --mask half.png --mesh none", "half")
+        self.assertIn(f"mask: given, {size * size // 2} of", words)
+        self.assertLessEqual(report["reached"]["good_pixels"], n_ball // 2)
+
+    def test_shape_says_what_it_cannot_know(self):
+        size = 48
+        self.import_surface("pair", size, lambda x, y: ball(x + 12, y, 10.0) or ball(x - 12, y, 7.0))
+        _, warnings, report = self.shape("pair.session --mesh none", "pair")
+        large, small = report["details"]["part_pixels"]
+        self.assertGreater(large, small)
+        self.assertIn(f"2 parts do not touch ({large:.0f}, {small:.0f} pixels)", warnings)
+        self.assertEqual(report["details"]["part_heights"], [None, None])
+        # A flat sheet under lights three widths away, of which only directions are listed.
+        self.import_surface("door", size, lambda x, y: (0.0, 0.0, 1.0), widths=3.0)
+        words, warnings, report = self.shape("door.session --mesh none", "door")
+        self.assertIn("every pixel", words)
+        self.assertIn("heights have no standard error", words)
+        self.assertRegex(warnings, r"look about [2-5](\.\d)? picture widths away")
+        self.assertIn("are one slow bow", warnings)
+        self.assertIn("--places positions", warnings)
+        self.assertGreater(report["details"]["heights_bow"], report["details"]["heights_without_bow"])
+        # The truth is flat: at the border two standard errors hold what the lights turn there.
+        self.assertGreater(report["reached"]["sigma_deg_nine_tenths"], 3.0)
 
     def test_the_validator_refuses_broken_reports(self):
         schema = {"type": "object", "required": ["a"], "additionalProperties": False,

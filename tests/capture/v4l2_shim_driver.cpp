@@ -538,11 +538,17 @@ int dequeue_buffer(Handle& handle, v4l2_buffer& b) {
   const Filled filled = handle.filled.front();
   handle.filled.pop_front();
   const std::size_t size = handle.buffer_size;
-  using Mmap = void*(void*, std::size_t, int, int, int, off_t);
-  void* memory = real<Mmap>("mmap")(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED,
-                                    handle.memory, static_cast<off_t>(filled.index * size));
-  const Filling job = fill(handle, filled, static_cast<std::byte*>(memory));
-  ::munmap(memory, size);
+  // By the file and not by a mapping, whose address may have been another file's:
+  // ThreadSanitizer, to which this library is a kernel, would take the two for one memory.
+  const auto offset = static_cast<off_t>(filled.index * size);
+  std::vector<std::byte> memory(size);
+  if (::pread(handle.memory, memory.data(), size, offset) != static_cast<ssize_t>(size)) {
+    return EIO;
+  }
+  const Filling job = fill(handle, filled, memory.data());
+  if (::pwrite(handle.memory, memory.data(), size, offset) != static_cast<ssize_t>(size)) {
+    return EIO;
+  }
   b.index = filled.index;
   b.sequence = job.sequence;
   b.flags = job.flags;

@@ -101,8 +101,7 @@ TEST(DirectLight, HoldsTheGoldenOccludedLeds) {
       continue;
     }
     const auto& geometry = item["geometry"];
-    // Scaled to 100 mm a unit, so that the shadow rays' offset of 0.05 mm is 5e-4 units.
-    constexpr double kScale = 100.0;
+    constexpr double kScale = 100.0;  // mm a unit
     const double half = kScale * number(geometry["occluder_half_width"]);
     const double z = kScale * number(geometry["occluder_height"]);
     const double cx = kScale * number(geometry["occluder_centre"][0]);
@@ -137,6 +136,57 @@ TEST(DirectLight, HoldsTheGoldenOccludedLeds) {
     ++n_checked;
   }
   EXPECT_EQ(n_checked, 2);
+}
+
+/// What a box on a plane leaves of 8 x 8 LEDs around it and on it, all of it `size` times as
+/// large and moved.
+std::vector<double> around_a_box(double size, const Vector3d& moved) {
+  const auto at = [&](double x, double y, double z) -> Vector3d {
+    return size * Vector3d(x, y, z) + moved;
+  };
+  Scene scene;
+  scene.materials.emplace_back();
+  scene.meshes.push_back(make_quad(at(-1000, -1000, 0), at(1000, -1000, 0), at(1000, 1000, 0),
+                                   at(-1000, 1000, 0), 0));
+  scene.meshes.push_back(make_box(at(-40, -40, 0), at(40, 40, 60), 0));
+  std::vector<SquareLight> lights = led_face(8, 30.0, 28.0, 900.0);
+  for (SquareLight& light : lights) {
+    light.centre = size * light.centre + moved;
+    light.width_mm *= size;
+    light.height_mm *= size;
+  }
+  const RayCaster caster(scene);
+  const DirectLight direct(caster, lights);
+  std::vector<LightShare> shares(lights.size());
+  std::vector<double> found;
+  std::uint64_t key = 0;
+  for (const double gap : {0.02, 0.2, 1.0, 3.0, 10.0}) {  // from the box's walls
+    for (const Vector3d& place :
+         {Vector3d(40 + gap, 3, 0), Vector3d(-7, 40 + gap, 0), Vector3d(40 - gap, 5, 60)}) {
+      SurfacePoint surface = on_plane(0.0, 0.0);
+      surface.point = size * place + moved;
+      direct.evaluate(surface, scene.materials[0], ++key, shares);
+      for (const LightShare& share : shares) {
+        found.push_back(share.diffuse);
+      }
+    }
+  }
+  return found;
+}
+
+TEST(DirectLight, IsTheSameAtAnySizeAndPlace) {
+  const std::vector<double> normal = around_a_box(1.0, Vector3d::Zero());
+  const auto n = static_cast<Eigen::Index>(normal.size());
+  const Eigen::Map<const Eigen::ArrayXd> truth(normal.data(), n);
+  for (const double size : {1e-6, 1e-3, 1.0, 1e3, 1e6}) {
+    for (const double far : {0.0, 1e4}) {
+      const std::vector<double> found = around_a_box(size, far * size * Vector3d(1, -2, 3));
+      const Eigen::Map<const Eigen::ArrayXd> ours(found.data(), n);
+      // Of 256 strata of a light that an edge crosses one may fall on the other side.
+      const double error = std::sqrt((ours - truth).square().sum() / truth.square().sum());
+      EXPECT_LT(error, 3e-4) << "size " << size << ", " << far << " sizes away";
+    }
+  }
 }
 
 TEST(DirectLight, StatedErrorIsTheErrorsSize) {

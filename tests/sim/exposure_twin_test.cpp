@@ -330,6 +330,39 @@ TEST_F(ExposureTwin, NoiseOfTheStackIsItsDistanceFromTheLight) {
   EXPECT_NEAR(*stated / found, 1.0, 0.05);
 }
 
+TEST_F(ExposureTwin, NoiseOfAStackThatClipsIsThatOfItsRepeats) {
+  // A clipped value is the same number each time: it has no noise, and its energy counts.
+  VirtualCameraOptions options = with({});
+  options.lit_electrons = 6000.0;
+  const Session first = capture("clips1", kOne, options);
+  options.seed += 1;
+  const Session second = capture("clips2", kOne, options);
+  const std::optional<double> stated = measure_noise(first, PlateChoice::parse("none"), {});
+  ASSERT_TRUE(stated.has_value());
+  const Developed a = develop_all(first, {.has_standard_error = true});
+  const Developed b = develop_all(second, {});
+  double apart = 0.0;
+  double energy = 0.0;
+  double clipped_energy = 0.0;
+  for (int k = 0; k < 64; ++k) {
+    const Image<float> value = a.stack.light_image(k);
+    const Image<float> again = b.stack.light_image(k);
+    const Image<float> sigma = a.standard_error->light_image(k);
+    for (std::size_t i = 0; i < value.pixels().size(); ++i) {
+      const double v = value.pixels()[i];
+      apart += 0.5 * std::pow(v - double{again.pixels()[i]}, 2);
+      energy += v * v;
+      clipped_energy += sigma.pixels()[i] < 0.0F ? v * v : 0.0;
+    }
+  }
+  const double found = std::sqrt(apart / energy);
+  fmt::print("noise stated {:.5f}, of two captures {:.5f}; clipped: {:.2f} of the energy\n",
+             *stated, found, clipped_energy / energy);
+  EXPECT_GT(clipped_energy, 0.3 * energy);
+  // 16 of 48 rows are looked at; each stands for its neighbours.
+  EXPECT_NEAR(*stated / found, 1.0, 0.05);
+}
+
 TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
   VirtualCameraOptions bright = with({});
   bright.lit_electrons = 6000.0;

@@ -58,6 +58,19 @@ export class Basis {
     this.coefficientErrors = take(channels);
     this.lightNorms = take(channels);
     this.lightErrors = take(channels);
+    // One a channel; docs/basis-format.md, "Sections".
+    const takeBounds = said => {
+      if (!said) {
+        return null;
+      }
+      const blocks = Math.ceil(this.nLights / said.block);
+      const shares = take(channels, blocks);
+      const rests = take(channels, blocks);
+      return shares.map((share, c) =>
+        ({block: said.block, shares: share, rests: rests[c], vectors: take(said.vectors)}));
+    };
+    this.codedBounds = takeBounds(about.coded_bound);
+    this.termBounds = takeBounds(about.term_bound);
 
     this.groupOf = new Int32Array(this.nLights);
     about.groups.forEach(([begin, end], g) => {

@@ -13,6 +13,25 @@ function transform(basis, values, one) {
   return values;
 }
 
+/** ||sum of l_i P_i|| at most, ||P_i|| <= norms[i], by a bound of the file (relight/basis/light_query.cpp). */
+function pictureBound({block, shares, rests, vectors}, norms, light, order) {
+  let sum = 0;
+  shares.forEach((share, b) => {
+    const end = Math.min(light.length, (b + 1) * block);
+    let [energy, size] = [0, 0];
+    const products = new Float64Array(vectors.length);
+    for (let i = b * block; i < end; ++i) {
+      const k = order[i];
+      const x = norms[k] * light[k];
+      energy += x * x;
+      size += Math.abs(light[k]);
+      vectors.forEach((v, j) => (products[j] += v[i] * x));
+    }
+    sum += Math.sqrt(share * energy + products.reduce((s, p) => s + p * p, 0)) + rests[b] * size;
+  });
+  return sum * (1 + 1e-9);
+}
+
 /** One output channel: the drives of one colour on one channel of the file. */
 class Query {
   constructor(basis, channel, given) {
@@ -62,7 +81,9 @@ class Query {
       energy += lightErrors[i] ** 2;
       drive += this.given[i] ** 2;
     }
-    return Math.min(byCoefficient, byLight, Math.sqrt(energy) * Math.sqrt(drive));
+    const least = Math.min(byCoefficient, byLight, Math.sqrt(energy) * Math.sqrt(drive));
+    const bound = this.basis.codedBounds?.[this.channel];
+    return bound ? Math.min(least, pictureBound(bound, errors, this.light, this.basis.about.order)) : least;
   }
 
   /** The first K terms' pictures as far as they are loaded, and what the others add at most. */
@@ -77,6 +98,12 @@ class Query {
         dropped += reach[i];
       }
     });
+    const bound = basis.termBounds?.[channel];
+    if (bound && dropped > 0) {
+      const left = Float64Array.from(this.light);
+      kept.forEach(i => (left[i] = 0));
+      dropped = Math.min(dropped, pictureBound(bound, basis.coefficientNorms[channel], left, basis.about.order));
+    }
     let [pictures, factors, worth] = [Int32Array.from(kept), this.light, reach];
     if (basis.isLossless) {
       // sum over kept i of l_i C_i = sum over k of (H^-1 l)_k T_k

@@ -246,6 +246,16 @@ function termsOf(place) {
   return Math.min(all, Math.round(all ** ((place - 1) / (kTermStops - 1))));
 }
 
+/** What the stated error leaves out. */
+function clippedWords({clipped}) {
+  if (!clipped) {
+    return ' What was clipped is not known (an older file).';
+  }
+  const share = percent(clipped.share);
+  return clipped.share > 0
+    ? ` Lower bounds, in no error: ${share} of the values were clipped in every exposure.` : '';
+}
+
 const percent = share => share === Infinity ? 'not bounded' : `${Number((100 * share).toPrecision(2))} %`;
 
 let tellAt = 0;
@@ -263,7 +273,7 @@ function tellStatus() {
   const status = engine.status();
   const terms = `${status.terms} of ${status.termsAll} terms`;
   byId('picture-facts').textContent = status.isWhole
-    ? `${terms}, error at most ${percent(status.bound)}. Exposure ${Number(status.exposure.toPrecision(4))}.`
+    ? `${terms}, error at most ${percent(status.bound)}. Exposure ${Number(status.exposure.toPrecision(4))}.${clippedWords(page.basis.about)}`
     : `${terms}, the others follow …`;
   byId('name-first').textContent = `${status.terms} terms`;
   byId('name-difference').textContent = `difference × ${engine.amplify}, grey: none`;

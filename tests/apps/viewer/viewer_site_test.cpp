@@ -60,10 +60,14 @@ TEST_F(ViewerSite, GivesTheTablesBitForBit) {
   const std::string bytes = get(data("tables")).body;
   const BasisTables& tables = basis_->tables();
   std::vector<float> expected = tables.plate_vectors;
-  for (const auto* part : {&tables.coefficient_norms, &tables.coefficient_errors,
-                           &tables.light_norms, &tables.light_errors}) {
+  for (const auto* part :
+       {&tables.coefficient_norms, &tables.coefficient_errors, &tables.light_norms,
+        &tables.light_errors, &tables.coded_bound.shares, &tables.coded_bound.rests,
+        &tables.coded_bound.vectors, &tables.term_bound.shares, &tables.term_bound.rests,
+        &tables.term_bound.vectors}) {
     expected.insert(expected.end(), part->begin(), part->end());
   }
+  EXPECT_FALSE(tables.coded_bound.is_empty());
   ASSERT_EQ(bytes.size(), expected.size() * sizeof(float));
   EXPECT_EQ(std::memcmp(bytes.data(), expected.data(), bytes.size()), 0);
 }

@@ -14,6 +14,7 @@
 #include "core/files.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/relight.h"
+#include "tests/relight/basis/file_bytes.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
@@ -22,6 +23,9 @@ namespace {
 
 using test::made_source;
 using test::make_stack;
+using test::put_number;
+using test::replace;
+using test::sign_preamble;
 
 /// A good file's bytes, made once.
 const std::string& good_bytes() {
@@ -53,42 +57,8 @@ void read_everything(const std::string& bytes) {
   (void)relight(basis, LightWeights::Ones(basis.header().dims.n_lights, 1));
 }
 
-std::uint64_t number_at(const std::string& bytes, std::size_t offset) {
-  std::uint64_t value = 0;
-  std::memcpy(&value, bytes.data() + offset, sizeof(value));
-  return value;
-}
-
-void put_number(std::string& bytes, std::size_t offset, std::uint64_t value) {
-  std::memcpy(bytes.data() + offset, &value, sizeof(value));
-}
-
-std::uint64_t checksum(std::string_view bytes) {
-  return block_checksum(std::as_bytes(std::span(bytes.data(), bytes.size())));
-}
-
-void sign_preamble(std::string& bytes) {
-  put_number(bytes, 96, checksum(std::string_view(bytes).substr(0, 96)));
-}
-
-/// The file with another header text, all checksums right.
 std::string with_header(const std::function<std::string(std::string)>& change) {
-  std::string bytes = good_bytes();
-  const std::size_t offset = number_at(bytes, 24);
-  const std::string header = change(bytes.substr(offset, number_at(bytes, 32)));
-  bytes.resize(offset);  // the header stands last
-  bytes += header;
-  put_number(bytes, 16, bytes.size());
-  put_number(bytes, 32, header.size());
-  put_number(bytes, 40, checksum(header));
-  sign_preamble(bytes);
-  return bytes;
-}
-
-std::string replace(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
+  return test::with_header(good_bytes(), change);
 }
 
 void expect_refused(const std::string& bytes, const std::string& words) {
@@ -118,8 +88,8 @@ TEST(BasisFile, OtherFilesAndOtherVersionsAreRefused) {
   expect_refused("", "not a basis file");
   expect_refused("PNG and so on, a long text that is no basis file at all", "not a basis file");
   std::string newer = good_bytes();
-  newer[8] = 3;
-  expect_refused(newer, "version 3");
+  newer[8] = 4;
+  expect_refused(newer, "version 4");
   newer[8] = 1;
   expect_refused(newer, "version 1");
 }
@@ -171,6 +141,33 @@ TEST(BasisFile, BrokenHeadersAreRefusedByField) {
   refuse("\"rank\":", "\"rank\":1", "");
   refuse("\"dead_zone\":0.6", "\"dead_zone\":-1", "'dead_zone'");
   refuse("\"group_ends\":[64", "\"group_ends\":[65", "group_ends");
+}
+
+/// What a later program adds is skipped; what this one knows must be what it says.
+TEST(BasisFile, UnknownSectionsAndKeysAreSkippedAndKnownOnesChecked) {
+  const BasisFile good = from_text(good_bytes());
+  ASSERT_EQ(good.header().sections.size(), 2U);
+  ASSERT_FALSE(good.tables().coded_bound.is_empty());
+  const std::string unknown = with_header([](const std::string& h) {
+    return replace(replace(h, "\"coded_bound\"", "\"of_later_years\""), "{",
+                   "{\"a_later_key\":[1,{}],");
+  });
+  EXPECT_NO_THROW(read_everything(unknown));
+  EXPECT_TRUE(from_text(unknown).tables().coded_bound.is_empty());
+  const auto refuse = [](const std::string& from, const std::string& to,
+                         const std::string& words) {
+    expect_refused(with_header([&](const std::string& h) { return replace(h, from, to); }),
+                   words);
+  };
+  refuse("\"values\":", "\"values\":1", "no bound");
+  refuse("\"values\":", "\"values\":-1", "'sections[].values'");
+  refuse("\"checksum\":\"", "\"checksum\":\"1\",\"x\":\"", "damaged");
+  refuse("\"checksum\":\"", "\"checksum\":\"x", "hexadecimal");
+  refuse("\"offset\":", "\"offset\":9999999", "belong to nothing");
+  refuse("\"sections\":[", "\"sections\":[7,", "sections");
+  refuse("\"sections\":[{", "\"sections\":3,\"x\":[{", "'sections' is not a list");
+  refuse("{", "{\"clipped\":{\"values\":1e9,\"least_norm\":0},", "more values are clipped");
+  refuse("{", "{\"clipped\":{\"values\":1},", "'clipped.least_norm' is missing");
 }
 
 TEST(BasisFile, HeaderSurvivesTheRoundTrip) {

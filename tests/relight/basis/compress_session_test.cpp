@@ -43,6 +43,12 @@ TEST(ComputedPlate, IsLambertOnThePlaneAndNothingInTheSky) {
   EXPECT_THAT(row, testing::Each(0.0F));
 }
 
+TEST(ComputedPlate, NeedsLightOnThePlane) {
+  Rig rig = small_rig();
+  rig.faces.front().emits = -rig.faces.front().emits;
+  EXPECT_THROW(ComputedPlate{rig}, Error);
+}
+
 TEST(ComputedPlate, NeedsACameraAndAPlane) {
   Rig rig = small_rig();
   rig.planes.clear();
@@ -106,6 +112,9 @@ TEST(CompressSession, SessionBecomesABasisFileThatKnowsItsLights) {
   const CompressSummary summary =
       compress_session(session, PlateChoice::parse("none"), file, {.relative_l2 = 0.0});
   EXPECT_EQ(summary.header.grid, haar_grid(session.info()));
+  EXPECT_EQ(summary.header.coding, BasisCoding::integers) << "whole steps of the camera";
+  EXPECT_EQ(summary.header.reached.worst_value, 0.0);
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 2);
   const BasisFile basis = BasisFile::open(file);
   const LightStack stack = develop(session);
   LightWeights w = LightWeights::Zero(16, 1);

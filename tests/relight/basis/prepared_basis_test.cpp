@@ -4,15 +4,19 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
+#include <span>
+#include <string>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "core/error.h"
+#include "core/files.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/tolerance.h"
 #include "relight/basis/compress.h"
+#include "tests/relight/basis/file_bytes.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
@@ -32,11 +36,14 @@ class Prepared : public testing::Test {
   static BasisFile compressed(const std::string& name, const MemoryStack& stack,
                               const CompressOptions& options = {}, int grid = 16,
                               const StackSource* plate = nullptr) {
-    const auto file = shared_folder->path() / name;
+    const auto file = file_of(name);
     if (!std::filesystem::exists(file)) {
       (void)compress_stack(made_source(stack, grid, plate), file, options);
     }
     return BasisFile::open(file);
+  }
+  static std::filesystem::path file_of(const std::string& name) {
+    return shared_folder->path() / name;
   }
   static BasisFile with_plate() {
     return compressed("plate.hlb", make_stack({}), {.relative_l2 = 1e-3}, 16,
@@ -175,9 +182,21 @@ TEST_F(Prepared, SharperBoundTakesFewerTerms) {
   const PreparedBasis basis(file);
   const LightWeights w = sky(7);
   const RelitPicture sharp = relit(basis, w, {.max_error = 0.02});
-  const RelitPicture loose = relight(file, w, {.max_error = 0.02});
   EXPECT_LE(sharp.bound.relative_l2, 0.02);
+  // The same file without its bound on dropped terms: the triangle inequality is left.
+  const std::string bytes =
+      test::with_header(read_file(file_of("plate.hlb")), [](const std::string& header) {
+        return test::replace(header, "\"term_bound\"", "\"not_known\"");
+      });
+  const BasisFile plain =
+      BasisFile::from_bytes(std::as_bytes(std::span(bytes.data(), bytes.size())), "plain.hlb");
+  const RelitPicture loose = relight(plain, w, {.max_error = 0.02});
   EXPECT_LT(2 * sharp.terms, loose.terms);
+  // The file's own bound: between the two.
+  const RelitPicture stored = relight(file, w, {.max_error = 0.02});
+  EXPECT_LE(stored.bound.relative_l2, 0.02);
+  EXPECT_LE(sharp.terms, stored.terms);
+  EXPECT_LT(stored.terms, loose.terms);
 }
 
 TEST_F(Prepared, ValuesBeyondSixteenBitsAreExact) {

@@ -313,7 +313,8 @@ TEST(WeightList, WordsNameLightsAndDrives) {
   EXPECT_EQ(w(3, 0), 1.1);
   EXPECT_EQ(w(5, 0), 0.5);
   EXPECT_EQ(w(7, 0), -2.0);
-  for (const char* bad : {"", "x", "3=", "3=y", "8", "-1", "3,", "1e1", "3=inf", "3=nan"}) {
+  for (const char* bad :
+       {"", "x", "3=", "3=y", "8", "-1", "3,", "1e1", "3=inf", "3=nan", "3=1e21"}) {
     EXPECT_THROW((void)weights_from_words({bad}, 8), Error) << bad;
   }
 }
@@ -326,8 +327,8 @@ TEST(WeightList, JsonHoldsOneNumberOrThreeALight) {
   EXPECT_EQ(weights_from_json(file, 4)(2, 0), 3.0);
   write("[[1, 2, 3], [4, 5, 6]]");
   EXPECT_EQ(weights_from_json(file, 2)(1, 2), 6.0);
-  for (const char* bad :
-       {"", "{}", "[1, 2]", "[1, 2, \"3\"]", "[1e999, 0, 0, 0]", "[null,1,1,1]"}) {
+  for (const char* bad : {"", "{}", "[1, 2]", "[1, 2, \"3\"]", "[1e999, 0, 0, 0]",
+                          "[1e21, 0, 0, 0]", "[null,1,1,1]"}) {
     write(bad);
     EXPECT_THROW((void)weights_from_json(file, 4), Error) << bad;
   }

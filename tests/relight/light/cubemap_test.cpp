@@ -271,8 +271,14 @@ TEST_F(EnvironmentFile, BrokenOnesAreRefused) {
 
   Image<float> infinite(8, 16, 3);
   infinite(3, 5, 1) = std::numeric_limits<float>::infinity();
-  write_image(folder_ / "inf.exr", infinite.view());
-  expect_refused(folder_ / "inf.exr", "inf.exr");
+  EXPECT_THROW(write_image(folder_ / "inf.exr", infinite.view()), Error);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "inf.exr"));
+  EXPECT_THROW((void)Environment::from_picture(infinite, "inf"), Error);
+
+  Image<float> bright(8, 16, 3);
+  bright(3, 5, 1) = 3e38F;
+  write_image(folder_ / "bright.exr", bright.view());
+  expect_refused(folder_ / "bright.exr", "3e+38 at column 5, row 3");
 
   Image<float> negative(8, 16, 3);
   negative(7, 15, 2) = -0.5F;

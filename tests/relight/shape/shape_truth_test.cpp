@@ -13,8 +13,8 @@
 #include "render/picture.h"
 #include "session/light_file.h"
 #include "sim/transport.h"
+#include "tests/relight/shape/known_captures.h"
 #include "tests/relight/shape/made_lights.h"
-#include "tests/temporary_folder.h"
 
 /// Captures whose normals are known: rendered by others (rti_synth), and by the twin.
 
@@ -22,47 +22,16 @@ namespace haarlight {
 namespace {
 
 using Eigen::Vector3d;
+using testing::capture_twin;
 using testing::degrees_between;
-using testing::TemporaryFolder;
+using testing::ground;
+using testing::kSynthetic;
+using testing::read_rendered;
+using testing::Rendered;
+using testing::Twin;
+using testing::twin_rig;
 using testing::vector_at;
 namespace fs = std::filesystem;
-
-const fs::path kSynthetic = HAARLIGHT_SOURCE_DIR "/../shared/data/rti_synth";
-
-struct Rendered {
-  std::optional<MemoryStack> stack;
-  StereoLights lights;
-  Image<float> normals;  ///< (height, width, 3) unit
-};
-
-/// @param is_decoded  sRGB pictures to linear light; false: the numbers as they are
-Rendered read_rendered(const std::string& name, bool is_decoded) {
-  const fs::path folder = kSynthetic / name / "Dome";
-  Rendered capture;
-  const LightList list = read_light_file(folder / "dirs.lp");
-  for (const SessionLight& light : list.lights) {
-    const int k = static_cast<int>(capture.lights.directions.size());
-    capture.lights.directions.push_back(light.place.normalized());
-    const Image<float> picture = is_decoded ? read_linear_image(folder / light.name)
-                                            : read_picture(folder / light.name).pixels;
-    if (!capture.stack) {
-      capture.stack.emplace(StackDims{picture.width(), picture.height(), 3,
-                                      static_cast<int>(list.lights.size())});
-    }
-    for (int y = 0; y < picture.height(); ++y) {
-      for (int x = 0; x < picture.width(); ++x) {
-        for (int c = 0; c < 3; ++c) {
-          capture.stack->at(c, y, x, k) = picture(y, x, c);
-        }
-      }
-    }
-  }
-  capture.normals = read_picture(folder / "normals.png").pixels;
-  for (float& value : capture.normals.pixels()) {
-    value = 2.0F * value - 1.0F;
-  }
-  return capture;
-}
 
 struct Found {
   double mean_deg = 0.0;
@@ -131,61 +100,6 @@ TEST_F(RtiSynth, TheMEstimatorOnLinearLight) {
 TEST_F(RtiSynth, LeastSquaresOnLinearLightForTheRecord) {
   EXPECT_LT(measure(kSingle, true, {.method = LambertMethod::least_squares}).mean_deg, 7.0);
   EXPECT_LT(measure(kMulti, true, {.method = LambertMethod::least_squares}).mean_deg, 13.0);
-}
-
-/// The cube of 32 x 32 lights under every second row and column, with a small camera.
-Rig twin_rig(int width, int height) {
-  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");
-  Face& face = rig.faces[0];
-  face.rows = face.cols = 16;
-  face.pitch_mm = 60.0;
-  CameraModel& camera = rig.cameras[0].model;
-  const double scale = static_cast<double>(width) / camera.width;
-  camera.width = width;
-  camera.height = height;
-  camera.fx *= scale;
-  camera.fy *= scale;
-  camera.cx = 0.5 * width;
-  camera.cy = 0.5 * height;
-  rig.cameras[0].frame_width = width;
-  rig.cameras[0].active_rows = height;
-  return rig;
-}
-
-struct Twin {
-  MemoryStack stack;
-  StereoLights lights;
-};
-
-Twin capture_twin(const Rig& rig, const Scene& scene) {
-  const TemporaryFolder folder;
-  TransportOptions options;
-  options.cache_folder = folder.path();
-  const Transport transport = make_transport(rig, 0, scene, options);
-  const CameraModel& camera = rig.cameras[0].model;
-  Twin twin{MemoryStack({camera.width, camera.height, 1, rig.n_lights()}), {}};
-  for (int k = 0; k < rig.n_lights(); ++k) {
-    for (int y = 0; y < camera.height; ++y) {
-      for (int x = 0; x < camera.width; ++x) {
-        twin.stack.at(0, y, x, k) =
-            static_cast<float>(double{transport.plane(k)(y, x)} / transport.scale());
-      }
-    }
-  }
-  twin.lights.are_near = true;
-  for (const LightElement& element : light_elements(rig)) {
-    twin.lights.near.push_back({element.centre, element.emits, element.lobe_mu});
-    twin.lights.directions.push_back((element.centre - rig.object_centre).normalized());
-  }
-  return twin;
-}
-
-Scene ground() {
-  Scene scene;
-  scene.materials.push_back({"paper", Vector3d::Constant(0.8), 0.0, 1.0});
-  scene.meshes.push_back(
-      make_quad({-1000, -1000, 0}, {1000, -1000, 0}, {1000, 1000, 0}, {-1000, 1000, 0}, 0));
-  return scene;
 }
 
 TEST(TwinShape, ALambertSphereUnderNearLights) {

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <string>
+
+#include "core/report.h"
+#include "relight/basis/basis_file.h"
+#include "relight/basis/relight.h"
+
+/// @file
+/// What a command says of values that were clipped in every exposure: they are lower bounds,
+/// and no error that is stated covers what they lack. Empty words where nothing was clipped.
+
+namespace haarlight {
+
+/// Of a whole basis file, for a line of its own.
+[[nodiscard]] std::string clipped_words(const BasisHeader& header);
+void report_clipped(const BasisHeader& header, Report& report);
+
+/// Of one picture.
+struct PictureClipping {
+  double share = 0.0;  ///< of the values under the lights in use
+  /// Were the clipped values truly up to 1 + f times as bright, the picture's relative error is
+  /// at most its bound + f * relative. Infinity where the bound is.
+  double relative = 0.0;
+};
+[[nodiscard]] PictureClipping picture_clipping(const RelightBound& bound);
+[[nodiscard]] std::string clipped_words(const BasisHeader& header,
+                                        const PictureClipping& clipping);
+void report_clipped(const BasisHeader& header, const PictureClipping& clipping, Report& report);
+
+}  // namespace haarlight

@@ -1,0 +1,436 @@
+#include "relight/basis/error_gram.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+
+#include "core/error.h"
+#include "core/random.h"
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::size_t kPixelBatch = 16;
+constexpr std::size_t kPad = 32;  // numbers of the widest vector register
+constexpr std::size_t kHalfPad = 16;
+constexpr std::size_t kNear = 8;    // rows that stay in the first cache while others pass
+constexpr std::size_t kPanel = 32;  // and in the second
+constexpr std::size_t kMostPixels = 1024;
+
+std::size_t count(int n) { return static_cast<std::size_t>(n); }
+std::size_t triangle(std::size_t n) { return n * (n + 1) / 2; }
+
+/// Some rows of whole numbers, each padded to a multiple of kPad.
+struct NumberRows {
+  const std::int16_t* first = nullptr;
+  std::size_t stride = 0;
+  [[nodiscard]] const std::int16_t* row(std::size_t i) const { return first + i * stride; }
+};
+
+std::int32_t dot_portable(const std::int16_t* a, const std::int16_t* b, std::size_t n) {
+  std::int32_t sum = 0;
+  for (std::size_t p = 0; p < n; ++p) {
+    sum += std::int32_t{a[p]} * std::int32_t{b[p]};
+  }
+  return sum;
+}
+
+/// Products of 4 x 2 rows; out[2 i + j].
+void dots_portable(const NumberRows& a, const NumberRows& b, std::int32_t* out) {
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (std::size_t j = 0; j < 2; ++j) {
+      out[2 * i + j] = dot_portable(a.row(i), b.row(j), a.stride);
+    }
+  }
+}
+
+#if defined(__x86_64__)
+/// The sum of each register's eight numbers.
+[[gnu::target("avx2")]] void fold_avx2(const __m256i* sums, std::int32_t* out) {
+  const __m256i first = _mm256_hadd_epi32(_mm256_hadd_epi32(sums[0], sums[1]),
+                                          _mm256_hadd_epi32(sums[2], sums[3]));
+  const __m256i last = _mm256_hadd_epi32(_mm256_hadd_epi32(sums[4], sums[5]),
+                                         _mm256_hadd_epi32(sums[6], sums[7]));
+  const __m256i lower = _mm256_permute2x128_si256(first, last, 0x20);
+  const __m256i upper = _mm256_permute2x128_si256(first, last, 0x31);
+  _mm256_storeu_si256(reinterpret_cast<__m256i*>(out), _mm256_add_epi32(lower, upper));
+}
+
+[[gnu::target("avx2")]] void dots_avx2(const NumberRows& a, const NumberRows& b,
+                                       std::int32_t* out) {
+  __m256i sums[8];  // NOLINT(modernize-avoid-c-arrays): registers
+  for (__m256i& sum : sums) {
+    sum = _mm256_setzero_si256();
+  }
+  for (std::size_t p = 0; p < a.stride; p += kHalfPad) {
+    const auto load = [p](const std::int16_t* row) __attribute__((target("avx2"))) {
+      return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(row + p));
+    };
+    const __m256i b0 = load(b.row(0));
+    const __m256i b1 = load(b.row(1));
+    for (std::size_t i = 0; i < 4; ++i) {
+      const __m256i ai = load(a.row(i));
+      sums[2 * i] = _mm256_add_epi32(sums[2 * i], _mm256_madd_epi16(ai, b0));
+      sums[2 * i + 1] = _mm256_add_epi32(sums[2 * i + 1], _mm256_madd_epi16(ai, b1));
+    }
+  }
+  fold_avx2(sums, out);
+}
+
+[[gnu::target("avx512f,avx512bw,avx512vnni")]] void dots_vnni(const NumberRows& a,
+                                                              const NumberRows& b,
+                                                              std::int32_t* out) {
+  __m512i sums[8];  // NOLINT(modernize-avoid-c-arrays): registers
+  for (__m512i& sum : sums) {
+    sum = _mm512_setzero_si512();
+  }
+  for (std::size_t p = 0; p < a.stride; p += kPad) {
+    const __m512i b0 = _mm512_loadu_si512(b.row(0) + p);
+    const __m512i b1 = _mm512_loadu_si512(b.row(1) + p);
+    for (std::size_t i = 0; i < 4; ++i) {
+      const __m512i ai = _mm512_loadu_si512(a.row(i) + p);
+      sums[2 * i] = _mm512_dpwssd_epi32(sums[2 * i], ai, b0);
+      sums[2 * i + 1] = _mm512_dpwssd_epi32(sums[2 * i + 1], ai, b1);
+    }
+  }
+  __m256i halves[8];  // NOLINT(modernize-avoid-c-arrays): registers
+  for (std::size_t i = 0; i < 8; ++i) {
+    alignas(64) std::array<std::int32_t, 16> each{};
+    _mm512_store_si512(each.data(), sums[i]);
+    const auto* half = reinterpret_cast<const __m256i*>(each.data());
+    halves[i] = _mm256_add_epi32(_mm256_load_si256(half), _mm256_load_si256(half + 1));
+  }
+  fold_avx2(halves, out);
+}
+
+bool has_vnni() {
+  static const bool kHas =
+      __builtin_cpu_supports("avx512bw") != 0 && __builtin_cpu_supports("avx512vnni") != 0;
+  return kHas;
+}
+#endif
+
+void dots(KernelCode code, const NumberRows& a, const NumberRows& b, std::int32_t* out) {
+#if defined(__x86_64__)
+  if (code == KernelCode::avx2) {
+    (has_vnni() ? dots_vnni : dots_avx2)(a, b, out);
+    return;
+  }
+#endif
+  static_cast<void>(code);
+  dots_portable(a, b, out);
+}
+
+/// Errors as whole numbers, halves to the even one. @return  what they miss at most, in steps
+template <class Real>
+Real to_whole_portable(std::span<const Real> errors, Real inverse_scale, std::int16_t* to) {
+  constexpr auto kMost = static_cast<Real>(kGramLargest);
+  auto worst = Real(0);
+  for (std::size_t k = 0; k < errors.size(); ++k) {
+    const Real steps = errors[k] * inverse_scale;
+    const Real whole = std::nearbyint(std::min(std::max(steps, -kMost), kMost));
+    worst = std::max(worst, std::abs(steps - whole));
+    to[k] = static_cast<std::int16_t>(whole);
+  }
+  return worst;
+}
+
+#if defined(__x86_64__)
+[[gnu::target("avx2")]] float to_whole_avx2(std::span<const float> errors, float inverse_scale,
+                                            std::int16_t* to) {
+  constexpr std::size_t kLanes = 8;
+  const __m256 scale = _mm256_set1_ps(inverse_scale);
+  const __m256 most = _mm256_set1_ps(static_cast<float>(kGramLargest));
+  const __m256 least = _mm256_set1_ps(static_cast<float>(-kGramLargest));
+  const __m256 no_sign = _mm256_castsi256_ps(_mm256_set1_epi32(0x7fffffff));
+  __m256 worst = _mm256_setzero_ps();
+  std::size_t k = 0;
+  for (; k + kLanes <= errors.size(); k += kLanes) {
+    const __m256 steps = _mm256_mul_ps(_mm256_loadu_ps(errors.data() + k), scale);
+    const __m256i whole = _mm256_cvtps_epi32(_mm256_min_ps(_mm256_max_ps(steps, least), most));
+    const __m256 rest = _mm256_sub_ps(steps, _mm256_cvtepi32_ps(whole));
+    worst = _mm256_max_ps(worst, _mm256_and_ps(rest, no_sign));
+    const __m128i packed =
+        _mm_packs_epi32(_mm256_castsi256_si128(whole), _mm256_extracti128_si256(whole, 1));
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(to + k), packed);
+  }
+  std::array<float, kLanes> each{};
+  _mm256_storeu_ps(each.data(), worst);
+  return std::max(*std::max_element(each.begin(), each.end()),
+                  to_whole_portable(errors.subspan(k), inverse_scale, to + k));
+}
+#endif
+
+float to_whole(std::span<const float> errors, float inverse_scale, std::int16_t* to) {
+#if defined(__x86_64__)
+  if (best_kernel_code() == KernelCode::avx2) {
+    return to_whole_avx2(errors, inverse_scale, to);
+  }
+#endif
+  return to_whole_portable(errors, inverse_scale, to);
+}
+double to_whole(std::span<const double> errors, double inverse_scale, std::int16_t* to) {
+  return to_whole_portable(errors, inverse_scale, to);
+}
+
+/// The lower triangle of rows times rows; `n` of them, and zeros up to a multiple of 4 behind.
+void multiply_block(KernelCode code, const NumberRows& rows, std::size_t n, std::int32_t* out) {
+  std::int32_t four_by_two[8];  // NOLINT(modernize-avoid-c-arrays): registers' way out
+  const auto four_rows = [&](std::size_t i, std::size_t j_begin, std::size_t j_end) {
+    for (std::size_t j = j_begin; j < j_end; j += 2) {
+      dots(code, {rows.row(i), rows.stride}, {rows.row(j), rows.stride}, four_by_two);
+      for (std::size_t r = i; r < std::min(i + 4, n); ++r) {
+        for (std::size_t c = j; c < std::min(j + 2, r + 1); ++c) {
+          out[triangle(r) + c] = four_by_two[2 * (r - i) + c - j];
+        }
+      }
+    }
+  };
+  for (std::size_t panel = 0; panel < n; panel += kPanel) {
+    const std::size_t panel_end = std::min(n, panel + kPanel);
+    for (std::size_t j = 0; j < panel_end; j += kNear) {
+      for (std::size_t i = std::max(panel, j); i < panel_end; i += 4) {
+        four_rows(i, j, std::min({j + kNear, i + 4, n}));
+      }
+    }
+  }
+}
+
+using Matrix = Eigen::MatrixXd;
+
+/// Products of the pictures brought to length 1.
+Matrix correlations(std::span<const double> products, std::span<const float> norms) {
+  const auto n = static_cast<Eigen::Index>(norms.size());
+  Eigen::VectorXd inverse(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double norm = norms[static_cast<std::size_t>(i)];
+    inverse[i] = norm > 0.0 ? 1.0 / norm : 0.0;
+  }
+  Matrix all(n, n);
+  std::size_t from = 0;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    for (Eigen::Index j = 0; j <= i; ++j, ++from) {
+      all(i, j) = products[from] * inverse[i] * inverse[j];
+      all(j, i) = all(i, j);
+    }
+  }
+  return all;
+}
+
+Matrix orthonormal(const Matrix& m) {
+  return Eigen::HouseholderQR<Matrix>(m).householderQ() * Matrix::Identity(m.rows(), m.cols());
+}
+
+/// The largest eigenvalues and vectors, ascending, from a block Krylov space [Halko11, 4.5].
+/// Only how sharp the bound becomes depends on how well they are found: at twice the depth the
+/// share was 0 to 2 % lower (two captures of the demo and a made stack, 32 vectors).
+struct TopVectors {
+  Eigen::VectorXd values;
+  Matrix vectors;
+};
+TopVectors top_vectors(const Matrix& all, Eigen::Index wanted) {
+  constexpr Eigen::Index kBlock = 16;
+  constexpr Eigen::Index kLeastDepth = 6;
+  const Eigen::Index n = all.rows();
+  const Eigen::Index size =
+      std::min(n, kBlock * std::max(kLeastDepth, (4 * wanted + kBlock - 1) / kBlock));
+  Matrix basis(n, size);
+  Matrix image(n, size);
+  Matrix next(n, std::min(kBlock, size));
+  for (Eigen::Index j = 0; j < next.cols(); ++j) {
+    for (Eigen::Index i = 0; i < n; ++i) {
+      next(i, j) = standard_normal(
+          hash_key(0x6772616d, static_cast<std::uint64_t>(i), static_cast<std::uint64_t>(j)));
+    }
+  }
+  for (Eigen::Index done = 0; done < size; done += kBlock) {
+    const Eigen::Index width = std::min(kBlock, size - done);
+    next = orthonormal(next.leftCols(width));
+    for (int pass = 0; pass < 2 && done > 0; ++pass) {  // twice: the first leaves its rounding
+      const auto before = basis.leftCols(done);
+      const Matrix along = before.transpose() * next;
+      next.noalias() -= before * along;
+      next = orthonormal(next);
+    }
+    basis.middleCols(done, width) = next;
+    image.middleCols(done, width).noalias() = all * next;
+    next = image.middleCols(done, width);
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix> small(basis.transpose() * image);
+  return {small.eigenvalues(), basis * small.eigenvectors()};
+}
+
+/// About the largest eigenvalue, from below.
+double largest_eigenvalue(const Matrix& all) {
+  constexpr int kPasses = 40;
+  Eigen::VectorXd v(all.rows());
+  for (Eigen::Index i = 0; i < v.size(); ++i) {
+    v[i] = standard_normal(hash_key(0x7265737400, static_cast<std::uint64_t>(i)));
+  }
+  double found = 0.0;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    const double norm = v.norm();
+    if (!(norm > 0.0)) {
+      return 0.0;
+    }
+    v /= norm;
+    const Eigen::VectorXd image = all * v;
+    found = v.dot(image);
+    v = image + std::abs(found) * v;  // the largest, not the one of the largest size
+  }
+  return std::max(found, 0.0);
+}
+
+/// A share that no eigenvalue reaches: share I - rest has a Cholesky factor. The factor of a
+/// matrix in doubles proves it to n^2 2^-53 of the share (1e-10), below what is added.
+double proven_share(const Matrix& rest) {
+  constexpr double kMargin = 1.003;
+  constexpr double kGrowth = 1.02;
+  double share = kMargin * largest_eigenvalue(rest) + 1e-6;
+  while (true) {
+    Matrix shifted = -rest;
+    shifted.diagonal().array() += share;
+    if (Eigen::LLT<Eigen::Ref<Matrix>>(shifted).info() == Eigen::Success) {
+      return share * (1.0 + 1e-8);
+    }
+    share *= kGrowth;
+  }
+}
+
+/// A size of a vector's step: its numbers are then whole ones of 8 bits, two bytes of a float.
+/// Finer ones cost a third byte: unrounded numbers make the share at most 0.9 % lower (on the
+/// same).
+double step_of(double largest) {
+  constexpr double kMostSteps = 255.0;
+  return largest > 0.0 ? std::exp2(std::ceil(std::log2(largest / kMostSteps))) : 1.0;
+}
+
+float round_up(double v) {
+  const auto f = static_cast<float>(v);
+  return double{f} < v ? std::nextafter(f, std::numeric_limits<float>::infinity()) : f;
+}
+
+}  // namespace
+
+int n_gram_blocks(int n_lights) { return (n_lights + kGramBlock - 1) / kGramBlock; }
+
+std::size_t gram_size(int n_lights) {
+  std::size_t size = 0;
+  for (int begin = 0; begin < n_lights; begin += kGramBlock) {
+    size += triangle(count(std::min(kGramBlock, n_lights - begin)));
+  }
+  return size;
+}
+
+TileErrors::TileErrors(std::span<const int> places, std::size_t n_pixels)
+    : places_(places), n_pixels_(n_pixels), stride_((n_pixels + kPad - 1) / kPad * kPad) {
+  HAARLIGHT_EXPECTS(n_pixels <= kMostPixels, "sums of a tile fit 32 bits");
+  // Three rows of zeros: blocks of rows are multiplied four by two.
+  rows_.resize((places.size() + 3) * stride_);
+  batch_.resize(kPixelBatch * places.size());
+}
+
+template <class Real>
+void TileErrors::append_row(std::span<const Real> errors, Real inverse_scale) {
+  HAARLIGHT_EXPECTS(errors.size() == places_.size() && n_done_ + n_batch_ < n_pixels_,
+                    "a pixel of the tile");
+  const Real worst = to_whole(errors, inverse_scale, batch_.data() + n_batch_ * places_.size());
+  largest_rest_ = std::max(largest_rest_, double{worst});
+  if (++n_batch_ == kPixelBatch || n_done_ + n_batch_ == n_pixels_) {
+    transpose();
+  }
+}
+
+void TileErrors::append(std::span<const float> errors, double inverse_scale) {
+  append_row(errors, static_cast<float>(inverse_scale));
+}
+void TileErrors::append(std::span<const double> errors, double inverse_scale) {
+  append_row(errors, inverse_scale);
+}
+
+void TileErrors::transpose() {
+  const std::size_t n = places_.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    std::int16_t* to = rows_.data() + count(places_[k]) * stride_ + n_done_;
+    for (std::size_t p = 0; p < n_batch_; ++p) {
+      to[p] = batch_[p * n + k];
+    }
+  }
+  n_done_ += n_batch_;
+  n_batch_ = 0;
+}
+
+std::vector<std::int32_t> TileErrors::products(KernelCode code) {
+  HAARLIGHT_EXPECTS(n_done_ == n_pixels_, "every pixel of the tile");
+  const auto n_lights = static_cast<int>(places_.size());
+  std::vector<std::int32_t> out(gram_size(n_lights));
+  std::size_t at = 0;
+  for (int begin = 0; begin < n_lights; begin += kGramBlock) {
+    const std::size_t n = count(std::min(kGramBlock, n_lights - begin));
+    multiply_block(code, {rows_.data() + count(begin) * stride_, stride_}, n, out.data() + at);
+    at += triangle(n);
+  }
+  return out;
+}
+
+SparseProducts::SparseProducts(int n_lights) : products_(gram_size(n_lights)) {}
+
+void SparseProducts::add(std::span<const int> places, std::span<const double> values) {
+  HAARLIGHT_EXPECTS(places.size() == values.size(), "a value a place");
+  const std::size_t per_block = triangle(kGramBlock);
+  for (std::size_t first = 0; first < places.size();) {
+    const int block = places[first] / kGramBlock;
+    std::size_t end = first;
+    for (; end < places.size() && places[end] / kGramBlock == block; ++end) {
+      double* row = products_.data() + count(block) * per_block +
+                    triangle(count(places[end] - block * kGramBlock));
+      for (std::size_t j = first; j <= end; ++j) {
+        row[places[j] - block * kGramBlock] += values[end] * values[j];
+      }
+    }
+    first = end;
+  }
+}
+
+ProductBound fit_product_bound(std::span<const double> products, std::span<const float> norms,
+                               int n_vectors) {
+  constexpr Eigen::Index kSpare = 8;
+  HAARLIGHT_EXPECTS(products.size() == triangle(norms.size()), "a lower triangle");
+  HAARLIGHT_EXPECTS(n_vectors >= 0 && count(n_vectors) <= norms.size(), "some vectors");
+  const auto n = static_cast<Eigen::Index>(norms.size());
+  Matrix rest = correlations(products, norms);
+  ProductBound bound;
+  if (n_vectors > 0) {
+    const TopVectors top = top_vectors(rest, n_vectors + kSpare);
+    const Eigen::Index last = top.values.size() - 1;
+    const double left = n_vectors > last ? 0.0 : std::max(top.values[last - n_vectors], 0.0);
+    Matrix kept(n, n_vectors);
+    for (int j = 0; j < n_vectors; ++j) {
+      const double length = std::sqrt(std::max(top.values[last - j] - left, 0.0));
+      const Eigen::VectorXd exact = length * top.vectors.col(last - j);
+      const double step = step_of(exact.lpNorm<Eigen::Infinity>());
+      for (Eigen::Index i = 0; i < n; ++i) {
+        kept(i, j) = step * std::nearbyint(exact[i] / step);
+        bound.vectors.push_back(static_cast<float>(kept(i, j)));
+      }
+    }
+    rest.noalias() -= kept * kept.transpose();
+  }
+  // Each product may be off by 2^-23 of the norms, n of them a row; and a norm by as much.
+  bound.share = round_up(proven_share(rest) + 0x1p-23 * static_cast<double>(n + 8));
+  return bound;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/image.h"
+#include "relight/basis/stack_source.h"
+#include "relight/shape/photometric_stereo.h"
+
+/// @file
+/// Which robust fit suits a capture: the one that foretells lights it was not shown. Measured
+/// against true normals in docs/numerics/shape.md, "Which fit".
+
+namespace haarlight {
+
+struct FitScore {
+  LambertOptions fit{};
+  std::string name;
+  /// Mean over sampled pixels of the median |residual| of lights left out, over the albedo.
+  double held_out = 1.0;
+};
+
+/// Each of four quarters of the lights, made of whole groups of neighbours, is left out in
+/// turn.
+/// @param points  as photometric_stereo()
+/// @param good    (height, width) 1: a pixel that may be sampled; empty: all
+/// @return  the candidates, best first; at least one
+[[nodiscard]] std::vector<FitScore> score_fits(const StackSource& stack,
+                                               const StereoLights& lights,
+                                               ImageView<const float> points,
+                                               ImageView<const std::uint8_t> good,
+                                               const StereoOptions& options);
+
+}  // namespace haarlight
