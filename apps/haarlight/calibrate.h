@@ -101,6 +101,7 @@ struct FoundLight {
   Eigen::Vector3d power = Eigen::Vector3d::Ones();  ///< mean 1 over the lights
   std::optional<double> power_sigma;                ///< relative; nothing: not known
   std::optional<double> used;                       ///< share of the samples
+  std::optional<LightLobe> lobe;
 
   [[nodiscard]] bool is_seen() const { return !direction.isZero(0.0); }
 };
@@ -110,7 +111,6 @@ struct FoundLights {
   std::vector<FoundLight> lights;
   std::string frame;  ///< in words
   bool has_powers = false;
-  double lobe_mu = 0.0;
   bool is_good = true;  ///< false: exit code 1
   /// A picture beside the lists, and its name; empty: none.
   Image<float> picture;

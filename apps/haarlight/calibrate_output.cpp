@@ -48,9 +48,6 @@ std::string json_of(const FoundLights& found) {
   root["kind"] = "calibrated lights";
   root["program"] = fmt::format("haarlight {}", kVersion);
   root["frame"] = found.frame;
-  if (found.lobe_mu > 0.0) {
-    root["lobe_mu"] = found.lobe_mu;
-  }
   root["lights"] = nlohmann::ordered_json::array();
   for (const FoundLight& light : found.lights) {
     if (!light.is_seen()) {
@@ -65,6 +62,10 @@ std::string json_of(const FoundLights& found) {
     }
     if (light.sigma_deg) {
       one["sigma_deg"] = *light.sigma_deg;
+    }
+    if (light.lobe) {
+      one["axis"] = {light.lobe->axis.x(), light.lobe->axis.y(), light.lobe->axis.z()};
+      one["lobe_mu"] = light.lobe->mu;
     }
     if (found.has_powers) {
       one["relative_power"] = light.power.mean();
@@ -100,7 +101,9 @@ std::string quoted(const std::string& text) {
 std::string csv_of(const FoundLights& found) {
   std::string out =
       "name,finding,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm,direction_x,direction_y,"
-      "direction_z,sigma_deg,power_r,power_g,power_b,relative_power_sigma,used_share\n";
+      "direction_z,sigma_deg,axis_x,axis_y,axis_z,lobe_mu,power_r,power_g,power_b,relative_"
+      "power_sigma,"
+      "used_share\n";
   const auto number = [](std::optional<double> value) {
     return value ? fmt::format(",{:.9g}", *value) : std::string(",");
   };
@@ -112,6 +115,8 @@ std::string csv_of(const FoundLights& found) {
     out += vector(light.position_mm) + vector(light.sigma_mm);
     out += vector(light.is_seen() ? std::optional<Vector3d>(light.direction) : std::nullopt);
     out += number(light.sigma_deg);
+    out += vector(light.lobe ? std::optional<Vector3d>(light.lobe->axis) : std::nullopt);
+    out += number(light.lobe ? std::optional<double>(light.lobe->mu) : std::nullopt);
     const bool has_power = found.has_powers && light.is_seen();
     out += vector(has_power ? std::optional<Vector3d>(light.power) : std::nullopt);
     out += number(light.power_sigma) + number(light.used) + "\n";

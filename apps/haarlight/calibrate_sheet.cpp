@@ -141,6 +141,7 @@ FoundLight found_light(const CalibratedLight& light, const std::string& name, bo
   out.position_mm = light.light.position_mm;
   out.direction = light.light.position_mm.normalized();
   out.power = light.light.power;
+  out.lobe = LightLobe{light.light.axis, light.light.mu};
   if (is_known) {
     out.sigma_mm = light.sigma.position_mm2.diagonal().cwiseSqrt();
     out.sigma_deg = direction_sigma_deg(light.light.position_mm, light.sigma.position_mm2);
@@ -278,7 +279,6 @@ FoundLights find_with_shape(const FindLightsArguments& arguments, const Sheet& s
              "note: lights can hide a bend of the sheet in the noise: no +- is given\n");
   FoundLights found;
   found.has_powers = true;
-  found.lobe_mu = found_shape.lights.mu;
   const double chi2 = found_shape.lights.reduced_chi2;
   found.is_good = found_shape.has_converged && chi2 < kMostChi2;
   if (!(chi2 < kMostChi2)) {
@@ -426,7 +426,6 @@ FoundLights find_by_sheet(const FindLightsArguments& arguments, const LightPictu
       fmt::print(stderr, "note: too few samples to test the model: no +- is given\n");
     }
     found.has_powers = true;
-    found.lobe_mu = fit.mu;
     found.is_good = fit.is_usable() && is_known;
     add_lights(fit, pictures, is_known, found);
     add_picture(sheet.samples, fit.albedo, found);
@@ -465,6 +464,7 @@ FoundLights find_by_rig(const FindLightsArguments& arguments, const Session& ses
   for (const FaceCalibration& face : fit.faces) {
     for (CalibratedLight light : face.lights.lights) {
       light.light.position_mm = world_from_sheet * light.light.position_mm;
+      light.light.axis = world_from_sheet.linear() * light.light.axis;
       light.sigma.position_mm2 = world_from_sheet.linear() * light.sigma.position_mm2 *
                                  world_from_sheet.linear().transpose();
       const LightElement& element = elements[k++];
@@ -482,7 +482,6 @@ FoundLights find_by_rig(const FindLightsArguments& arguments, const Session& ses
         }
       }
     }
-    found.lobe_mu = face.lights.mu;
   }
   return found;
 }

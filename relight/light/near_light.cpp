@@ -149,7 +149,10 @@ CaptureLights capture_lights(const Session& session) {
                                 [](const SessionLight& light) { return light.is_position; });
   for (const SessionLight& light : session.info().lights) {
     if (lights.are_near) {
-      lights.near.push_back({light.place, -light.place.normalized()});
+      lights.near.push_back(
+          {light.place,
+           light.lobe ? light.lobe->axis : Eigen::Vector3d(-light.place.normalized()),
+           light.lobe ? light.lobe->mu : 0.0});
     }
     lights.directions.push_back(light.place.normalized());
   }

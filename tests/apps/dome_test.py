@@ -161,10 +161,39 @@ class Dome(unittest.TestCase):
         done = self.programs.run("shape", self.folder / "sheet.session", "-o", self.folder / "flat",
                                  "--width-mm", "250", "--mesh", "none")
         self.assertEqual(done.returncode, 0, done.stderr)
+        self.lobes_are_the_sessions(made)
         # A session with lights is calibrated as its folder is.
         self.calibrate("sheet.session", *SHEET[:8], "--aim-deg", "0", "-o", "again")
         apart = np.linalg.norm(self.places("again") - self.places("sheet0_0.lights"), axis=1)
         self.assertLess(apart.max(), 0.5)
+
+    def lobes_are_the_sessions(self, made):
+        """What `correct` takes off a picture is the found lights' whole stencil."""
+        lights = json.loads((self.folder / "sheet.session/session.json").read_text())["lights"]
+        place = np.array([light["position_mm"] for light in lights])
+        axis = np.array([light["axis"] for light in lights])
+        mu = np.array([light["lobe_mu"] for light in lights])
+        self.assertTrue((np.abs(mu - 1.0) < 0.3).all(), mu)
+        off = np.arccos(np.clip((axis * unit(-place)).sum(1), -1.0, 1.0))
+        self.assertLess(np.degrees(off.max()), 1.0)
+        width, height = made.size
+        pixel_mm = made.width_mm / width
+        x, y = np.meshgrid((np.arange(width) + 0.5 - 0.5 * width) * pixel_mm,
+                           (0.5 * height - np.arange(height) - 0.5) * pixel_mm)
+
+        def stencil(k, point):
+            way = place[k] - point
+            r = np.linalg.norm(way, axis=-1)
+            return (-(way @ axis[k]) / r) ** mu[k] * way[..., 2] / r ** 3
+
+        point = np.stack([x, y, np.zeros_like(x)], 2)
+        least = min((stencil(k, point) / stencil(k, np.zeros(3))).min() for k in range(len(lights)))
+        report = self.folder / "even.json"
+        done = self.programs.run("correct", self.folder / "sheet.session", "--width-mm", "250", "-o",
+                                 self.folder / "even", "--report", report)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        told = json.loads(report.read_text())["reached"]["least_fall_off"]
+        self.assertAlmostEqual(told, least, delta=1e-4 * least)
 
     def test_a_wrong_model_gets_no_standard_error(self):
         for name, made in (("arch", Sheet(1, arch_mm=3.0)), ("gauss", Sheet(1, gauss_deg=15.0))):

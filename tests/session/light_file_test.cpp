@@ -142,9 +142,26 @@ TEST(LightJson, ReadsOurOwnAndNamesWhatIsBroken) {
       "l.json");
   EXPECT_EQ(list.lights[0].name, "a b.png");
   EXPECT_TRUE(list.lights[0].is_position);
+  EXPECT_FALSE(list.lights[0].lobe.has_value());
   const auto json = [](const char* text) {
     return refusal([text] { (void)parse_light_json(text, "l.json"); });
   };
+  const LightList lobed = parse_light_json(
+      R"({"lights": [{"position_mm": [1, 2, 3], "axis": [0, 0.6, -0.8], "lobe_mu": 2}]})",
+      "l.json");
+  ASSERT_TRUE(lobed.lights[0].lobe.has_value());
+  EXPECT_EQ(lobed.lights[0].lobe->axis, Eigen::Vector3d(0, 0.6, -0.8));
+  EXPECT_EQ(lobed.lights[0].lobe->mu, 2.0);
+  EXPECT_THAT(json(R"({"lights": [{"position_mm": [1, 2, 3], "axis": [0, 0, -1]}]})"),
+              HasSubstr("lobe_mu"));
+  EXPECT_THAT(json(R"({"lights": [{"position_mm": [1, 2, 3], "lobe_mu": 1}]})"),
+              HasSubstr("axis"));
+  EXPECT_THAT(
+      json(R"({"lights": [{"position_mm": [1, 2, 3], "axis": [0, 0, -2], "lobe_mu": 1}]})"),
+      HasSubstr("length 2"));
+  EXPECT_THAT(
+      json(R"({"lights": [{"direction": [0, 0, 1], "axis": [0, 0, -1], "lobe_mu": 1}]})"),
+      HasSubstr("position"));
   EXPECT_THAT(json(R"({"lights": []})"), HasSubstr("no lights"));
   EXPECT_THAT(json(R"({"lights": {}})"), HasSubstr("expected a list"));
   EXPECT_THAT(json(R"({"lights": [{"name": "a"}]})"), HasSubstr("lights[0]: \"direction\""));
