@@ -140,41 +140,46 @@ void require_claim(const PictureClaim& claim, std::uint64_t channels, std::uint6
   }
 }
 
-}  // namespace
+/// A picture whose header has been read and believed.
+struct OpenPicture {
+  std::string format;
+  PictureClaim claim;
+  std::unique_ptr<OIIO::ImageInput> input;
+  OIIO::ImageSpec spec;
+};
 
-void limit_picture_memory(std::uint64_t bytes) noexcept { most_memory = bytes; }
-
-PictureFile read_picture(const std::filesystem::path& path) {
-  const MappedFile mapped(path);
-  const std::string format = format_by_magic(mapped.bytes());
+OpenPicture open_picture(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+  OpenPicture out;
+  out.format = format_by_magic(bytes);
+  const std::string& format = out.format;
   if (format.empty()) {
     refuse("not a picture that haarlight reads", path,
            "give a JPEG, PNG, TIFF, OpenEXR, Radiance HDR or TGA file");
   }
-  if ((format == "jpeg" && jpeg_end(mapped.bytes()) == 0) ||
-      (format == "png" && !has_png_end(mapped.bytes()))) {
+  if ((format == "jpeg" && jpeg_end(bytes) == 0) || (format == "png" && !has_png_end(bytes))) {
     refuse("ends before the picture does", path, "the file was cut: copy it again");
   }
-  const std::uint64_t file_bytes = mapped.bytes().size();
-  const PictureClaim claim = picture_claim(format, mapped.bytes());
+  out.claim = picture_claim(format, bytes);
+  const PictureClaim& claim = out.claim;
   if (claim.is_cut) {
     refuse("ends before its header does, or the header is damaged", path,
            "the file was cut or damaged: copy it again");
   }
   if (format == "openexr" || claim.width * claim.height != 0) {
-    require_claim(claim, 1, file_bytes, path);
+    require_claim(claim, 1, bytes.size(), path);
   }
-  const std::unique_ptr<OIIO::ImageInput> input = OIIO::ImageInput::create(format);
-  if (!input) {
+  out.input = OIIO::ImageInput::create(format);
+  if (!out.input) {
     throw Error("OpenImageIO has no reader for " + format, path.string(),
                 "install Debian's libopenimageio2.4", ExitCode::unavailable);
   }
-  OIIO::ImageSpec spec;
+  OIIO::ImageSpec& spec = out.spec;
   OIIO::ImageSpec wanted;
   wanted.attribute("oiio:UnassociatedAlpha", 1);
   wanted.attribute("oiio:RawColor", 1);
-  if (!input->open(path.string(), spec, wanted)) {
-    refuse("cannot be decoded: " + input->geterror(), path, "the file is damaged: replace it");
+  if (!out.input->open(path.string(), spec, wanted)) {
+    refuse("cannot be decoded: " + out.input->geterror(), path,
+           "the file is damaged: replace it");
   }
   if (spec.depth > 1 || spec.width < 1 || spec.height < 1) {
     refuse(fmt::format("{} x {} pixels, {} layers", spec.width, spec.height, spec.depth), path,
@@ -183,13 +188,32 @@ PictureFile read_picture(const std::filesystem::path& path) {
   if (spec.nchannels < 1 || spec.nchannels > 64) {
     refuse(fmt::format("{} channels", spec.nchannels), path, "give a grey or an RGB picture");
   }
+  return out;
+}
+
+}  // namespace
+
+void limit_picture_memory(std::uint64_t bytes) noexcept { most_memory = bytes; }
+
+bool is_picture_turned(const std::filesystem::path& path) {
+  const MappedFile mapped(path);
+  return open_picture(path, mapped.bytes()).spec.get_int_attribute("Orientation", 1) != 1;
+}
+
+PictureFile read_picture(const std::filesystem::path& path) {
+  const MappedFile mapped(path);
+  const OpenPicture open = open_picture(path, mapped.bytes());
+  const OIIO::ImageSpec& spec = open.spec;
+  const std::unique_ptr<OIIO::ImageInput>& input = open.input;
+  const std::string& format = open.format;
+  const std::uint64_t file_bytes = mapped.bytes().size();
   const int channels = spec.nchannels >= 3 ? 3 : 1;
   const std::uint64_t tile_pixels =
       std::uint64_t(spec.tile_width) * std::uint64_t(spec.tile_height);
   require_claim(
       {static_cast<std::uint64_t>(spec.width), static_cast<std::uint64_t>(spec.height),
        std::max<std::uint64_t>(spec.image_bytes(true), tile_pixels * spec.pixel_bytes(true)),
-       claim.most_per_byte},
+       open.claim.most_per_byte},
       static_cast<std::uint64_t>(channels), file_bytes, path);
   PictureFile picture;
   picture.is_floating = spec.format.is_floating_point();

@@ -32,6 +32,10 @@ struct PictureFile {
 ///                colour channels. Sizes are looked at before memory is taken for them.
 [[nodiscard]] PictureFile read_picture(const std::filesystem::path& path);
 
+/// Whether an EXIF rotation is present, from the picture's first bytes alone.
+/// @throws Error  as read_picture
+[[nodiscard]] bool is_picture_turned(const std::filesystem::path& path);
+
 /// The most memory that a picture may take from now on, bytes; 4 GiB until then. For main,
 /// which knows --memory.
 void limit_picture_memory(std::uint64_t bytes) noexcept;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cctype>
 #include <cerrno>
 #include <cmath>
 #include <cstdio>
@@ -17,13 +16,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "core/config_table.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
 #include "core/sha256.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"
+#include "session/light_grid.h"
 #include "session/seal.h"
 
 namespace haarlight {
@@ -90,123 +89,6 @@ class PendingFolder {
   fs::path target_;
   fs::path path_;
 };
-
-/// "a2" before "a10": runs of digits compare as numbers.
-bool is_before_naturally(const std::string& a, const std::string& b) {
-  const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
-  std::size_t i = 0;
-  std::size_t j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (is_digit(a[i]) && is_digit(b[j])) {
-      std::size_t i_end = i;
-      std::size_t j_end = j;
-      while (i_end < a.size() && is_digit(a[i_end])) {
-        ++i_end;
-      }
-      while (j_end < b.size() && is_digit(b[j_end])) {
-        ++j_end;
-      }
-      while (i + 1 < i_end && a[i] == '0') {
-        ++i;
-      }
-      while (j + 1 < j_end && b[j] == '0') {
-        ++j;
-      }
-      if (i_end - i != j_end - j) {
-        return i_end - i < j_end - j;
-      }
-      const int order = a.compare(i, i_end - i, b, j, j_end - j);
-      if (order != 0) {
-        return order < 0;
-      }
-      i = i_end;
-      j = j_end;
-    } else if (a[i] != b[j]) {
-      return a[i] < b[j];
-    } else {
-      ++i;
-      ++j;
-    }
-  }
-  return a.size() - i < b.size() - j;
-}
-
-bool has_picture_ending(const fs::path& path) {
-  std::string ending = path.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  static const std::vector<std::string> kEndings = {".jpg",  ".jpeg", ".png", ".tif",
-                                                    ".tiff", ".exr",  ".tga", ".hdr"};
-  return std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end();
-}
-
-/// The picture a list names: as written from the folder or from the list's own folder, else by
-/// its bare name (lists often carry another machine's paths).
-fs::path find_picture(const std::string& name, const fs::path& folder,
-                      const fs::path& light_file, const std::vector<std::string>& present,
-                      std::vector<std::string>& notes) {
-  std::error_code ignored;
-  for (const fs::path& base : {folder, light_file.parent_path()}) {
-    if (fs::is_regular_file(base / name, ignored)) {
-      return base / name;
-    }
-  }
-  const std::size_t slash = name.find_last_of("/\\");
-  if (slash != std::string::npos) {
-    const std::string bare = name.substr(slash + 1);
-    if (!bare.empty() && fs::is_regular_file(folder / bare, ignored)) {
-      notes.push_back(fmt::format("{}: taken from {}", name, folder.string()));
-      return folder / bare;
-    }
-  }
-  const std::string nearest = nearest_word(name, present);
-  throw Error(fmt::format("the picture \"{}\" is missing", name), folder.string(),
-              nearest.empty()
-                  ? "put it there, or take its line out of the list of lights"
-                  : fmt::format("is it \"{}\"? correct the name in the list", nearest));
-}
-
-struct Picture {
-  std::string name;
-  fs::path path;
-};
-
-std::vector<Picture> choose_pictures(const fs::path& folder, const fs::path& light_file,
-                                     LightList& list, const ImportOptions& options) {
-  std::vector<std::string> present = picture_names(folder);
-  std::vector<Picture> pictures;
-  if (!list.lights[0].name.empty()) {
-    for (const SessionLight& light : list.lights) {
-      pictures.push_back(
-          {light.name, find_picture(light.name, folder, light_file, present, list.notes)});
-    }
-    return pictures;
-  }
-  const auto is_left_out = [&](const std::string& name) {
-    const auto contains = [&name](const std::string& part) {
-      return name.find(part) != std::string::npos;
-    };
-    const auto is_name = [&name](const fs::path& dark) { return dark.filename() == name; };
-    return std::any_of(options.exclude.begin(), options.exclude.end(), contains) ||
-           std::any_of(options.dark.begin(), options.dark.end(), is_name);
-  };
-  present.erase(std::remove_if(present.begin(), present.end(), is_left_out), present.end());
-  if (present.size() != list.lights.size()) {
-    throw Error(fmt::format("{} pictures for {} lights", present.size(), list.lights.size()),
-                folder.string(),
-                fmt::format("{} names no pictures, so there must be one a light: leave others "
-                            "out with --exclude",
-                            light_file.string()));
-  }
-  for (std::size_t k = 0; k < present.size(); ++k) {
-    pictures.push_back({present[k], folder / present[k]});
-    list.lights[k].name = present[k];
-  }
-  list.notes.push_back(fmt::format("{} names no pictures: lights follow {} .. {}",
-                                   light_file.filename().string(), present.front(),
-                                   present.back()));
-  return pictures;
-}
 
 FrameForm form_of(const PictureFile& picture, const ImportOptions& options) {
   FrameForm form;
@@ -289,8 +171,8 @@ std::vector<std::byte> encode_picture(const PictureFile& picture, const FrameFor
 }
 
 /// What was asked, with the sources' hashes: the session's plan.json.
-std::string make_plan(const std::vector<Picture>& pictures, const fs::path& light_file,
-                      std::vector<std::string>& hashes) {
+std::string make_plan(const std::vector<LightPicture>& pictures, const fs::path& light_file,
+                      const std::vector<std::string>& hashes) {
   nlohmann::ordered_json plan;
   plan["schema"] = 1;
   plan["kind"] = "import";
@@ -348,24 +230,42 @@ void write_plain(const fs::path& path, const std::string& text) {
   write_plain(path, std::as_bytes(std::span(text)));
 }
 
-}  // namespace
-
-std::vector<std::string> picture_names(const fs::path& folder) {
-  std::vector<std::string> names;
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end;
-       it.increment(error)) {
-    if (it->is_regular_file(error) && has_picture_ending(it->path())) {
-      names.push_back(it->path().filename().string());
+/// Into the order of the grid that the lights' positions form, if they form one.
+void order_by_grid(const fs::path& light_file, LightList& list,
+                   std::vector<LightPicture>& pictures, SessionInfo& info) {
+  const std::optional<LightGrid> grid = find_light_grid(list.lights);
+  if (!grid) {
+    return;
+  }
+  info.grid_rows = grid->rows;
+  info.grid_cols = grid->cols;
+  const bool is_as_listed = std::is_sorted(grid->order.begin(), grid->order.end());
+  if (!is_as_listed) {
+    const std::vector<SessionLight> lights = list.lights;
+    const std::vector<LightPicture> listed = pictures;
+    for (std::size_t k = 0; k < lights.size(); ++k) {
+      const auto from = static_cast<std::size_t>(grid->order[k]);
+      list.lights[k] = lights[from];
+      pictures[k] = listed[from];
     }
   }
-  if (error) {
-    throw Error("cannot be listed: " + error.message(), folder.string(),
-                "name the folder with the pictures");
-  }
-  std::sort(names.begin(), names.end(), is_before_naturally);
-  return names;
+  list.notes.push_back(fmt::format("{}: the lights are a grid of {} x {}{}",
+                                   light_file.filename().string(), grid->rows, grid->cols,
+                                   is_as_listed ? "" : ", and are put in its order"));
 }
+
+void take_grid(const std::array<int, 2>& grid, std::size_t n_lights, SessionInfo& info) {
+  const auto each = static_cast<std::size_t>(grid[0]) * static_cast<std::size_t>(grid[1]);
+  if (grid[0] < 1 || grid[1] < 1 || n_lights % each != 0) {
+    throw Error(fmt::format("{} lights are no grids of {} x {}", n_lights, grid[0], grid[1]),
+                "--grid", "rows x columns of one face; leave it out where there is no grid",
+                ExitCode::usage);
+  }
+  info.grid_rows = grid[0];
+  info.grid_cols = grid[1];
+}
+
+}  // namespace
 
 ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
                              const fs::path& target_path, const ImportOptions& options) {
@@ -375,17 +275,22 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   }
   const bool is_replacing = check_target(target, options.force);
   LightList list = read_light_file(light_file, options.places);
-  std::vector<Picture> pictures = choose_pictures(folder, light_file, list, options);
+  std::vector<LightPicture> pictures = match_pictures(folder, light_file, list, options.match);
   const std::size_t n_lights = pictures.size();
-  for (const fs::path& dark : options.dark) {
+  ImportResult result;
+  SessionInfo& info = result.info;
+  if (options.grid) {
+    take_grid(*options.grid, n_lights, info);
+  } else {
+    order_by_grid(light_file, list, pictures, info);
+  }
+  for (const fs::path& dark : options.match.dark) {
     std::error_code ignored;
     const fs::path path = fs::exists(dark, ignored) ? dark : folder / dark;
     pictures.push_back({dark.filename().string(), path});
   }
   const PictureFile first = read_picture(pictures[0].path);
 
-  ImportResult result;
-  SessionInfo& info = result.info;
   info.evidence = EvidenceKind::asserted;
   info.form = form_of(first, options);
   info.lights = list.lights;
@@ -399,21 +304,7 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
     }
     info.shots.push_back(shot);
   }
-  std::vector<std::string> hashes(pictures.size());
-  parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      hashes[i] = content_hash(MappedFile(pictures[i].path).bytes());
-    }
-  });
-  for (std::size_t i = 0; i < n_lights; ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      if (hashes[i] == hashes[j]) {
-        throw Error(fmt::format("the same bytes as {}", pictures[j].path.filename().string()),
-                    pictures[i].path.string(),
-                    "two lights cannot give the same picture: one was saved twice");
-      }
-    }
-  }
+  const std::vector<std::string> hashes = hashes_of_different(pictures, n_lights);
   const std::string plan = make_plan(pictures, light_file, hashes);
   info.plan_hash = content_hash(plan);
   info.plan_file_hash = info.plan_hash;
@@ -461,10 +352,13 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   pending.commit(is_replacing);
 
   result.notes = list.notes;
+  result.disagreements = list.disagreements;
   if (n_turned > 0) {
-    result.notes.push_back(
-        fmt::format("{} pictures carry an EXIF rotation: ignored, pixels are taken as stored",
-                    n_turned.load()));
+    const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
+    (are_all ? result.notes : result.disagreements)
+        .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
+                               "taken as stored",
+                               n_turned.load(), pictures.size()));
   }
   if (info.form.transfer == Transfer::srgb) {
     result.notes.emplace_back(

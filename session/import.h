@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -7,7 +8,7 @@
 
 #include "core/image_io.h"
 #include "core/progress.h"
-#include "session/light_file.h"
+#include "session/picture_match.h"
 #include "session/session.h"
 
 /// @file
@@ -22,26 +23,23 @@ struct ImportOptions {
   /// What the numbers of integer pictures stand for; nothing: as the files say (display
   /// pictures are sRGB).
   std::optional<Transfer> transfer{};
-  std::vector<std::filesystem::path> dark{};  ///< pictures of the same view with all lights off
-  std::vector<std::string>
-      exclude{};       ///< pictures whose names contain one of these are no lights'
+  MatchOptions match{};  ///< which picture is whose
+  /// Rows and columns of each face's lights, which are listed row by row, face after face;
+  /// nothing: looked for in the lights' positions (session/light_grid.h).
+  std::optional<std::array<int, 2>> grid{};
   bool force = false;  ///< replace an imported session of that name
   ProgressStyle progress = ProgressStyle::none;
 };
 
 struct ImportResult {
   SessionInfo info;
-  std::vector<std::string> notes;  ///< what was assumed or passed over, for people
+  std::vector<std::string> notes;          ///< what was assumed or passed over, for people
+  std::vector<std::string> disagreements;  ///< of list and folder: each a warning
 };
 
-/// The names of a folder's pictures, known by their endings, in natural order: a2 before a10.
-/// @throws Error  a folder that cannot be listed
-[[nodiscard]] std::vector<std::string> picture_names(const std::filesystem::path& folder);
-
-/// Reads `folder`'s pictures in the order of the light list (its names, or, where it has none,
-/// all pictures in natural order of names) and writes the session `target`, which appears whole
-/// or not at all. 8-bit pictures stay as coded with their transfer named; EXIF rotation is
-/// ignored and noted.
+/// Reads the pictures that match_pictures() finds in the order of the light list and writes the
+/// session `target`, which appears whole or not at all. 8-bit pictures stay as coded with their
+/// transfer named; EXIF rotation is ignored and noted.
 /// @throws Error  naming picture and pixel: a picture missing, of another size or kind, with a
 ///                number that is none; a wrong count; a target that exists
 [[nodiscard]] ImportResult import_pictures(const std::filesystem::path& folder,

@@ -183,10 +183,7 @@ LightList parse_lp(std::string_view text, const std::string& where, LightPlaces 
                        std::string(lines[0].text.substr(0, 40))),
            where, lines[0].number, "write the number of lights on the first line");
   }
-  if (static_cast<double>(lines.size() - 1) != *count) {
-    refuse(fmt::format("{} lights announced, {} lines follow", *count, lines.size() - 1), where,
-           lines[0].number, "correct the number on the first line, or the lines below it");
-  }
+  check_count(lines.size() - 1, where);
   std::vector<LpLine> parsed;
   parsed.reserve(lines.size() - 1);
   std::set<std::string> names;
@@ -204,6 +201,10 @@ LightList parse_lp(std::string_view text, const std::string& where, LightPlaces 
   }
   const bool is_position = decide_positions(parsed, places, where);
   LightList list;
+  if (static_cast<double>(lines.size() - 1) != *count) {
+    list.disagreements.push_back(fmt::format("{}:{}: {} lights announced, {} lines follow",
+                                             where, lines[0].number, *count, lines.size() - 1));
+  }
   for (const LpLine& line : parsed) {
     SessionLight light;
     light.name = line.name;

@@ -29,12 +29,15 @@ struct LightList {
   /// `name` is the picture's, as written; empty where the file names none (`.dome`).
   std::vector<SessionLight> lights;
   std::vector<std::string> notes;  ///< what was passed over, for people
+  /// Where the list contradicts itself or, after match_pictures(), its folder: each a warning.
+  std::vector<std::string> disagreements;
 };
 
 /// `.lp`: first the number of lights, then a line each: picture's name (spaces allowed) x y z.
 /// Empty lines, lines that start with #, CRLF and a byte order mark are passed over; lines
 /// without a name are allowed when all are.
-/// @throws Error  with file:line: wrong count, not three finite numbers, a zero direction, one
+/// A count that is not that of the lines is a disagreement: published lists have it.
+/// @throws Error  with file:line: no count, not three finite numbers, a zero direction, one
 ///                picture twice
 [[nodiscard]] LightList parse_lp(std::string_view text, const std::string& where,
                                  LightPlaces places = LightPlaces::automatic);

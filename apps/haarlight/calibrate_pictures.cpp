@@ -4,14 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 
 #include <fmt/format.h>
 
 #include "apps/haarlight/calibrate.h"
 #include "apps/haarlight/develop_options.h"
-#include "core/files.h"
-#include "session/import.h"
+#include "session/picture_match.h"
 
 namespace haarlight {
 
@@ -26,20 +24,6 @@ bool is_mask(const fs::path& picture, const std::vector<std::string>& masks) {
     std::error_code ignored;
     return fs::equivalent(picture, mask, ignored) && !ignored;
   });
-}
-
-/// @throws Error  two pictures with the same bytes
-void require_different(const fs::path& folder, const std::vector<std::string>& names) {
-  std::map<std::string, std::string> seen;
-  for (const std::string& name : names) {
-    const auto [at, is_new] =
-        seen.emplace(content_hash(MappedFile(folder / name).bytes()), name);
-    if (!is_new) {
-      throw Error("the same bytes as " + at->second, (folder / name).string(),
-                  "two lights cannot give the same picture: one was saved twice, or leave it "
-                  "out with --exclude");
-    }
-  }
 }
 
 void require_finite(const Image<float>& picture, const fs::path& file) {
@@ -99,7 +83,11 @@ LightPictures LightPictures::open(const FindLightsArguments& arguments,
     throw Error("no pictures", arguments.input,
                 "one picture for each light: .jpg, .png, .tif, .exr, .tga or .hdr");
   }
-  require_different(out.folder_, out.names_);
+  std::vector<LightPicture> pictures;
+  for (const std::string& name : out.names_) {
+    pictures.push_back({name, out.folder_ / name});
+  }
+  (void)hashes_of_different(pictures, pictures.size());
   const PictureFile first = read_picture(out.folder_ / out.names_.front());
   out.width_ = first.pixels.width();
   out.height_ = first.pixels.height();

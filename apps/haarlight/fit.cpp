@@ -10,7 +10,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/verb.h"
+#include "apps/haarlight/picture_options.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
@@ -22,7 +22,6 @@
 #include "relight/fit/recipe_choice.h"
 #include "relight/formats/reflectance_file.h"
 #include "relight/light/near_light.h"
-#include "session/light_file.h"
 #include "session/session.h"
 
 namespace haarlight {
@@ -34,6 +33,7 @@ namespace fs = std::filesystem;
 struct FitArguments {
   std::string capture;
   std::string lights;
+  PictureListArguments list;
   std::string basis = "auto";
   std::string out;
   std::string hold_out;
@@ -55,19 +55,26 @@ struct OpenCapture {
   std::vector<Eigen::Vector3d> directions;
 };
 
-OpenCapture open_pictures(const FitArguments& arguments) {
-  const LightList list = read_light_file(arguments.lights);
+OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& common) {
+  LightList list = read_light_file(arguments.lights, light_places(arguments.list));
+  const std::vector<LightPicture> pictures =
+      match_pictures(arguments.capture, arguments.lights, list, match_options(arguments.list));
+  (void)hashes_of_different(pictures, pictures.size());
+  tell_match(list.notes, list.disagreements, common);
   OpenCapture capture;
-  std::vector<fs::path> pictures;
-  for (const SessionLight& light : list.lights) {
-    if (light.name.empty()) {
-      throw Error("the list names no pictures", arguments.lights,
-                  "make a session of them (haarlight import) and fit that");
-    }
-    pictures.push_back(fs::path(arguments.capture) / light.name);
-    capture.directions.push_back(light.place.normalized());
+  std::vector<fs::path> files;
+  int n_turned = 0;
+  for (std::size_t k = 0; k < pictures.size(); ++k) {
+    files.push_back(pictures[k].path);
+    capture.directions.push_back(list.lights[k].place.normalized());
+    n_turned += is_picture_turned(pictures[k].path) ? 1 : 0;
   }
-  capture.rows = jpeg_rows(std::move(pictures));
+  if (n_turned > 0) {
+    log_warning(fmt::format(
+        "{} of {} pictures carry an EXIF rotation: ignored, pixels are taken as stored",
+        n_turned, pictures.size()));
+  }
+  capture.rows = jpeg_rows(std::move(files));
   return capture;
 }
 
@@ -364,8 +371,8 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   if (format) {
     require_absent(arguments.out, common.force);
   }
-  OpenCapture capture =
-      arguments.lights.empty() ? open_session(arguments, common) : open_pictures(arguments);
+  OpenCapture capture = arguments.lights.empty() ? open_session(arguments, common)
+                                                 : open_pictures(arguments, common);
   require_near_makes_sense(arguments, capture);
   Fitter fitter(arguments, common, capture);
   if (arguments.compare) {
@@ -423,6 +430,7 @@ void add_fit(Command root, Invocation& invocation) {
               {.choices = names, .shows_default = true});
   verb.option("--lights", &arguments->lights, "List of lights of a folder of JPEGs",
               {.type = "FILE.lp"});
+  add_picture_list_options(verb, arguments->list);
   verb.option("--planes", &arguments->max_planes, "The most planes of 8 bits that auto may use",
               {.bounds = Bounds{3.0, 96.0}, .shows_default = true});
   verb.option("--resolution", &arguments->resolution, "bilinear: knots a side",

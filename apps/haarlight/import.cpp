@@ -3,9 +3,13 @@
 
 #include "session/import.h"
 
+#include <array>
+#include <cstdio>
+
 #include <fmt/format.h>
 
-#include "apps/haarlight/verb.h"
+#include "apps/haarlight/picture_options.h"
+#include "core/error.h"
 
 namespace haarlight {
 
@@ -15,28 +19,40 @@ struct ImportArguments {
   std::string folder;
   std::string lights;
   std::string target;
-  std::string places = "automatic";
+  PictureListArguments list;
   std::string transfer = "file";
   std::vector<std::string> dark;
-  std::vector<std::string> exclude;
+  std::string grid;
 };
+
+/// "32x32"
+std::array<int, 2> parse_grid(const std::string& text) {
+  std::array<int, 2> grid{};
+  char rest = '\0';
+  if (std::sscanf(text.c_str(), "%dx%d%c", &grid[0], &grid[1], &rest) != 2 || grid[0] < 1 ||
+      grid[1] < 1 || grid[0] > 4096 || grid[1] > 4096) {
+    throw Error("not ROWSxCOLUMNS", "--grid " + text, "for example: --grid 32x32",
+                ExitCode::usage);
+  }
+  return grid;
+}
 
 ExitCode run_import(const ImportArguments& arguments, const CommonOptions& common,
                     Report& report) {
   report.add_input(arguments.folder);
   report.add_input(arguments.lights);
-  report.add_asked("places", arguments.places);
+  report.add_asked("places", arguments.list.places);
   report.add_asked("transfer", arguments.transfer);
   ImportOptions options;
-  if (arguments.places != "automatic") {
-    options.places =
-        arguments.places == "positions" ? LightPlaces::positions : LightPlaces::directions;
-  }
+  options.places = light_places(arguments.list);
   if (arguments.transfer != "file") {
     options.transfer = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
   }
-  options.dark.assign(arguments.dark.begin(), arguments.dark.end());
-  options.exclude = arguments.exclude;
+  options.match = match_options(arguments.list);
+  options.match.dark.assign(arguments.dark.begin(), arguments.dark.end());
+  if (!arguments.grid.empty()) {
+    options.grid = parse_grid(arguments.grid);
+  }
   options.force = common.force;
   options.progress = common.progress();
   const ImportResult result =
@@ -49,11 +65,7 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   report.set_bytes(bytes);
   report.add_reached("lights", static_cast<std::int64_t>(result.info.lights.size()));
   report.add_reached("frames", static_cast<std::int64_t>(result.info.frames.size()));
-  for (const std::string& note : result.notes) {
-    if (!common.quiet) {
-      fmt::print(stderr, "note: {}\n", note);
-    }
-  }
+  tell_match(result.notes, result.disagreements, common);
   fmt::print("{}: {} lights, {} x {} x {}, {} MiB\n", arguments.target,
              result.info.lights.size(), form.width, form.height, form.channels, bytes >> 20U);
   return ExitCode::done;
@@ -70,20 +82,20 @@ void add_import(Command root, Invocation& invocation) {
               {.type = "FILE", .is_required = true});
   verb.option("-o,--out", &arguments->target, "Session folder to make",
               {.type = "SESSION", .is_required = true});
-  verb.option("--places", &arguments->places,
-              "What the numbers of a .lp are: unit directions, or positions in mm",
-              {.choices = {"automatic", "directions", "positions"}, .shows_default = true});
+  add_picture_list_options(verb, arguments->list);
   verb.option("--transfer", &arguments->transfer,
               "What integer pictures hold; file: as the file says (display pictures: srgb)",
               {.choices = {"file", "srgb", "linear"}, .shows_default = true});
   verb.option("--dark", &arguments->dark, "A picture with all lights off; may be repeated",
               {.type = "PICTURE"});
-  verb.option("--exclude", &arguments->exclude,
-              "Leave out pictures whose names contain this; may be repeated", {.type = "TEXT"});
+  verb.option("--grid", &arguments->grid,
+              "The lights are grids, row by row, face after face (default: looked for in their "
+              "positions)",
+              {.type = "ROWSxCOLUMNS"});
   verb.footer(
       "Examples:\n"
       "  haarlight import door/ --lights door/dirs.lp -o door.session\n"
-      "  haarlight import rig/ --lights rig.lp --places positions -o rig.session\n"
+      "  haarlight import rig/ --lights rig.lp --places positions --grid 32x32 -o rig.session\n"
       "  haarlight import ball/ --lights lights.txt --exclude mask -o ball.session");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_import(*arguments, common, report);

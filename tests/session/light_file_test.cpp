@@ -54,8 +54,11 @@ TEST(Lp, NamesFileLineAndCureOfWhatIsBroken) {
   EXPECT_THAT(lp(""), HasSubstr("a.lp: an empty list"));
   EXPECT_THAT(lp("# only\n\n"), HasSubstr("a.lp: an empty list"));
   EXPECT_THAT(lp("a.jpg 0 0 1\n"), HasSubstr("a.lp:1: "));
-  EXPECT_THAT(lp("2\na.jpg 0 0 1\n"), HasSubstr("a.lp:1: 2 lights announced, 1 lines follow"));
-  EXPECT_THAT(lp("1\na.jpg 0 0 1\nb.jpg 0 0 1\n"), HasSubstr("1 lights announced, 2"));
+  EXPECT_THAT(parse_lp("2\na.jpg 0 0 1\n", "a.lp").disagreements,
+              testing::ElementsAre("a.lp:1: 2 lights announced, 1 lines follow"));
+  EXPECT_THAT(parse_lp("1\na.jpg 0 0 1\nb.jpg 0 0 1\n", "a.lp").disagreements,
+              testing::ElementsAre(HasSubstr("1 lights announced, 2")));
+  EXPECT_THAT(lp("2\n"), HasSubstr("no lights"));
   EXPECT_THAT(lp("1\na.jpg 0 zero 1\n"), HasSubstr("a.lp:2: \"zero\" is not a number"));
   EXPECT_THAT(lp("1\na.jpg 0 nan 1\n"), HasSubstr("a.lp:2: "));
   EXPECT_THAT(lp("1\na.jpg 0 1e999 1\n"), HasSubstr("a.lp:2: "));

@@ -211,7 +211,7 @@ void make_import(const fs::path& folder, Random& random) {
   ImportOptions options;
   options.places = LightPlaces::positions;
   if (has_dark) {
-    options.dark = {std::string("dark.") + ending};
+    options.match.dark = {std::string("dark.") + ending};
   }
   (void)import_pictures(from, from / "list.lp", folder, options);
   fs::remove_all(from);

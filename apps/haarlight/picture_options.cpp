@@ -1,0 +1,50 @@
+#include "apps/haarlight/picture_options.h"
+
+#include <fmt/format.h>
+
+#include "core/log.h"
+
+namespace haarlight {
+
+void add_picture_list_options(Command verb, PictureListArguments& list) {
+  verb.option("--places", &list.places,
+              "What the numbers of a .lp are: unit directions, or positions in mm",
+              {.choices = {"automatic", "directions", "positions"}, .shows_default = true});
+  verb.option("--exclude", &list.exclude,
+              "Leave out pictures whose names contain this; may be repeated", {.type = "TEXT"});
+  verb.option(
+      "--pictures-from", &list.pictures_from,
+      "Where pictures that the list names and the folder lacks are looked for (default: "
+      "nowhere)",
+      {.type = "FOLDER"});
+  verb.flag("--strict", &list.is_strict,
+            "Refuse a list and a folder that disagree instead of warning");
+}
+
+LightPlaces light_places(const PictureListArguments& list) {
+  return list.places == "positions"    ? LightPlaces::positions
+         : list.places == "directions" ? LightPlaces::directions
+                                       : LightPlaces::automatic;
+}
+
+MatchOptions match_options(const PictureListArguments& list) {
+  MatchOptions options;
+  options.exclude = list.exclude;
+  options.pictures_from = list.pictures_from;
+  options.is_strict = list.is_strict;
+  return options;
+}
+
+void tell_match(const std::vector<std::string>& notes,
+                const std::vector<std::string>& disagreements, const CommonOptions& common) {
+  for (const std::string& warning : disagreements) {
+    log_warning(warning);
+  }
+  for (const std::string& note : notes) {
+    if (!common.quiet) {
+      fmt::print(stderr, "note: {}\n", note);
+    }
+  }
+}
+
+}  // namespace haarlight

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "session/session.h"
+
+/// @file
+/// Lights on a regular flat grid, found from their positions: what Haar bases over the lights
+/// need to know of an imported capture.
+
+namespace haarlight {
+
+struct LightGrid {
+  int rows = 0;
+  int cols = 0;
+  /// (rows * cols): which light of the list stands at each place, row by row. As listed where
+  /// some corner and direction makes that the order; else the first row at the greatest y, x
+  /// rising along it.
+  std::vector<int> order;
+};
+
+/// The grid of at least 2 x 2 that the positions form: rows and columns at right angles, evenly
+/// spaced to a quarter of their pitch, flat to the same, one light at each place. Nothing: they
+/// form none, they are directions, or more than 16384.
+[[nodiscard]] std::optional<LightGrid> find_light_grid(std::span<const SessionLight> lights);
+
+}  // namespace haarlight
