@@ -140,23 +140,6 @@ bool has_picture_ending(const fs::path& path) {
   return std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end();
 }
 
-std::vector<std::string> names_in(const fs::path& folder) {
-  std::vector<std::string> names;
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end;
-       it.increment(error)) {
-    if (it->is_regular_file(error) && has_picture_ending(it->path())) {
-      names.push_back(it->path().filename().string());
-    }
-  }
-  if (error) {
-    throw Error("cannot be listed: " + error.message(), folder.string(),
-                "name the folder with the pictures");
-  }
-  std::sort(names.begin(), names.end(), is_before_naturally);
-  return names;
-}
-
 /// The picture a list names: as written from the folder or from the list's own folder, else by
 /// its bare name (lists often carry another machine's paths).
 fs::path find_picture(const std::string& name, const fs::path& folder,
@@ -190,7 +173,7 @@ struct Picture {
 
 std::vector<Picture> choose_pictures(const fs::path& folder, const fs::path& light_file,
                                      LightList& list, const ImportOptions& options) {
-  std::vector<std::string> present = names_in(folder);
+  std::vector<std::string> present = picture_names(folder);
   std::vector<Picture> pictures;
   if (!list.lights[0].name.empty()) {
     for (const SessionLight& light : list.lights) {
@@ -366,6 +349,23 @@ void write_plain(const fs::path& path, const std::string& text) {
 }
 
 }  // namespace
+
+std::vector<std::string> picture_names(const fs::path& folder) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    if (it->is_regular_file(error) && has_picture_ending(it->path())) {
+      names.push_back(it->path().filename().string());
+    }
+  }
+  if (error) {
+    throw Error("cannot be listed: " + error.message(), folder.string(),
+                "name the folder with the pictures");
+  }
+  std::sort(names.begin(), names.end(), is_before_naturally);
+  return names;
+}
 
 ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
                              const fs::path& target_path, const ImportOptions& options) {

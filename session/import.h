@@ -34,6 +34,10 @@ struct ImportResult {
   std::vector<std::string> notes;  ///< what was assumed or passed over, for people
 };
 
+/// The names of a folder's pictures, known by their endings, in natural order: a2 before a10.
+/// @throws Error  a folder that cannot be listed
+[[nodiscard]] std::vector<std::string> picture_names(const std::filesystem::path& folder);
+
 /// Reads `folder`'s pictures in the order of the light list (its names, or, where it has none,
 /// all pictures in natural order of names) and writes the session `target`, which appears whole
 /// or not at all. 8-bit pictures stay as coded with their transfer named; EXIF rotation is

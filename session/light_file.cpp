@@ -21,6 +21,7 @@ namespace {
 constexpr std::uintmax_t kMaxFile = std::uintmax_t{64} << 20U;
 constexpr double kUnitSlack =
     0.1;  // lists are printed with 3 to 6 digits; positions differ far more
+constexpr double kMostMu = 1e3;  // as in a rig file
 
 std::string_view trim(std::string_view text) {
   constexpr std::string_view kSpace = " \t\r\v\f";
@@ -272,6 +273,26 @@ LightList parse_dome(std::string_view text, const std::string& where) {
   return list;
 }
 
+std::optional<LightLobe> lobe_of_json(const JsonValue& light) {
+  if (!light.has("axis") && !light.has("lobe_mu")) {
+    return std::nullopt;
+  }
+  const JsonValue axis = light["axis"];
+  const std::vector<JsonValue> numbers = axis.elements();
+  if (numbers.size() != 3) {
+    axis.refuse(fmt::format("{} numbers", numbers.size()), "write [x, y, z]");
+  }
+  const Eigen::Vector3d read(numbers[0].number(), numbers[1].number(), numbers[2].number());
+  if (!(std::abs(read.norm() - 1.0) < 1e-6)) {
+    axis.refuse(fmt::format("an axis of length {}", read.norm()),
+                "write a unit vector, the way the light shines");
+  }
+  if (!light.has("position_mm")) {
+    axis.refuse("a lobe needs the light's position", "write position_mm");
+  }
+  return LightLobe{read, light["lobe_mu"].number(0.0, kMostMu)};
+}
+
 LightList parse_light_json(std::string_view text, const std::string& where) {
   const JsonValue root = JsonValue::parse(text, where);
   LightList list;
@@ -289,6 +310,7 @@ LightList parse_light_json(std::string_view text, const std::string& where) {
     if (item.has("relative_power")) {
       light.relative_power = item["relative_power"].number(1e-6, 1e6);
     }
+    light.lobe = lobe_of_json(item);
     if (!list.lights.empty() && (light.name.empty() != list.lights[0].name.empty() ||
                                  light.is_position != list.lights[0].is_position)) {
       item.refuse("not given in the same way as the first light",

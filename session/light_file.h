@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,8 @@
 /// for read_light_file.
 
 namespace haarlight {
+
+class JsonValue;
 
 /// How the three numbers of a `.lp` line are meant; the file itself does not say.
 enum class LightPlaces {
@@ -41,9 +44,14 @@ struct LightList {
 /// @throws Error  naming the field
 [[nodiscard]] LightList parse_dome(std::string_view text, const std::string& where);
 
-/// {"lights": [{"name", "direction" | "position_mm": [x, y, z], "relative_power"?}]}.
+/// {"lights": [{"name", "direction" | "position_mm": [x, y, z], "relative_power"?,
+/// "axis"?: [x, y, z], "lobe_mu"?}]}; the last two together, beside a position.
 /// @throws Error  naming the field
 [[nodiscard]] LightList parse_light_json(std::string_view text, const std::string& where);
+
+/// "axis" and "lobe_mu" of one light; nothing: neither is there.
+/// @throws Error  naming the field: one without the other, no unit vector, no position_mm
+[[nodiscard]] std::optional<LightLobe> lobe_of_json(const JsonValue& light);
 
 /// Any of the three, told apart by content, not by name. At least one light.
 [[nodiscard]] LightList read_light_file(const std::filesystem::path& path,

@@ -39,12 +39,21 @@ struct Shot {
   friend bool operator==(const Shot&, const Shot&) = default;
 };
 
+/// How a light shines: intensity cos^mu of the angle to its axis.
+struct LightLobe {
+  Eigen::Vector3d axis;  ///< unit, the way it shines
+  double mu = 0.0;
+  friend bool operator==(const LightLobe&, const LightLobe&) = default;
+};
+
 /// A light of the session: a place (rig, or `.lp` positions) or only a direction.
 struct SessionLight {
   std::string name;  ///< picture name as imported, or "face/row/col"
   bool is_position = false;
   Eigen::Vector3d place;  ///< mm in world, or a unit direction to the light
   double relative_power = 1.0;
+  /// Of an imported position, where its list told it; a rig's lobes stand in rig.toml.
+  std::optional<LightLobe> lobe = {};
 };
 
 enum class SampleType { u8, u16, f32 };

@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "session/json_value.h"
+#include "session/light_file.h"
 #include "session/session.h"
 
 namespace haarlight {
@@ -86,6 +87,10 @@ Json light_to_json(const SessionLight& light) {
   json[light.is_position ? "position_mm" : "direction"] = {light.place.x(), light.place.y(),
                                                            light.place.z()};
   json["relative_power"] = light.relative_power;
+  if (light.lobe) {
+    json["axis"] = {light.lobe->axis.x(), light.lobe->axis.y(), light.lobe->axis.z()};
+    json["lobe_mu"] = light.lobe->mu;
+  }
   return json;
 }
 
@@ -108,6 +113,7 @@ SessionLight light_from_json(const JsonValue& value) {
                  "write a unit vector to the light");
   }
   light.relative_power = value["relative_power"].number(1e-9, 1e9);
+  light.lobe = lobe_of_json(value);
   return light;
 }
 

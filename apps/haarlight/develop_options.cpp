@@ -1,5 +1,6 @@
 #include "apps/haarlight/develop_options.h"
 
+#include "core/image_io.h"
 #include "relight/basis/compress_session.h"
 
 namespace haarlight {
@@ -26,6 +27,24 @@ DevelopOptions develop_options(const Session& session, const CommonOptions& comm
   options.plate = sharing_plate(session, {});
   options.unknown_as = transfer_asked(transfer);
   return options;
+}
+
+std::vector<float> clip_levels(const Session& session) {
+  const FrameForm& form = session.info().form;
+  if (session.rig().has_value() || form.sample == SampleType::f32) {
+    return {};
+  }
+  constexpr float kJustBelow = 0.9995F;  // rounding of the decoded value
+  const double coded =
+      (form.saturation_dn() - form.black_level) / (form.white_level - form.black_level);
+  const float top = form.transfer == Transfer::srgb
+                        ? linear_from_srgb(static_cast<float>(coded))
+                        : static_cast<float>(coded);
+  std::vector<float> levels;
+  for (const SessionLight& light : session.info().lights) {
+    levels.push_back(kJustBelow * top / static_cast<float>(light.relative_power));
+  }
+  return levels;
 }
 
 void add_plane_options(Command verb, PlaneArguments& plane) {

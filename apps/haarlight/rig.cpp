@@ -363,6 +363,11 @@ void add_rig(Command root, Invocation& invocation) {
               "calibrate lights: the sheet's thickness over the plane, mm",
               {.shows_default = true});
   verb.option(
+      "--bow", &arguments->calibrate.bow_mm,
+      "calibrate lights: how far the sheet may be bowed, mm (a standard deviation); 0: it "
+      "is flat for certain",
+      {.bounds = Bounds{0, 20}, .shows_default = true});
+  verb.option(
       "--lobe", &arguments->calibrate.lobe,
       "calibrate lights: free finds one exponent for each face; given takes the rig file's",
       {.choices = {"free", "given"}, .shows_default = true});

@@ -105,6 +105,33 @@ MeasuredFace measured_face(const Face& face, const FaceCalibration& found) {
   return m;
 }
 
+/// "roughness 0.153 +- 0.004 (slope 0.21), sheen ..." of the terms that were fitted.
+std::string sheet_text(const LightCalibration& found) {
+  std::string out;
+  for (std::size_t i = 0; i < kSheetTerms; ++i) {
+    const auto term = static_cast<SheetTerm>(i);
+    if (!(found.sheet_sigma[term] > 0.0)) {
+      continue;
+    }
+    out += fmt::format("{}{} {:.4f} +- {:.4f}", out.empty() ? "" : ", ", to_string(term),
+                       found.sheet[term], found.sheet_sigma[term]);
+    if (term == SheetTerm::roughness) {
+      out += fmt::format(" (slope {:.2f})", slope_of_roughness(found.sheet[term]));
+    }
+  }
+  return out;
+}
+
+/// What the test of the model says, for a person.
+std::string test_text(const ModelTest& test) {
+  if (!test.is_done) {
+    return "not tested: too few samples";
+  }
+  return fmt::format(
+      "{}: smooth residuals of {:.0f}, expected {} ({:+.1f} sigma, limit {:.1f})",
+      test.is_passed() ? "passed" : "FAILED", test.chi2, test.n, test.z, ModelTest::kMostZ);
+}
+
 std::string page_of(const Rig& rig, const SheetSamples& sheet,
                     const std::vector<FaceCalibration>& faces, const std::string& date,
                     const std::string& session) {
@@ -116,15 +143,23 @@ std::string page_of(const Rig& rig, const SheetSamples& sheet,
     const auto row = [&body](std::string_view name, const std::string& value) {
       body += fmt::format("<tr><th>{}</th><td>{}</td></tr>", name, value);
     };
-    row("middle, mm", fmt::format("{:.3f} {:.3f} {:.3f} &plusmn; {:.3f} {:.3f} {:.3f}",
-                                  m.centre.x(), m.centre.y(), m.centre.z(), m.centre_sigma.x(),
-                                  m.centre_sigma.y(), m.centre_sigma.z()));
+    const bool is_known = !found.lights.is_model_wrong();
+    row("middle, mm",
+        fmt::format("{:.3f} {:.3f} {:.3f}", m.centre.x(), m.centre.y(), m.centre.z()) +
+            (is_known ? fmt::format(" &plusmn; {:.3f} {:.3f} {:.3f}", m.centre_sigma.x(),
+                                    m.centre_sigma.y(), m.centre_sigma.z())
+                      : std::string(": the model is wrong, the error is not known")));
+    row("test of the model", test_text(found.lights.test));
     row("moved from the rig file's place",
         fmt::format("{:.3f} mm, turned {:.3f} degrees", found.moved_mm, found.turned_deg));
-    row("turn known to, degrees", fmt::format("{:.4f} {:.4f} {:.4f}", m.turn_sigma_deg.x(),
-                                              m.turn_sigma_deg.y(), m.turn_sigma_deg.z()));
-    row("lobe exponent",
-        fmt::format("{:.4f} &plusmn; {:.4f}", found.lights.mu, found.lights.mu_sigma));
+    if (is_known) {
+      row("turn known to, degrees", fmt::format("{:.4f} {:.4f} {:.4f}", m.turn_sigma_deg.x(),
+                                                m.turn_sigma_deg.y(), m.turn_sigma_deg.z()));
+      row("sheet and lens", escaped(sheet_text(found.lights)));
+    }
+    row("lobe exponent", fmt::format("{:.4f}", found.lights.mu) +
+                             (is_known ? fmt::format(" &plusmn; {:.4f}", found.lights.mu_sigma)
+                                       : std::string()));
     row("fit", fmt::format("chi&sup2; {:.3f} a degree of freedom (1: noise alone)",
                            found.lights.reduced_chi2));
     std::vector<double> used;
@@ -164,7 +199,7 @@ std::string page_of(const Rig& rig, const SheetSamples& sheet,
       "<h1>Lights of {0}, calibrated</h1><p>{1}, from {2}; {3} x {4} blocks of {5} x {5} "
       "pixels, noise {6:.2f} % a block.</p>{7}</html>\n",
       escaped(rig.name), escaped(date), escaped(session), sheet.samples.cols,
-      sheet.samples.rows, sheet.block, 100.0 * sheet.samples.noise.relative, body);
+      sheet.samples.rows, sheet.block, 100.0 * sheet.relative_noise, body);
 }
 
 }  // namespace
@@ -191,24 +226,8 @@ std::size_t MeasuredFile::write() {
   return text.size();
 }
 
-ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonOptions& common,
-                              Report& report) {
-  const Rig written = read_rig_as_written(arguments.rig);
-  std::filesystem::path page = arguments.page;
-  if (page.empty()) {
-    page = arguments.rig;
-    page.replace_extension(".lights.html");
-  }
-  if (arguments.session.empty()) {
-    throw Error("no pictures to calibrate from", arguments.rig,
-                "capture a flat matte sheet on the plane, then name it: --session SESSION",
-                ExitCode::usage);
-  }
-  require_absent(page, common.force);
-  const Session session = Session::open(arguments.session);
-  require_same_rig(session, written);
-  // The lens, the plane and the lights as they are known today.
-  const Rig rig = read_rig(arguments.rig);
+RigFaces fit_rig_faces(const Session& session, const Rig& rig,
+                       const CalibrateArguments& arguments, const CommonOptions& common) {
   const bool is_noise_known = !rig.cameras.empty() &&
                               rig.cameras.front().noise.full_well_e > 0.0 &&
                               session.info().form.transfer == Transfer::linear &&
@@ -224,45 +243,107 @@ ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonO
     sheet_options.region = SheetRegion{arguments.region[0], arguments.region[1],
                                        arguments.region[2], arguments.region[3]};
   }
-  const SheetSamples sheet = sample_sheet(
-      rig, developed.stack, developed.standard_error ? &*developed.standard_error : nullptr,
-      sheet_options);
+  RigFaces out;
+  out.sheet = sample_sheet(rig, developed.stack,
+                           developed.standard_error ? &*developed.standard_error : nullptr,
+                           sheet_options);
   CalibrationOptions options;
   options.mask.saturation = std::numeric_limits<double>::max();  // the stack's errors tell
   options.lobe = arguments.lobe == "free" ? Lobe::free : Lobe::given;
-  const std::vector<FaceCalibration> faces = calibrate_faces(rig, sheet, options);
+  options.sheet = sheet_priors(rig, out.sheet);
+  for (const SheetTerm term : {SheetTerm::bow_xx, SheetTerm::bow_xy, SheetTerm::bow_yy}) {
+    options.sheet.sigma[term] = arguments.bow_mm;
+  }
+  out.faces = calibrate_faces(rig, out.sheet, options);
+  out.is_plane_measured = options.sheet.is_free(SheetTerm::height);
+  out.is_noise_known = developed.standard_error.has_value();
+  for (const FaceCalibration& found : out.faces) {
+    out.is_good = out.is_good && found.lights.is_usable() && !found.lights.is_model_wrong();
+  }
+  return out;
+}
 
-  MeasuredFile stored(written);
-  MeasuredRig& measured = stored.values;
-  measured.faces.clear();
-  bool is_good = true;
-  for (const FaceCalibration& found : faces) {
-    const Face& face = written.faces[static_cast<std::size_t>(found.face)];
-    measured.faces.push_back(measured_face(face, found));
-    const MeasuredFace& m = measured.faces.back();
-    is_good = is_good && found.lights.is_usable();
-    fmt::print("face {:<8} moved {:.3f} mm, turned {:.3f} degrees; middle +- {:.3f} mm\n  {}\n",
-               face.id, found.moved_mm, found.turned_deg, m.centre_sigma.norm(),
+void tell_faces(const Rig& rig, const RigFaces& fit, const CommonOptions& common,
+                Report& report) {
+  for (const FaceCalibration& found : fit.faces) {
+    const Face& face = rig.faces[static_cast<std::size_t>(found.face)];
+    const MeasuredFace m = measured_face(face, found);
+    const bool is_wrong = found.lights.is_model_wrong();
+    fmt::print("face {:<8} moved {:.3f} mm, turned {:.3f} degrees; middle {}\n  {}\n", face.id,
+               found.moved_mm, found.turned_deg,
+               is_wrong ? std::string("of unknown error: the model is wrong")
+                        : fmt::format("+- {:.3f} mm", m.centre_sigma.norm()),
                found.lights.brief_report());
     report.add_reached("moved_mm_" + face.id, found.moved_mm);
     report.add_reached("turned_deg_" + face.id, found.turned_deg);
-    report.add_reached("centre_sigma_mm_" + face.id, m.centre_sigma.norm());
+    if (is_wrong) {
+      fmt::print(
+          stderr,
+          "face {}: the pictures hold something that no unknown of the model can follow; "
+          "test {}\n  cure: a flatter and more matte sheet without dirt, no stray light; "
+          "see the page, and docs/numerics/near-light.md\n",
+          face.id, test_text(found.lights.test));
+    } else {
+      fmt::print("  {}\n", sheet_text(found.lights));
+      report.add_reached("centre_sigma_mm_" + face.id, m.centre_sigma.norm());
+    }
+    report.add_reached("model_test_sigma_" + face.id, found.lights.test.z);
     report.add_reached("lobe_mu_" + face.id, found.lights.mu);
     report.add_reached("reduced_chi2_" + face.id, found.lights.reduced_chi2);
   }
-  if (!developed.standard_error && !common.quiet) {
+  if (!fit.is_plane_measured && !common.quiet) {
+    fmt::print(stderr,
+               "note: the plane was not measured: +- is relative to where the rig file has it\n"
+               "  cure: haarlight rig calibrate plane, before\n");
+  }
+  if (!fit.is_noise_known && !common.quiet) {
     fmt::print(stderr,
                "note: the camera's noise is not known: saturated samples could not be left "
                "out\n  cure: haarlight rig commission, or noise = {{ ... }} in the rig file\n");
   }
-  write_file_atomically(page, page_of(written, sheet, faces, measured.date, arguments.session));
+}
+
+RigFaces store_rig_faces(const CalibrateArguments& arguments, const CommonOptions& common,
+                         Report& report) {
+  const Rig written = read_rig_as_written(arguments.rig);
+  std::filesystem::path page = arguments.page;
+  if (page.empty()) {
+    page = arguments.rig;
+    page.replace_extension(".lights.html");
+  }
+  if (arguments.session.empty()) {
+    throw Error("no pictures to calibrate from", arguments.rig,
+                "capture a flat matte sheet on the plane, then name it: --session SESSION",
+                ExitCode::usage);
+  }
+  require_absent(page, common.force);
+  const Session session = Session::open(arguments.session);
+  require_same_rig(session, written);
+  // The lens, the plane and the lights as they are known today.
+  RigFaces fit = fit_rig_faces(session, read_rig(arguments.rig), arguments, common);
+  MeasuredFile stored(written);
+  MeasuredRig& measured = stored.values;
+  measured.faces.clear();
+  for (const FaceCalibration& found : fit.faces) {
+    measured.faces.push_back(
+        measured_face(written.faces[static_cast<std::size_t>(found.face)], found));
+  }
+  tell_faces(written, fit, common, report);
+  write_file_atomically(
+      page, page_of(written, fit.sheet, fit.faces, measured.date, arguments.session));
   fmt::print("page: {}\n", page.string());
-  if (!is_good) {
-    fmt::print(stderr, "haarlight rig: the fit did not end well; nothing was stored\n");
-    return ExitCode::target_missed;
+  if (!fit.is_good) {
+    fmt::print(stderr, "the fit did not end well; nothing was stored beside the rig file\n");
+    return fit;
   }
   report.set_bytes(stored.write());
-  return ExitCode::done;
+  return fit;
+}
+
+ExitCode run_calibrate_lights(const CalibrateArguments& arguments, const CommonOptions& common,
+                              Report& report) {
+  return store_rig_faces(arguments, common, report).is_good ? ExitCode::done
+                                                            : ExitCode::target_missed;
 }
 
 }  // namespace haarlight

@@ -6,6 +6,8 @@
 
 #include "apps/haarlight/verb.h"
 #include "core/measured_rig.h"
+#include "relight/light/rig_light_calibration.h"
+#include "session/develop.h"
 
 /// @file
 /// `haarlight rig calibrate camera|plane|lights RIG.toml`: the lens and the plane from pictures
@@ -18,6 +20,7 @@ struct CalibrateArguments {
   std::string session;         ///< capture of a flat matte sheet
   std::vector<double> region;  ///< U0, U1, V0, V1; empty: the middle of the plane
   double sheet_mm = 0.0;       ///< its thickness
+  double bow_mm = 1.0;         ///< how far the sheet may be bowed, a standard deviation
   std::string lobe = "free";
   std::string page;
   std::vector<std::string> pictures;  ///< of the chessboard
@@ -46,6 +49,27 @@ ExitCode run_calibrate_camera(const CalibrateArguments& arguments, const CommonO
 /// The first plane, from one or more pictures of a board that lies on it.
 ExitCode run_calibrate_plane(const CalibrateArguments& arguments, const CommonOptions& common,
                              Report& report);
+
+/// The faces of a rig as a capture of a sheet shows them.
+struct RigFaces {
+  SheetSamples sheet;
+  std::vector<FaceCalibration> faces;
+  bool is_good = true;  ///< every fit ended well and its model was not found wrong
+  bool is_plane_measured = false;
+  bool is_noise_known = false;
+};
+/// @param rig  the session's, or as it is known today
+[[nodiscard]] RigFaces fit_rig_faces(const Session& session, const Rig& rig,
+                                     const CalibrateArguments& arguments,
+                                     const CommonOptions& common);
+/// Results and notes, for people and the report.
+void tell_faces(const Rig& rig, const RigFaces& fit, const CommonOptions& common,
+                Report& report);
+/// Fits, tells, writes the page and, where all is good, NAME.measured.toml.
+/// @throws Error  a session of another rig, a sheet that is not seen, lights that cannot be
+/// found
+RigFaces store_rig_faces(const CalibrateArguments& arguments, const CommonOptions& common,
+                         Report& report);
 
 /// Writes NAME.measured.toml and a page with pictures.
 /// @throws Error  a session of another rig, a sheet that is not seen, lights that cannot be

@@ -101,25 +101,6 @@ StereoLights choose_lights(const ShapeArguments& arguments, const Session& sessi
   return lights;
 }
 
-/// Where a picture's values end, as develop has them; empty where pictures are no integers.
-std::vector<float> clip_levels(const Session& session) {
-  const FrameForm& form = session.info().form;
-  if (session.rig().has_value() || form.sample == SampleType::f32) {
-    return {};
-  }
-  constexpr float kJustBelow = 0.9995F;  // rounding of the decoded value
-  const double coded =
-      (form.saturation_dn() - form.black_level) / (form.white_level - form.black_level);
-  const float top = form.transfer == Transfer::srgb
-                        ? linear_from_srgb(static_cast<float>(coded))
-                        : static_cast<float>(coded);
-  std::vector<float> levels;
-  for (const SessionLight& light : session.info().lights) {
-    levels.push_back(kJustBelow * top / static_cast<float>(light.relative_power));
-  }
-  return levels;
-}
-
 ShapeOptions shape_options(const ShapeArguments& arguments) {
   const std::map<std::string, LambertMethod> methods = {
       {"", LambertOptions{}.method},

@@ -24,6 +24,7 @@ void add_preview(Command root, Invocation& invocation);
 void add_shot(Command root, Invocation& invocation);
 void add_sessions(Command root, Invocation& invocation);
 void add_import(Command root, Invocation& invocation);
+void add_calibrate(Command root, Invocation& invocation);
 void add_verify(Command root, Invocation& invocation);
 void add_rebuild(Command root, Invocation& invocation);
 void add_develop(Command root, Invocation& invocation);
@@ -62,6 +63,7 @@ constexpr AddVerb kVerbs[] = {
     add_shot,
     add_sessions,
     add_import,
+    add_calibrate,
     add_verify,
     add_rebuild,
     add_develop,

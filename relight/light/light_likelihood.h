@@ -6,6 +6,8 @@
 
 #include <Eigen/Core>
 
+#include "relight/light/shared_terms.h"
+#include "relight/light/sheet_model.h"
 #include "relight/light/target_samples.h"
 
 /// @file
@@ -27,6 +29,7 @@ struct LightBound {
 struct LightBounds {
   std::vector<LightBound> lights;  ///< (K)
   double mu = 0.0;                 ///< 0: the exponent was given
+  SheetValues sheet;               ///< of the sheet's terms; 0: not fitted
 };
 
 /// How the coupling of the points through the lights is solved.
@@ -43,11 +46,16 @@ struct LikelihoodOptions {
   bool is_mu_free = true;
   bool is_albedo_known = false;  ///< for bounds alone
   Coupling coupling = Coupling::automatic;
-  int max_iterations = 60;
+  int max_iterations = 200;
   /// Ends when a step would lower chi^2 by less than this: parameters then lie within about the
   /// square root of it, in standard deviations, all of them together.
   double tolerance_chi2 = 0.02;
   std::function<bool()> should_stop = {};
+  /// > 0: each light's axis may be off its aim by so much, rad, a standard deviation in each of
+  /// two directions, and is an unknown; for lights with an aim alone, which must share mu.
+  double aim_sigma = 0.0;
+  SheetPriors sheet;        ///< which of the sheet's terms are unknown; none unless said
+  SheetValues sheet_start;  ///< where a fit begins and where a bound is taken
 };
 
 /// The bound at `lights` for these points, masks and noise. Intensities are not looked at.
@@ -64,8 +72,9 @@ struct LikelihoodOptions {
 struct LikelihoodFit {
   std::vector<NearLight> lights;  ///< (K), mean power 1
   std::vector<double> albedo;     ///< (C, P), albedo times vignetting; 0 where nothing was used
-  double chi2 = 0.0;              ///< over the used samples
-  std::int64_t n_samples = 0;     ///< used, all channels
+  SheetValues sheet;
+  double chi2 = 0.0;           ///< over the used samples, and what was known of the sheet
+  std::int64_t n_samples = 0;  ///< used, all channels
   int n_iterations = 0;
   bool has_converged = false;
 };
@@ -77,6 +86,12 @@ struct LikelihoodFit {
                                             std::vector<NearLight> lights,
                                             const LikelihoodOptions& options = {});
 
+/// What smooth functions of light and point would still take from a fit's residuals, every
+/// unknown of the fit set free again: a score test, so nothing is fitted anew.
+/// @param freedom  samples less unknowns of the fit
+[[nodiscard]] ModelTest test_free_lights(const TargetSamples& samples, const LikelihoodFit& fit,
+                                         const LikelihoodOptions& options, double freedom);
+
 /// Albedo and powers, given where the lights are: alternating least squares in a few sweeps
 /// from the lights' own powers, weighted by the samples' own noise or by `inverse_variance`,
 /// (K, C, P). Mean power of each channel 1.
@@ -86,6 +101,7 @@ struct PowerFit {
 };
 [[nodiscard]] PowerFit fit_powers(const TargetSamples& samples, std::vector<NearLight> lights,
                                   int n_sweeps = 8,
-                                  std::span<const float> inverse_variance = {});
+                                  std::span<const float> inverse_variance = {},
+                                  const SheetValues& sheet = {});
 
 }  // namespace haarlight

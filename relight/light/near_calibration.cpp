@@ -143,6 +143,7 @@ class FreeProblem final : public VarianceProblem {
       const double h = extent_.size_mm * std::exp(own[2]);
       out[k].position_mm = {extent_.centre.x() + own[0] * h, extent_.centre.y() + own[1] * h,
                             ground_ + h};
+      turn_to_aim(out[k]);
       if (is_mu_free()) {
         out[k].mu = x[out.size() * stride()];
       }
@@ -163,7 +164,9 @@ class FreeProblem final : public VarianceProblem {
         d[3 + c] = g.log_power[k * n_channels() + c];
         power += d[3 + c];
       }
-      const Eigen::Vector3d place = g.position[k] - power * t.position;
+      const Eigen::Vector3d place =
+          g.position[k] - power * t.position +
+          axis_per_position(now[k]).transpose() * (g.axis[k] - power * t.axis);
       const double h = now[k].position_mm.z() - ground_;
       d[0] = h * place.x();
       d[1] = h * place.y();
@@ -351,14 +354,15 @@ int coarse_factor(const TargetSamples& samples, const CalibrationOptions& option
 /// Masks samples that contradict the lights. The albedo is the median over the lights, which
 /// half of them may spoil. @return how many
 std::int64_t mask_outliers(TargetSamples& samples, std::span<const NearLight> lights,
-                           double outlier_share, std::vector<SampleCounts>& counts) {
+                           const SheetValues& sheet, double outlier_share,
+                           std::vector<SampleCounts>& counts) {
   const std::size_t n = samples.n_points();
-  const TargetColumns target(samples);
+  const TargetColumns target(samples, sheet);
   const double threshold = std::max(outlier_share, 6.0 * samples.noise.relative);
   std::vector<LightTerms> terms(lights.size());
   parallel_for(lights.size(), 8, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
-      terms[k] = light_terms(target, lights[k], samples.used(static_cast<int>(k)), false);
+      terms[k] = light_terms(target, lights[k], samples.used(static_cast<int>(k)));
     }
   });
   std::vector<std::uint8_t> what(lights.size() * n, 0);
@@ -460,9 +464,10 @@ void drop_lonely_points(TargetSamples& samples, std::vector<SampleCounts>& count
 
 /// Masks the samples that fit worst; false where none is left to mask.
 /// @throws Error  a light has too few samples left
-bool leave_outliers_out(TargetSamples& samples, std::span<const NearLight> lights, double share,
+bool leave_outliers_out(TargetSamples& samples, std::span<const NearLight> lights,
+                        const SheetValues& sheet, double share,
                         std::vector<SampleCounts>& counts) {
-  if (share <= 0.0 || mask_outliers(samples, lights, share, counts) == 0) {
+  if (share <= 0.0 || mask_outliers(samples, lights, sheet, share, counts) == 0) {
     return false;
   }
   drop_lonely_points(samples, counts);
@@ -481,6 +486,8 @@ void apply_lobe(const CalibrationOptions& options, std::vector<NearLight>& light
 LikelihoodOptions likelihood_options(const CalibrationOptions& options) {
   LikelihoodOptions out;
   out.is_mu_free = options.lobe == Lobe::free;
+  out.sheet = options.sheet;
+  out.aim_sigma = options.aim_sigma;
   out.should_stop = options.should_stop;
   return out;
 }
@@ -535,8 +542,12 @@ LightCalibration judge(const TargetSamples& samples, std::vector<NearLight> ligh
   return out;
 }
 
+double freedom_of(const LikelihoodFit& fit, std::size_t n_unknowns) {
+  return static_cast<double>(fit.n_samples) - static_cast<double>(n_unknowns);
+}
+
 double reduced(const LikelihoodFit& fit, std::size_t n_unknowns) {
-  const auto freedom = static_cast<double>(fit.n_samples) - static_cast<double>(n_unknowns);
+  const double freedom = freedom_of(fit, n_unknowns);
   return freedom >= 1.0 ? fit.chi2 / freedom : std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -567,7 +578,7 @@ void require_difference(const TargetSamples& samples, std::span<const NearLight>
   double chi2 = 0.0;
   for (int k = 0; k < samples.n_lights; ++k) {
     const NearLight& light = fit.lights[static_cast<std::size_t>(k)];
-    const LightTerms terms = light_terms(target, light, samples.used(k), false);
+    const LightTerms terms = light_terms(target, light, samples.used(k));
     chi2 += light_residual(samples, k, terms, light.power, fit.albedo, weights).chi2;
   }
   const auto n_used = static_cast<double>(
@@ -611,11 +622,18 @@ std::string LightCalibration::brief_report() const {
                          [finding](const auto& light) { return light.finding == finding; });
   };
   return fmt::format(
-      "{} lights: {} good, {} weak, {} unseen; mu {:.4g} +- {:.2g}; D {:.3g} after {} steps; "
-      "chi^2 {:.4g} after {} more; {}",
+      "{} lights: {} good, {} weak, {} unseen; mu {:.4g}{}; D {:.3g} after {} steps; "
+      "chi^2 {:.4g} after {} more; {}; {}",
       lights.size(), count(LightFinding::good), count(LightFinding::weak),
-      count(LightFinding::unseen), mu, mu_sigma, variance, n_variance_iterations, reduced_chi2,
-      n_likelihood_iterations, has_converged ? "converged" : "not converged");
+      count(LightFinding::unseen), mu,
+      is_model_wrong() ? std::string() : fmt::format(" +- {:.2g}", mu_sigma), variance,
+      n_variance_iterations, reduced_chi2, n_likelihood_iterations,
+      has_converged ? "converged" : "not converged",
+      !test.is_done
+          ? std::string("the model was not tested")
+          : fmt::format("the model {}: {:.0f} in {} modes ({:+.1f} sigma), lobe {:+.1f}",
+                        test.is_passed() ? "fits" : "IS WRONG", test.chi2, test.n, test.z,
+                        test.lobe_z));
 }
 
 std::vector<NearLight> paper_start(const TargetSamples& samples, double mu) {
@@ -658,7 +676,7 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
     lights = uniform_albedo_start(coarse_samples(samples, factor), std::move(lights));
     if (options.outlier_share > 0.0) {
       // Gross ones first: one light under a shadow would bend all others in the joint fit.
-      mask_outliers(samples, lights, std::max(kGrossShare, options.outlier_share), counts);
+      mask_outliers(samples, lights, {}, std::max(kGrossShare, options.outlier_share), counts);
       drop_lonely_points(samples, counts);
       require_lights(samples, lights);
     }
@@ -678,24 +696,28 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
       }
       LikelihoodFit fit = fit_free_lights(coarse, std::move(lights), likelihood);
       n_likelihood += fit.n_iterations;
+      likelihood.sheet_start = fit.sheet;
       lights = std::move(fit.lights);
     }
-    if (!leave_outliers_out(samples, lights, options.outlier_share, counts)) {
+    if (!leave_outliers_out(samples, lights, likelihood.sheet_start, options.outlier_share,
+                            counts)) {
       break;
     }
   }
   std::vector<double> albedo;
+  ModelTest test;
   double chi2 = std::numeric_limits<double>::quiet_NaN();
   bool has_converged = descent.has_converged;
   if (options.stage == Stage::likelihood) {
     LikelihoodFit fit = fit_free_lights(samples, std::move(lights), likelihood);
     n_likelihood += fit.n_iterations;
     has_converged = fit.has_converged;
-    chi2 =
-        reduced(fit, lights_in_use(samples).size() *
-                             (3 + static_cast<std::size_t>(samples.n_channels)) +
-                         count_points(samples) * static_cast<std::size_t>(samples.n_channels) -
-                         static_cast<std::size_t>(samples.n_channels));
+    const std::size_t n_unknowns =
+        lights_in_use(samples).size() * (3 + static_cast<std::size_t>(samples.n_channels)) +
+        (count_points(samples) - 1) * static_cast<std::size_t>(samples.n_channels);
+    chi2 = reduced(fit, n_unknowns);
+    likelihood.sheet_start = fit.sheet;
+    test = test_free_lights(samples, fit, likelihood, freedom_of(fit, n_unknowns));
     lights = std::move(fit.lights);
     albedo = std::move(fit.albedo);
   } else {
@@ -706,6 +728,9 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
   const LightBounds bounds = free_light_bounds(samples, lights, albedo, likelihood);
   LightCalibration out = judge(samples, std::move(lights), std::move(albedo), bounds,
                                std::move(counts), chi2, options);
+  out.sheet = likelihood.sheet_start;
+  out.sheet_sigma = bounds.sheet;
+  out.test = test;
   out.variance = descent.d;
   out.n_variance_iterations = descent.n_iterations;
   out.n_likelihood_iterations = n_likelihood;
@@ -722,7 +747,7 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
   Eigen::Isometry3d pose = start;
   Descent descent;
   const int factor = coarse_factor(samples, options);
-  const LikelihoodOptions likelihood = likelihood_options(options);
+  LikelihoodOptions likelihood = likelihood_options(options);
   int n_likelihood = 0;
   for (int round = 0; round < kMaxOutlierRounds; ++round) {
     const TargetSamples coarse = coarse_samples(samples, factor);
@@ -740,14 +765,17 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
       }
       RigidFit fit = fit_rigid_array(coarse, array, pose, std::move(lights), likelihood);
       n_likelihood += fit.fit.n_iterations;
+      likelihood.sheet_start = fit.fit.sheet;
       lights = std::move(fit.fit.lights);
       pose = fit.world_from_array;
     }
-    if (!leave_outliers_out(samples, lights, options.outlier_share, counts)) {
+    if (!leave_outliers_out(samples, lights, likelihood.sheet_start, options.outlier_share,
+                            counts)) {
       break;
     }
   }
   std::vector<double> albedo;
+  ModelTest test;
   double chi2 = std::numeric_limits<double>::quiet_NaN();
   bool has_converged = descent.has_converged;
   if (options.stage == Stage::likelihood) {
@@ -755,8 +783,11 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
     n_likelihood += fit.fit.n_iterations;
     has_converged = fit.fit.has_converged;
     const auto n_channels = static_cast<std::size_t>(samples.n_channels);
-    chi2 = reduced(
-        fit.fit, 6 + (lights_in_use(samples).size() + count_points(samples) - 1) * n_channels);
+    const std::size_t n_unknowns =
+        6 + (lights_in_use(samples).size() + count_points(samples) - 1) * n_channels;
+    chi2 = reduced(fit.fit, n_unknowns);
+    likelihood.sheet_start = fit.fit.sheet;
+    test = test_rigid_array(samples, fit.fit, likelihood, freedom_of(fit.fit, n_unknowns));
     lights = std::move(fit.fit.lights);
     albedo = std::move(fit.fit.albedo);
     pose = fit.world_from_array;
@@ -775,6 +806,9 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
   bound.lights.clear();
   out.world_from_array = pose;
   out.pose_sigma = std::move(bound);
+  out.sheet = likelihood.sheet_start;
+  out.sheet_sigma = out.pose_sigma->sheet;
+  out.test = test;
   out.variance = descent.d;
   out.n_variance_iterations = descent.n_iterations;
   out.n_likelihood_iterations = n_likelihood;

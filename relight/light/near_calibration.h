@@ -55,6 +55,12 @@ struct CalibrationOptions {
   int max_first_iterations = 300;
   double shape_tolerance =
       0.2;  ///< a place known to less than this share of its height is weak
+  /// How far lights with an aim may be off it, rad, a standard deviation in each of two
+  /// directions; each is an unknown then. Stage::likelihood alone uses it.
+  double aim_sigma = 0.0;
+  /// What of the sheet and the lens is not known for certain: none of it unless said, which is
+  /// right for a target that is flat and Lambertian. Stage::likelihood alone uses it.
+  SheetPriors sheet;
   std::function<bool()> should_stop = {};
 };
 
@@ -67,7 +73,9 @@ enum class LightFinding {
 
 struct CalibratedLight {
   NearLight light;
-  LightBound sigma;  ///< of the fit: the bound, larger where the samples fit worse than noise
+  /// Of the fit: the bound, larger where the samples fit worse than noise. It says nothing
+  /// where LightCalibration::test did not pass.
+  LightBound sigma;
   SampleCounts counts;
   LightFinding finding = LightFinding::good;
   Eigen::Vector3d weak_direction = Eigen::Vector3d::Zero();  ///< unit; the least certain one
@@ -83,6 +91,11 @@ struct LightCalibration {
   /// chi^2 of all samples over (samples - unknowns); 1 where the model and the noise are right.
   /// NaN after Stage::variance.
   double reduced_chi2 = 0.0;
+  SheetValues sheet;        ///< of those terms that were unknowns
+  SheetValues sheet_sigma;  ///< 0: not fitted
+  /// Whether the model explains the pictures. Not done after Stage::variance, and where there
+  /// are too few samples.
+  ModelTest test;
   int n_variance_iterations = 0;
   int n_likelihood_iterations = 0;
   bool has_converged = false;
@@ -92,6 +105,9 @@ struct LightCalibration {
 
   /// Converged, and at least one light is good.
   [[nodiscard]] bool is_usable() const;
+  /// The test was done and failed: something is in the pictures that no unknown of the model
+  /// can follow, and every sigma is wrong.
+  [[nodiscard]] bool is_model_wrong() const { return test.is_done && !test.is_passed(); }
   /// "1024 lights: 1020 good, 3 weak, 1 unseen; mu 1.002 +- 0.004; chi^2 1.00; ..."
   [[nodiscard]] std::string brief_report() const;
 };

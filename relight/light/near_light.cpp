@@ -3,14 +3,18 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Geometry>
+
 #include "core/error.h"
 #include "core/measured_rig.h"
 
 namespace haarlight {
 
-double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
-                     const Eigen::Vector3d& normal) noexcept {
-  const Eigen::Vector3d way = light.position_mm - point;
+namespace {
+
+double point_stencil(const NearLight& light, const Eigen::Vector3d& place,
+                     const Eigen::Vector3d& point, const Eigen::Vector3d& normal) noexcept {
+  const Eigen::Vector3d way = place - point;
   const double facing = normal.dot(way);
   if (!(facing > 0.0)) {
     return 0.0;
@@ -23,6 +27,83 @@ double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
   }
   const double off_axis = -light.axis.dot(way) / r;
   return off_axis > 0.0 ? value * std::pow(off_axis, light.mu) : 0.0;
+}
+
+}  // namespace
+
+void turn_to_aim(NearLight& light) {
+  if (!light.aim_mm) {
+    return;
+  }
+  const Eigen::Vector3d axis =
+      ((*light.aim_mm - light.position_mm).normalized() + light.aim_off).normalized();
+  light.emitter_mm = Eigen::Quaterniond::FromTwoVectors(light.axis, axis).toRotationMatrix() *
+                     light.emitter_mm;
+  light.axis = axis;
+}
+
+namespace {
+
+/// d axis / d (way to the aim + aim_off): of a vector's direction by the vector.
+Eigen::Matrix3d axis_per_sum(const NearLight& light, const Eigen::Vector3d& way) {
+  return (Eigen::Matrix3d::Identity() - light.axis * light.axis.transpose()) /
+         (way + light.aim_off).norm();
+}
+
+}  // namespace
+
+Eigen::Matrix3d axis_per_position(const NearLight& light) {
+  if (!light.aim_mm) {
+    return Eigen::Matrix3d::Zero();
+  }
+  const Eigen::Vector3d to_aim = *light.aim_mm - light.position_mm;
+  const double distance = to_aim.norm();
+  const Eigen::Vector3d way = to_aim / distance;
+  return axis_per_sum(light, way) * (way * way.transpose() - Eigen::Matrix3d::Identity()) /
+         distance;
+}
+
+Eigen::Matrix<double, 3, 2> across_aim(const NearLight& light) {
+  Eigen::Matrix<double, 3, 2> out = Eigen::Matrix<double, 3, 2>::Zero();
+  if (light.aim_mm) {
+    const Eigen::Vector3d way = (*light.aim_mm - light.position_mm).normalized();
+    const Eigen::Vector3d u = way.unitOrthogonal();
+    out << u, way.cross(u);
+  }
+  return out;
+}
+
+Eigen::Matrix<double, 3, 2> axis_per_aim(const NearLight& light) {
+  if (!light.aim_mm) {
+    return Eigen::Matrix<double, 3, 2>::Zero();
+  }
+  return axis_per_sum(light, (*light.aim_mm - light.position_mm).normalized()) *
+         across_aim(light);
+}
+
+EmitterPoints emitter_points(const NearLight& light) noexcept {
+  EmitterPoints points;
+  points.at.fill(light.position_mm);
+  if (light.emitter_mm.isZero(0.0)) {
+    return points;
+  }
+  constexpr double kNode = 0.28867513459481287;  // 1 / (2 sqrt 3) of an edge from the middle
+  points.n = 4;
+  for (int i = 0; i < 4; ++i) {
+    const Eigen::Vector2d s((i & 1) != 0 ? kNode : -kNode, (i & 2) != 0 ? kNode : -kNode);
+    points.at[static_cast<std::size_t>(i)] += light.emitter_mm * s;
+  }
+  return points;
+}
+
+double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
+                     const Eigen::Vector3d& normal) noexcept {
+  const EmitterPoints from = emitter_points(light);
+  double sum = 0.0;
+  for (int i = 0; i < from.n; ++i) {
+    sum += point_stencil(light, from.at[static_cast<std::size_t>(i)], point, normal);
+  }
+  return sum / from.n;
 }
 
 namespace {
@@ -68,7 +149,10 @@ CaptureLights capture_lights(const Session& session) {
                                 [](const SessionLight& light) { return light.is_position; });
   for (const SessionLight& light : session.info().lights) {
     if (lights.are_near) {
-      lights.near.push_back({light.place, -light.place.normalized()});
+      lights.near.push_back(
+          {light.place,
+           light.lobe ? light.lobe->axis : Eigen::Vector3d(-light.place.normalized()),
+           light.lobe ? light.lobe->mu : 0.0});
     }
     lights.directions.push_back(light.place.normalized());
   }

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -16,14 +18,40 @@
 
 namespace haarlight {
 
-/// A point light with a lobe: it gives the point p with unit normal n the irradiance
-/// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3.
+/// A light with a lobe: as a point it gives the point p with unit normal n the irradiance
+/// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3; as a flat rectangle the mean
+/// of that over its area.
 struct NearLight {
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ();  ///< unit, the way it shines
   double mu = 0.0;                                   ///< 0: isotropic; 1: a Lambertian emitter
   Eigen::Vector3d power = Eigen::Vector3d::Ones();   ///< R, G, B
+  /// Two edges of the rectangle that shines, as columns: mm long, position_mm in its middle.
+  /// Zero: a point.
+  Eigen::Matrix<double, 3, 2> emitter_mm = Eigen::Matrix<double, 3, 2>::Zero();
+  /// Where its axis points to, if it follows the position, as in a dome; nothing: it does not.
+  std::optional<Eigen::Vector3d> aim_mm = {};
+  /// How far off its aim it points: added to the unit vector towards it.
+  Eigen::Vector3d aim_off = Eigen::Vector3d::Zero();
 };
+
+/// After position or aim were changed: axis and emitter turned, where there is an aim.
+void turn_to_aim(NearLight& light);
+/// d axis / d position, mm^-1; zero without an aim.
+[[nodiscard]] Eigen::Matrix3d axis_per_position(const NearLight& light);
+/// Two unit directions across the way to the aim, in which it may be off.
+[[nodiscard]] Eigen::Matrix<double, 3, 2> across_aim(const NearLight& light);
+/// d axis / d aim_off along those two; zero without an aim.
+[[nodiscard]] Eigen::Matrix<double, 3, 2> axis_per_aim(const NearLight& light);
+
+/// The places that stand for a light's area: its position, or the 2 x 2 points of Gauss and
+/// Legendre. They have the rectangle's first three moments along either edge; what is left is
+/// of fourth order in edge over distance (measured: docs/numerics/near-light.md).
+struct EmitterPoints {
+  std::array<Eigen::Vector3d, 4> at;
+  int n = 1;
+};
+[[nodiscard]] EmitterPoints emitter_points(const NearLight& light) noexcept;
 
 /// The irradiance without power, mm^-2; 0 behind the surface or behind the light.
 [[nodiscard]] double light_stencil(const NearLight& light, const Eigen::Vector3d& point,
@@ -37,7 +65,7 @@ struct CaptureLights {
   std::vector<Eigen::Vector3d> directions;
 };
 
-/// A rig's elements with their lobes and measured powers, or an import's list.
+/// A rig's elements with lobes and measured powers; an import's, isotropic where no lobe is.
 [[nodiscard]] CaptureLights capture_lights(const Session& session);
 
 /// CaptureLights::directions in the picture's frame (x right, y up, z to the camera), which is

@@ -6,9 +6,11 @@
 #include <numbers>
 #include <type_traits>
 
+#include <Eigen/Cholesky>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/measured_rig.h"
 
 namespace haarlight {
 
@@ -74,6 +76,27 @@ double neighbour_noise(const LightStack& stack, const std::vector<std::uint8_t>&
   return std::sqrt(*mid / 0.4549);  // median of chi^2 with one degree of freedom
 }
 
+/// floor^2 + shot v through the pixels' own variances, each by its share of the line; of a
+/// block's mean.
+SampleNoise noise_of(const std::vector<Eigen::Vector2d>& pairs, double per_block) {
+  Eigen::Matrix2d m = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d rhs = Eigen::Vector2d::Zero();
+  for (const Eigen::Vector2d& pair : pairs) {
+    const double variance = std::max(pair[1], 1e-300);
+    const Eigen::Vector2d row(1.0 / variance, pair[0] / variance);
+    m += row * row.transpose();
+    rhs += row;
+  }
+  Eigen::Vector2d line = m.ldlt().solve(rhs);
+  if (!(line[0] >= 0.0)) {
+    line = {0.0, rhs[1] / m(1, 1)};
+  } else if (!(line[1] >= 0.0)) {
+    line = {rhs[0] / m(0, 0), 0.0};
+  }
+  return {
+      .relative = 1e-5, .shot = per_block * line[1], .floor = std::sqrt(per_block * line[0])};
+}
+
 }  // namespace
 
 SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightStack* error,
@@ -100,64 +123,32 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
   const PixelPoints points =
       PixelPoints::on_plane(camera, plane.n, plane.d - options.height_mm);
   const Eigen::Isometry3d sheet_from_world = out.world_from_sheet.inverse();
-  const auto width = static_cast<std::size_t>(shape.width);
-  std::vector<std::uint8_t> is_sheet(width * static_cast<std::size_t>(shape.height), 0);
-  std::vector<Eigen::Vector2d> place(is_sheet.size());
-  int x0 = shape.width;
-  int x1 = -1;
-  int y0 = shape.height;
-  int y1 = -1;
-  for (int y = 0; y < shape.height; ++y) {
-    for (int x = 0; x < shape.width; ++x) {
-      const Eigen::Vector3d p = sheet_from_world * points.at(x + 0.5, y + 0.5);
-      const std::size_t at = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
-      place[at] = p.head<2>();
-      if (p.x() >= region.u0 && p.x() <= region.u1 && p.y() >= region.v0 &&
-          p.y() <= region.v1) {
-        is_sheet[at] = 1;
-        x0 = std::min(x0, x);
-        x1 = std::max(x1, x);
-        y0 = std::min(y0, y);
-        y1 = std::max(y1, y);
-      }
-    }
-  }
-  const int longer = std::max(x1 - x0 + 1, y1 - y0 + 1);
-  out.block = std::max(1, longer / std::max(options.samples, 6));
+  const SheetLayout layout = lay_out_sheet(points, shape.width, shape.height, sheet_from_world,
+                                           region, options.samples);
+  out.block = layout.block;
+  out.samples = samples_without_light(layout, points, camera, sheet_from_world, shape.n_lights,
+                                      shape.channels);
   TargetSamples& s = out.samples;
-  s.n_lights = shape.n_lights;
-  s.n_channels = shape.channels;
-  s.cols = x1 >= x0 ? (x1 - x0 + 1) / out.block : 0;
-  s.rows = y1 >= y0 ? (y1 - y0 + 1) / out.block : 0;
-  if (s.rows < 6 || s.cols < 6) {
-    throw Error(fmt::format("the sheet fills {} x {} blocks of the picture", s.cols, s.rows),
-                kWhere,
-                "name a region of the plane that the camera sees: --region U0,U1,V0,V1");
-  }
-  const std::size_t n = static_cast<std::size_t>(s.rows) * static_cast<std::size_t>(s.cols);
+  const std::size_t n = layout.n_blocks();
+  const auto width = static_cast<std::size_t>(shape.width);
   const auto n_lights = static_cast<std::size_t>(s.n_lights);
   const auto n_channels = static_cast<std::size_t>(s.n_channels);
-  s.points_mm.assign(n, Eigen::Vector3d::Zero());
-  s.normals.assign(n, Eigen::Vector3d::UnitZ());
   std::vector<double> sum(n_lights * n_channels * n, 0.0);
-  std::vector<std::uint8_t> is_whole(n, 1);
-  s.is_used.assign(n_lights * n, 1);
   const double per_block = 1.0 / (out.block * out.block);
   std::vector<double> relative;
-  for (int y = y0; y < y0 + s.rows * out.block; ++y) {
+  std::vector<Eigen::Vector2d> pairs;  // value, variance
+  for (int y = layout.y0; y < layout.y0 + s.rows * out.block; ++y) {
     const int b = y / shape.band_rows;
     const int rows = std::min(shape.band_rows, shape.height - b * shape.band_rows);
     const std::span<const float> values = stack.band(b);
     const std::span<const float> errors =
         error != nullptr ? error->band(b) : std::span<const float>{};
-    for (int x = x0; x < x0 + s.cols * out.block; ++x) {
+    for (int x = layout.x0; x < layout.x0 + s.cols * out.block; ++x) {
       const std::size_t pixel =
           static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
-      const std::size_t block =
-          static_cast<std::size_t>((y - y0) / out.block) * static_cast<std::size_t>(s.cols) +
-          static_cast<std::size_t>((x - x0) / out.block);
-      is_whole[block] = is_whole[block] != 0 && is_sheet[pixel] != 0 ? 1 : 0;
-      s.points_mm[block].head<2>() += per_block * place[pixel];
+      const std::size_t block = static_cast<std::size_t>((y - layout.y0) / out.block) *
+                                    static_cast<std::size_t>(s.cols) +
+                                static_cast<std::size_t>((x - layout.x0) / out.block);
       for (std::size_t c = 0; c < n_channels; ++c) {
         const std::size_t at = ((c * static_cast<std::size_t>(rows) +
                                  static_cast<std::size_t>(y - b * shape.band_rows)) *
@@ -175,26 +166,24 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
             s.is_used[k * n + block] = 0;
           } else if (value > 0.0 && (pixel * 31 + k) % 97 == 0) {
             relative.push_back(e / value);
+            pairs.emplace_back(value, e * e);
           }
         }
       }
     }
   }
-  for (std::size_t block = 0; block < n; ++block) {
-    for (std::size_t k = 0; is_whole[block] == 0 && k < n_lights; ++k) {
-      s.is_used[k * n + block] = 0;
-    }
-  }
   s.intensity.assign(sum.begin(), sum.end());
   double noise = 0.0;
   if (relative.empty()) {
-    noise = neighbour_noise(stack, is_sheet);
+    noise = neighbour_noise(stack, layout.is_sheet);
   } else {
     const auto mid = relative.begin() + static_cast<std::ptrdiff_t>(relative.size() / 2);
     std::nth_element(relative.begin(), mid, relative.end());
     noise = *mid;
   }
-  s.noise = {.relative = std::max(noise / out.block, 1e-5)};
+  out.relative_noise = std::max(noise / out.block, 1e-5);
+  s.noise = pairs.size() < 100 ? SampleNoise{.relative = out.relative_noise}
+                               : noise_of(pairs, per_block);
   return out;
 }
 
@@ -215,6 +204,23 @@ TargetSamples samples_of(const TargetSamples& all, int first, int n_lights) {
   return out;
 }
 
+SheetPriors sheet_priors(const Rig& rig, const SheetSamples& sheet) {
+  SheetPriors priors = matte_paper(!sheet.samples.to_camera.empty());
+  if (rig.measured == nullptr || rig.planes.empty()) {
+    return priors;
+  }
+  const double half = 0.5 * target_extent(sheet.samples).size_mm;
+  for (const MeasuredPlane& plane : rig.measured->planes) {
+    if (plane.id == rig.planes.front().id) {
+      const double tilt = half * std::tan(plane.tilt_sigma_deg * std::numbers::pi / 180.0);
+      priors.sigma[SheetTerm::height] = plane.distance_sigma;
+      priors.sigma[SheetTerm::tilt_x] = tilt;
+      priors.sigma[SheetTerm::tilt_y] = tilt;
+    }
+  }
+  return priors;
+}
+
 std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples& sheet,
                                              const CalibrationOptions& options) {
   std::vector<FaceCalibration> out;
@@ -229,6 +235,9 @@ std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples&
       const LightElement& element = elements[static_cast<std::size_t>(k)];
       array.places_mm.push_back(as_written.inverse() * element.centre);
       array.axes.emplace_back(as_written.linear().transpose() * element.emits);
+      Eigen::Matrix<double, 3, 2> edges;
+      edges << element.width_mm * element.u, element.height_mm * element.v;
+      array.emitters_mm.emplace_back(as_written.linear().transpose() * edges);
     }
     FaceCalibration result;
     result.face = static_cast<int>(f);

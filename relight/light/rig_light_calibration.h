@@ -7,6 +7,8 @@
 
 #include "core/rig.h"
 #include "relight/light/near_calibration.h"
+#include "relight/light/sheet_layout.h"
+#include "relight/light/sheet_model.h"
 #include "session/light_stack.h"
 
 /// @file
@@ -15,14 +17,6 @@
 /// docs/numerics/near-light.md.
 
 namespace haarlight {
-
-/// Where on the sheet samples are taken: a rectangle of the plane, mm along its u and v.
-struct SheetRegion {
-  double u0 = 0.0;
-  double u1 = 0.0;
-  double v0 = 0.0;
-  double v1 = 0.0;
-};
 
 struct SheetOptions {
   /// Nothing: the middle four fifths of the plane's extent.
@@ -37,7 +31,8 @@ struct SheetOptions {
 struct SheetSamples {
   TargetSamples samples;
   Eigen::Isometry3d world_from_sheet = Eigen::Isometry3d::Identity();
-  int block = 1;  ///< pixels along a block's side
+  int block = 1;                ///< pixels along a block's side
+  double relative_noise = 0.0;  ///< of a block, in the middle of all samples
 };
 /// @param error  standard errors of the stack, -1 where clipped; null: nothing is known of
 ///               clipping, and the noise is taken from neighbouring pixels
@@ -60,7 +55,12 @@ struct FaceCalibration {
   double turned_deg = 0.0;
 };
 
-/// Every face of the rig. Powers of all faces share one scale: their mean is 1.
+/// What is not known for certain of a sheet of matte paper under this rig's first camera
+/// (matte_paper()), and of its first plane where that was measured: its height and its tilt.
+[[nodiscard]] SheetPriors sheet_priors(const Rig& rig, const SheetSamples& sheet);
+
+/// Every face of the rig, its emitters of the rig file's size. Powers of all faces share one
+/// scale: their mean is 1.
 /// @throws Error  naming the face that cannot be calibrated
 [[nodiscard]] std::vector<FaceCalibration> calibrate_faces(const Rig& rig,
                                                            const SheetSamples& sheet,

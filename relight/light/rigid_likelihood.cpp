@@ -18,8 +18,7 @@ constexpr double kWeakPrior = 1.0 / (30.0 * 30.0);  // as light_likelihood.cpp
 constexpr std::size_t kLightsAtOnce = 16;
 constexpr Eigen::Index kTile = 64;
 
-using Pose7 = Eigen::Matrix<double, 7, 1>;  // turn, shift over the height, mu
-using Square7 = Eigen::Matrix<double, 7, 7>;
+constexpr Eigen::Index kPose = 6;  // turn, shift over the height; then what all lights share
 
 Eigen::Vector3d middle_of(std::span<const NearLight> lights) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
@@ -30,12 +29,12 @@ Eigen::Vector3d middle_of(std::span<const NearLight> lights) {
 }
 
 struct Equations {
-  Square7 pose = Square7::Zero();
-  Pose7 pose_rhs = Pose7::Zero();
-  Eigen::MatrixXd light_pose;  ///< (K, 7)
+  Eigen::MatrixXd pose;        ///< (Q, Q): the pose, then what all lights share
+  Eigen::VectorXd pose_rhs;    ///< (Q)
+  Eigen::MatrixXd light_pose;  ///< (K, Q)
   Eigen::VectorXd light;       ///< (K), diagonal
   Eigen::VectorXd light_rhs;
-  Eigen::MatrixXd point_pose;  ///< (P, 7)
+  Eigen::MatrixXd point_pose;  ///< (P, Q)
   Eigen::VectorXd point;       ///< (P), diagonal
   Eigen::VectorXd point_rhs;
   Eigen::MatrixXd weight;  ///< (P, K)
@@ -45,28 +44,38 @@ struct Equations {
 
 class RigidSystem {
  public:
-  RigidSystem(const TargetSamples& samples, const LikelihoodOptions& options, double unit_mm)
-      : samples_(samples), options_(options), target_(samples), unit_mm_(unit_mm) {}
+  RigidSystem(const TargetSamples& samples, const LikelihoodOptions& options, double unit_mm,
+              const TestModes* modes = nullptr)
+      : samples_(samples),
+        options_(options),
+        shared_(options.is_mu_free, options.sheet, modes),
+        unit_mm_(unit_mm) {}
 
-  [[nodiscard]] const TargetColumns& target() const { return target_; }
+  [[nodiscard]] const SharedTerms& shared() const { return shared_; }
+  /// Unknowns beside the lights' powers and the points.
+  [[nodiscard]] Eigen::Index n_common() const { return kPose + shared_.size(); }
 
   [[nodiscard]] Equations assemble(std::span<const NearLight> lights,
-                                   std::span<const double> albedo,
+                                   std::span<const double> albedo, const SheetValues& sheet,
                                    std::span<const float> inverse_variance) const {
+    const TargetColumns target(samples_, sheet);
+    const Eigen::Index n_common = this->n_common();
     const auto n = static_cast<Eigen::Index>(samples_.n_points());
     const auto n_lights = static_cast<Eigen::Index>(lights.size());
     const Eigen::Vector3d middle = middle_of(lights);
     Equations eq;
-    eq.light_pose.setZero(n_lights, 7);
+    eq.pose.setZero(n_common, n_common);
+    eq.pose_rhs.setZero(n_common);
+    eq.light_pose.setZero(n_lights, n_common);
     eq.light.setZero(n_lights);
     eq.light_rhs.setZero(n_lights);
-    eq.point_pose.setZero(n, 7);
+    eq.point_pose.setZero(n, n_common);
     eq.point.setZero(n);
     eq.point_rhs.setZero(n);
     eq.weight.setZero(n, n_lights);
     struct Partial {
-      Square7 pose = Square7::Zero();
-      Pose7 pose_rhs = Pose7::Zero();
+      Eigen::MatrixXd pose;
+      Eigen::VectorXd pose_rhs;
       Eigen::MatrixXd point_pose;
       Eigen::VectorXd point_rhs;
       double chi2 = 0.0;
@@ -75,13 +84,16 @@ class RigidSystem {
     std::vector<Partial> partial((lights.size() + kLightsAtOnce - 1) / kLightsAtOnce);
     parallel_for(lights.size(), kLightsAtOnce, [&](std::size_t begin, std::size_t end) {
       Partial& sum = partial[begin / kLightsAtOnce];
-      sum.point_pose.setZero(n, 7);
+      sum.pose.setZero(n_common, n_common);
+      sum.pose_rhs.setZero(n_common);
+      sum.point_pose.setZero(n, n_common);
       sum.point_rhs.setZero(n);
-      Eigen::MatrixXd j(n, 7);
+      Eigen::MatrixXd j(n, n_common);
       for (std::size_t k = begin; k < end; ++k) {
         const auto i = static_cast<Eigen::Index>(k);
         const int light = static_cast<int>(k);
-        const LightTerms t = light_terms(target_, lights[k], samples_.used(light), true);
+        const LightTerms t =
+            light_terms(target, lights[k], samples_.used(light), shared_.wanted(true));
         const LightResidual r =
             light_residual(samples_, light, t, lights[k].power, albedo, inverse_variance);
         sum.is_valid = sum.is_valid && t.reaches_used;
@@ -96,8 +108,7 @@ class RigidSystem {
                          .matrix();
           j.col(3 + c) = unit_mm_ * t.position.col(c).matrix();
         }
-        j.col(6) = options_.is_mu_free ? Eigen::VectorXd(t.log_cos.matrix())
-                                       : Eigen::VectorXd::Zero(n);
+        shared_.fill(target, t, light, j.rightCols(shared_.size()));
         const Eigen::MatrixXd wj = j.array().colwise() * r.w;
         sum.pose += j.transpose() * wj;
         sum.pose_rhs += j.transpose() * r.w_rho.matrix();
@@ -119,33 +130,37 @@ class RigidSystem {
       eq.is_valid = eq.is_valid && sum.is_valid;
     }
     eq.point = eq.weight.rowwise().sum();
+    eq.chi2 +=
+        shared_.add_priors(sheet, eq.pose.bottomRightCorner(shared_.size(), shared_.size()),
+                           eq.pose_rhs.tail(shared_.size()));
     return eq;
   }
 
   /// Lights, then the pose: points eliminated.
   struct Reduced {
-    Eigen::MatrixXd matrix;  ///< (K + 7, K + 7), lower half
+    Eigen::MatrixXd matrix;  ///< (K + Q, K + Q), lower half
     Eigen::VectorXd rhs;
     Eigen::VectorXd inverse_point;  ///< (P); empty where the albedo is known
   };
   [[nodiscard]] Reduced reduce(const Equations& eq, double damping) const {
     const Eigen::Index n_lights = eq.light.size();
+    const Eigen::Index n_common = this->n_common();
     Reduced out;
-    out.matrix.setZero(n_lights + 7, n_lights + 7);
-    out.rhs.resize(n_lights + 7);
+    out.matrix.setZero(n_lights + n_common, n_lights + n_common);
+    out.rhs.resize(n_lights + n_common);
     auto lights = out.matrix.topLeftCorner(n_lights, n_lights);
     if (!options_.is_albedo_known) {
       // The common scale of power and albedo: the mean of ln power stays where it is.
       lights.setConstant(std::max(eq.light.mean(), 1.0) / static_cast<double>(n_lights));
     }
     lights.diagonal() += ((1.0 + damping) * eq.light.array() + kWeakPrior).matrix();
-    out.matrix.bottomLeftCorner(7, n_lights) = eq.light_pose.transpose();
-    Square7 pose = eq.pose;
+    out.matrix.bottomLeftCorner(n_common, n_lights) = eq.light_pose.transpose();
+    Eigen::MatrixXd pose = eq.pose;
     pose.diagonal() *= 1.0 + damping;
     pose.diagonal().array() += kWeakPrior;
-    out.matrix.bottomRightCorner<7, 7>() = pose;
+    out.matrix.bottomRightCorner(n_common, n_common) = pose;
     out.rhs.head(n_lights) = eq.light_rhs;
-    out.rhs.tail<7>() = eq.pose_rhs;
+    out.rhs.tail(n_common) = eq.pose_rhs;
     if (options_.is_albedo_known) {
       return out;
     }
@@ -165,10 +180,12 @@ class RigidSystem {
                          scaled.middleCols(j0, width);
                    }
                  });
-    out.matrix.bottomLeftCorner(7, n_lights).noalias() -= scaled_pose.transpose() * scaled;
-    out.matrix.bottomRightCorner<7, 7>().noalias() -= scaled_pose.transpose() * scaled_pose;
+    out.matrix.bottomLeftCorner(n_common, n_lights).noalias() -=
+        scaled_pose.transpose() * scaled;
+    out.matrix.bottomRightCorner(n_common, n_common).noalias() -=
+        scaled_pose.transpose() * scaled_pose;
     out.rhs.head(n_lights).noalias() -= scaled.transpose() * scaled_rhs;
-    out.rhs.tail<7>().noalias() -= scaled_pose.transpose() * scaled_rhs;
+    out.rhs.tail(n_common).noalias() -= scaled_pose.transpose() * scaled_rhs;
     return out;
   }
 
@@ -177,7 +194,7 @@ class RigidSystem {
  private:
   const TargetSamples& samples_;
   const LikelihoodOptions& options_;
-  TargetColumns target_;
+  SharedTerms shared_;
   double unit_mm_;
 };
 
@@ -199,12 +216,18 @@ std::vector<NearLight> with_powers(std::vector<NearLight> lights,
 
 std::vector<NearLight> array_at(const RigidArray& array,
                                 const Eigen::Isometry3d& world_from_array, double mu) {
-  HAARLIGHT_EXPECTS(array.places_mm.size() == array.axes.size(), "an axis for each place");
+  HAARLIGHT_EXPECTS(
+      array.places_mm.size() == array.axes.size() &&
+          (array.emitters_mm.empty() || array.emitters_mm.size() == array.places_mm.size()),
+      "an axis, and an emitter where there is one, for each place");
   std::vector<NearLight> lights(array.places_mm.size());
   for (std::size_t k = 0; k < lights.size(); ++k) {
     lights[k].position_mm = world_from_array * array.places_mm[k];
     lights[k].axis = world_from_array.linear() * array.axes[k];
     lights[k].mu = mu;
+    if (!array.emitters_mm.empty()) {
+      lights[k].emitter_mm = world_from_array.linear() * array.emitters_mm[k];
+    }
   }
   return lights;
 }
@@ -212,20 +235,24 @@ std::vector<NearLight> array_at(const RigidArray& array,
 PoseBound rigid_bound(const TargetSamples& samples, std::span<const NearLight> lights,
                       std::span<const double> albedo, const LikelihoodOptions& options) {
   const RigidSystem system(samples, options, mean_height(samples, lights));
+  const SheetValues& sheet = options.sheet_start;
   const std::vector<float> weights =
-      inverse_variances(samples, system.target(), lights, albedo);
+      inverse_variances(samples, TargetColumns(samples, sheet), lights, albedo);
   const RigidSystem::Reduced reduced =
-      system.reduce(system.assemble(lights, albedo, weights), 0.0);
+      system.reduce(system.assemble(lights, albedo, sheet, weights), 0.0);
   const Eigen::Index n = reduced.matrix.rows();
   const Eigen::MatrixXd inverse = reduced.matrix.selfadjointView<Eigen::Lower>().llt().solve(
       Eigen::MatrixXd::Identity(n, n));
-  Eigen::Matrix<double, 7, 1> unit = Eigen::Matrix<double, 7, 1>::Ones();
+  const Eigen::Index n_common = system.n_common();
+  const Eigen::Index n_shared = n_common - kPose;
+  Eigen::VectorXd unit = Eigen::VectorXd::Ones(n_common);
   unit.segment<3>(3).setConstant(system.unit_mm());
-  const Square7 pose =
-      unit.asDiagonal() * inverse.bottomRightCorner<7, 7>() * unit.asDiagonal();
+  const Eigen::MatrixXd pose =
+      unit.asDiagonal() * inverse.bottomRightCorner(n_common, n_common) * unit.asDiagonal();
   PoseBound bound;
   bound.covariance = pose.topLeftCorner<6, 6>();
-  bound.mu = options.is_mu_free ? std::sqrt(pose(6, 6)) : 0.0;
+  bound.mu = options.is_mu_free ? std::sqrt(pose(kPose, kPose)) : 0.0;
+  bound.sheet = system.shared().sigmas(pose.bottomRightCorner(n_shared, n_shared));
   // Powers over their mean.
   Eigen::VectorXd share(static_cast<Eigen::Index>(lights.size()));
   for (Eigen::Index k = 0; k < share.size(); ++k) {
@@ -252,6 +279,27 @@ PoseBound rigid_bound(const TargetSamples& samples, std::span<const NearLight> l
   return bound;
 }
 
+ModelTest test_rigid_array(const TargetSamples& samples, const LikelihoodFit& fit,
+                           const LikelihoodOptions& options, double freedom) {
+  const TestModes modes = test_modes(samples, fit.lights);
+  const RigidSystem system(samples, options, mean_height(samples, fit.lights), &modes);
+  const std::vector<float> weights =
+      inverse_variances(samples, TargetColumns(samples, fit.sheet), fit.lights, fit.albedo);
+  const Equations eq = system.assemble(fit.lights, fit.albedo, fit.sheet, weights);
+  const RigidSystem::Reduced reduced = system.reduce(eq, 0.0);
+  const Eigen::LLT<Eigen::MatrixXd> factored(reduced.matrix);
+  if (factored.info() != Eigen::Success) {
+    return {};
+  }
+  // The modes are the last unknowns: their own equations are the corner of the factor.
+  const Eigen::Index n = modes.size();
+  const Eigen::VectorXd half = factored.matrixL().solve(reduced.rhs);
+  const Eigen::MatrixXd corner =
+      factored.matrixLLT().bottomRightCorner(n, n).triangularView<Eigen::Lower>();
+  return judge_modes(corner * corner.transpose(), corner * half.tail(n),
+                     eq.pose.diagonal().tail(n), eq.chi2, freedom);
+}
+
 RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
                          const Eigen::Isometry3d& start, std::vector<NearLight> lights,
                          const LikelihoodOptions& options) {
@@ -261,13 +309,15 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
   out.world_from_array = start;
   double mu = lights.front().mu;
   LikelihoodFit& fit = out.fit;
-  PowerFit first = fit_powers(samples, with_powers(array_at(array, start, mu), lights));
+  fit.sheet = options.sheet_start;
+  PowerFit first =
+      fit_powers(samples, with_powers(array_at(array, start, mu), lights), 8, {}, fit.sheet);
   fit.lights = std::move(first.lights);
   fit.albedo = std::move(first.albedo);
   const RigidSystem system(samples, options, mean_height(samples, fit.lights));
   const std::vector<float> weights =
-      inverse_variances(samples, system.target(), fit.lights, fit.albedo);
-  Equations eq = system.assemble(fit.lights, fit.albedo, weights);
+      inverse_variances(samples, TargetColumns(samples, fit.sheet), fit.lights, fit.albedo);
+  Equations eq = system.assemble(fit.lights, fit.albedo, fit.sheet, weights);
   if (!eq.is_valid) {
     throw Error("a light of the array starts behind a part of the target that it lights",
                 "near-light calibration", "correct the array's pose in the rig file");
@@ -287,9 +337,10 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
     std::vector<double> next_albedo = fit.albedo;
     Eigen::Isometry3d next_pose = out.world_from_array;
     double next_mu = mu;
+    SheetValues next_sheet = fit.sheet;
     if (is_better) {
       const Eigen::VectorXd step = factored.solve(reduced.rhs);
-      const Pose7 pose = step.tail<7>();
+      const Eigen::VectorXd pose = step.tail(system.n_common());
       const Eigen::VectorXd point =
           (eq.point_rhs - eq.weight * step.head(n_lights) - eq.point_pose * pose)
               .cwiseProduct(reduced.inverse_point);
@@ -307,7 +358,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
       }
       move.translate(-middle);
       next_pose = move * out.world_from_array;
-      next_mu = options.is_mu_free ? (mu + pose[6] > 0.0 ? mu + pose[6] : 0.5 * mu) : mu;
+      system.shared().take(pose.tail(system.shared().size()), next_mu, next_sheet);
       next_lights = with_powers(array_at(array, next_pose, next_mu), fit.lights);
       if (options.is_mu_free) {
         for (NearLight& light : next_lights) {
@@ -324,7 +375,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
             std::exp(std::clamp(point[static_cast<Eigen::Index>(i % n_points)], -1.0, 1.0));
       }
       if (samples.n_channels > 1) {
-        PowerFit powers = fit_powers(samples, std::move(next_lights), 2, weights);
+        PowerFit powers = fit_powers(samples, std::move(next_lights), 2, weights, next_sheet);
         next_lights = std::move(powers.lights);
         next_albedo = std::move(powers.albedo);
       }
@@ -332,7 +383,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
     const bool is_last = is_better && predicted < options.tolerance_chi2 && damping <= 1e-3;
     Equations next;
     if (is_better && !is_last) {
-      next = system.assemble(next_lights, next_albedo, weights);
+      next = system.assemble(next_lights, next_albedo, next_sheet, weights);
       is_better = next.is_valid && next.chi2 < eq.chi2;
     }
     if (is_better) {
@@ -340,6 +391,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
       fit.albedo = std::move(next_albedo);
       out.world_from_array = next_pose;
       mu = next_mu;
+      fit.sheet = next_sheet;
       if (is_last) {
         fit.has_converged = true;
         break;

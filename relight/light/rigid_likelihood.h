@@ -20,6 +20,8 @@ namespace haarlight {
 struct RigidArray {
   std::vector<Eigen::Vector3d> places_mm;  ///< (K), in the array's frame
   std::vector<Eigen::Vector3d> axes;       ///< (K), unit, likewise: the way each shines
+  /// Edges of each emitter there, as NearLight has them; empty: points.
+  std::vector<Eigen::Matrix<double, 3, 2>> emitters_mm;
 };
 
 /// The lights at a pose, powers 1.
@@ -32,6 +34,7 @@ struct RigidArray {
 struct PoseBound {
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();  ///< rad, mm
   double mu = 0.0;
+  SheetValues sheet;               ///< of the sheet's terms; 0: not fitted
   std::vector<LightBound> lights;  ///< (K), what the pose's error does to each
 };
 
@@ -53,5 +56,9 @@ struct RigidFit {
                                        const Eigen::Isometry3d& start,
                                        std::vector<NearLight> lights,
                                        const LikelihoodOptions& options = {});
+
+/// As test_free_lights(). @param fit  with the lights at their pose
+[[nodiscard]] ModelTest test_rigid_array(const TargetSamples& samples, const LikelihoodFit& fit,
+                                         const LikelihoodOptions& options, double freedom);
 
 }  // namespace haarlight

@@ -14,6 +14,15 @@ namespace {
 
 constexpr const char* kWhere = "near-light calibration";
 
+Eigen::Vector3d mean_over(const std::vector<Eigen::Vector3d>& all,
+                          const std::vector<std::size_t>& block) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const std::size_t p : block) {
+    sum += all[p];
+  }
+  return sum / static_cast<double>(block.size());
+}
+
 }  // namespace
 
 void require_consistent(const TargetSamples& s) {
@@ -29,6 +38,12 @@ void require_consistent(const TargetSamples& s) {
     throw Error(fmt::format("{} lights x {} points, but {} normals, {} intensities, {} masks",
                             k, n, s.normals.size(), s.intensity.size(), s.is_used.size()),
                 kWhere, "give every array its shape");
+  }
+  if ((!s.to_camera.empty() && s.to_camera.size() != n) ||
+      (!s.lens_mm.empty() && s.lens_mm.size() != n)) {
+    throw Error(fmt::format("{} points, but {} directions to the camera and {} lens shifts", n,
+                            s.to_camera.size(), s.lens_mm.size()),
+                kWhere, "give one for each point, or none");
   }
   for (std::size_t p = 0; p < n; ++p) {
     if (!s.points_mm[p].allFinite() || !(std::abs(s.normals[p].norm() - 1.0) < 1e-6)) {
@@ -155,6 +170,12 @@ TargetSamples coarse_samples(const TargetSamples& s, int factor) {
     }
     out.points_mm.push_back(point);
     out.normals.push_back(normal.normalized());
+    if (!s.to_camera.empty()) {
+      out.to_camera.push_back(mean_over(s.to_camera, block).normalized());
+    }
+    if (!s.lens_mm.empty()) {
+      out.lens_mm.push_back(mean_over(s.lens_mm, block));
+    }
   }
   out.intensity.resize(static_cast<std::size_t>(s.n_lights) *
                        static_cast<std::size_t>(s.n_channels) * n);

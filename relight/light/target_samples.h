@@ -38,8 +38,15 @@ struct TargetSamples {
   int cols = 0;
   std::vector<Eigen::Vector3d> points_mm;  ///< (P)
   std::vector<Eigen::Vector3d> normals;    ///< (P), unit
-  std::vector<float> intensity;            ///< (K, C, P)
-  std::vector<std::uint8_t> is_used;       ///< (K, P), 0: masked out
+  /// (P), unit, from the point to the camera; empty: not known. What a surface that is not
+  /// quite Lambertian reflects depends on it (relight/light/sheet_model.h).
+  std::vector<Eigen::Vector3d> to_camera;
+  /// (P), mm: how each point would move with a lens whose radial distortion is more by 1 at the
+  /// picture's corner (as a share of the distance from its middle); empty: the target's own
+  /// middle stands for the picture's, and its half side for the corner.
+  std::vector<Eigen::Vector3d> lens_mm;
+  std::vector<float> intensity;       ///< (K, C, P)
+  std::vector<std::uint8_t> is_used;  ///< (K, P), 0: masked out
   SampleNoise noise;
 
   [[nodiscard]] std::size_t n_points() const noexcept { return points_mm.size(); }

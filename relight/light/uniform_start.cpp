@@ -64,6 +64,7 @@ class OneLight {
       next.position_mm.x() += h * bounded(step[0]);
       next.position_mm.y() += h * bounded(step[1]);
       next.position_mm.z() = ground_ + h * std::exp(bounded(step[2]));
+      turn_to_aim(next);
       std::optional<Trial> trial = look(next);
       if (trial && trial->misfit < now->misfit) {
         const bool is_done = now->misfit - trial->misfit < 1e-10 * now->misfit;
@@ -97,7 +98,7 @@ class OneLight {
   };
   /// The power is the best one at each place.
   [[nodiscard]] std::optional<Trial> look(const NearLight& light) const {
-    const LightTerms t = light_terms(target_, light, used_, false);
+    const LightTerms t = light_terms(target_, light, used_);
     if (!t.reaches_used) {
       return std::nullopt;
     }
@@ -118,7 +119,7 @@ class OneLight {
     const Eigen::ArrayXd square = (miss / kSpread).square();
     const Eigen::ArrayXd weight = weight_ / (1.0 + square);
     Eigen::Matrix<double, Eigen::Dynamic, 4> j(n_, 4);
-    j.leftCols<3>() = h * t.position.matrix();
+    j.leftCols<3>() = h * per_place(t, light);
     j.col(3).setOnes();
     const Eigen::Matrix<double, Eigen::Dynamic, 4> wj = j.array().colwise() * weight;
     out.normal = j.transpose() * wj;
@@ -156,6 +157,7 @@ std::vector<NearLight> uniform_albedo_start(const TargetSamples& samples,
           NearLight light = start[k];
           light.position_mm = extent.centre + out * (bright - extent.centre);
           light.position_mm.z() = ground + height * extent.size_mm;
+          turn_to_aim(light);
           Guess guess = one.fit(light);
           if (guess.misfit < best.misfit) {
             best = guess;

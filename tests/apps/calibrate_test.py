@@ -77,10 +77,10 @@ class Calibrate(unittest.TestCase):
         self.url = f"http://127.0.0.1:{self.port}"
 
     def write_rigs(self):
-        # Small LEDs: the calibration takes them as points. A larger picture than the test rig's.
+        # Large LEDs: taken as points they stand off by about 0.6 w^2 / h, 3.5 mm. A larger picture than the test rig's.
         rig = self.folder / "lab.toml"
         rig_on_free_ports(SOURCE / "configs/rigs/small8.toml", rig, self.folder, self.port,
-                          [("emitter", "[4.0, 4.0]"), ("size", "[192, 152]"),
+                          [("emitter", "[60.0, 60.0]"), ("size", "[192, 152]"),
                            ("active_area", "144"), ("fps", "60.0"), ("exposure_us", "8000.0"),
                            ("K", "[[263.76, 0.0, 96.0], [0.0, 263.76, 72.0], [0.0, 0.0, 1.0]]")])
         text = rig.read_text()

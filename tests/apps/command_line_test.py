@@ -17,7 +17,7 @@ import unittest
 import urllib.request
 
 from programs import (SOURCE, Programs, footer_examples, free_port, report_problems,
-                      schema_problems, write_capture, write_png, write_relightable)
+                      schema_problems, write_ball, write_capture, write_png, write_relightable)
 
 DONE, USAGE, BAD_INPUT, UNAVAILABLE = 0, 2, 65, 69
 RIG = SOURCE / "configs/rigs/small8.toml"
@@ -50,6 +50,8 @@ ABSENT = {
     "sessions": ["--token-file absent"],
     "import": ["absent --lights photos/dirs.lp -o new", "photos --lights absent.lp -o new",
                "photos --lights photos/dirs.lp --dark absent.png -o new"],
+    "calibrate": ["absent --target ball -o new", "ball --ball absent.png -o new",
+                  "absent --target sheet --width-mm 100 --camera-mm 500 -o new"],
     "verify": ["absent", "session --signers absent.txt"],
     "rebuild": ["absent"],
     "develop": ["absent"],
@@ -88,6 +90,8 @@ WRITES = {
     "preview": ["3 -o taken.png"],
     "shot": ["3 -o taken.png"],
     "import": ["photos --lights photos/dirs.lp -o taken/"],
+    "calibrate": ["ball --target ball -o taken/", "ball --target ball -o taken.json",
+                  "ball --target ball --focal-px 500 -o taken.lp"],
     "develop": ["session --exr taken/"],
     "export": ["session --lp -o taken.lp", "session --dome -o taken.dome",
                "session --lp -o new.lp --png taken/"],
@@ -170,6 +174,7 @@ class CommandLine(unittest.TestCase):
         cls.folder = pathlib.Path(cls.place.name)
         write_capture(cls.folder / "photos")
         write_relightable(cls.folder / "object.ptm")
+        write_ball(cls.folder / "ball")
         write_capture(cls.folder / "near", scale=800.0)
         for line in ("import photos --lights photos/dirs.lp -o session",
                      "import near --lights near/dirs.lp --places positions -o near.session",

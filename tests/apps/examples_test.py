@@ -74,8 +74,9 @@ class Examples(unittest.TestCase):
         return done
 
     def begin_simulator(self, rig):
-        """haarlight-sim alone, until the end of the test."""
+        """haarlight-sim alone, until the end of the test. @return  its process"""
         ready = self.folder / "alone.ready"
+        ready.unlink(missing_ok=True)
         with (self.folder / "alone.log").open("w") as log:
             served = subprocess.Popen(
                 [self.programs.sim, rig, "--scene", "configs/scenes/empty.toml", "--ready-file", ready,
@@ -83,6 +84,7 @@ class Examples(unittest.TestCase):
         self.addCleanup(served.wait, timeout=30)
         self.addCleanup(served.terminate)
         wait_for(ready.exists, 120, "the simulator")
+        return served
 
     def capture_sheet(self, rig):
         """sheet.session: the empty plane, by a daemon that has ended afterwards."""
@@ -101,6 +103,10 @@ class Examples(unittest.TestCase):
         finally:
             daemon.terminate()
             self.assertEqual(daemon.wait(timeout=30), 0)
+
+    def draw_calibrations(self, folder):
+        """chrome/, balls/ and paper/: what `haarlight calibrate` is shown on. NumPy is Debian's."""
+        subprocess.run(["/usr/bin/python3", SOURCE / "tests/apps/made_lights.py", folder], check=True)
 
     def phase(self):
         return self.programs.run("status", "--daemon", self.url).stdout.split()[0]
@@ -131,7 +137,8 @@ class Examples(unittest.TestCase):
         run_examples("check", "plan", "advise", "cameras")
         self.begin_simulator("configs/rigs/small8.toml")
         self.capture_sheet("configs/rigs/small8.toml")
-        run_examples("rig")
+        self.draw_calibrations(self.folder)
+        run_examples("rig", "calibrate")
         rig = VirtualRig(self.programs, "configs/rigs/cube32.toml", "configs/scenes/airplane.toml",
                          self.folder, self.url, cwd=self.folder)
         try:
@@ -230,6 +237,12 @@ class Examples(unittest.TestCase):
         write_capture(place / "door")
         self.run_shown("haarlight import door/ --lights door/dirs.lp -o door.session", place)
         self.sign(place / "door.session", place / "lab_signers")
+        self.draw_calibrations(place)
+        served = self.begin_simulator("configs/rigs/small8.toml")
+        self.capture_sheet("configs/rigs/small8.toml")
+        served.terminate()  # documents start simulators of this rig themselves
+        served.wait(timeout=30)
+        shutil.move(self.folder / "sheet.session", place / "sheet.session")
         for document in sorted((SOURCE / "docs").glob("*.md")):
             for command in shown_commands(document):
                 with self.subTest(document=document.name, command=command):

@@ -2,6 +2,7 @@
 free ports, and a validator of reports. Python's own library only."""
 
 import json
+import math
 import os
 import pathlib
 import re
@@ -66,6 +67,19 @@ def write_capture(folder, n_lights=4, size=8, scale=1.0):
         place = [(0.6, 0.0, 0.8), (0.0, 0.6, 0.8), (-0.6, 0.0, 0.8), (0.0, -0.6, 0.8)][k % 4]
         lines.append(f"light{k}.png " + " ".join(str(scale * c) for c in place))
     (folder / "dirs.lp").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def write_ball(folder, n_lights=6):
+    """A dark ball before a grey wall, its highlight elsewhere in each picture."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for k in range(n_lights):
+        def value(x, y, k=k):
+            if math.hypot(x + 0.5 - 50 - 3 * k, y + 0.5 - 30 - 4 * (k % 3)) < 1.7:
+                return 250
+            return 20 if math.hypot(x + 0.5 - 58.2, y + 0.5 - 35.7) < 24.4 else 120 + (x + 2 * k) % 7
+
+        write_png(folder / f"light{k}.png", 120, 80, value)
     return folder
 
 

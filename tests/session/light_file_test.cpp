@@ -136,15 +136,51 @@ TEST(Dome, NamesTheFieldOfWhatIsBroken) {
   EXPECT_THAT(dome(R"({"lightConfiguration": "lights3d"})"), HasSubstr("positions3d"));
 }
 
+TEST(LightJson, ALobeTravelsWithTheSession) {
+  SessionInfo info = test::small_info(2);
+  EXPECT_EQ(session_info_to_json(info).find("axis"), std::string::npos);
+  info.lights[1].lobe = LightLobe{Eigen::Vector3d(0.1, -0.7, -2.3).normalized(), 1.37};
+  const std::string json = session_info_to_json(info);
+  const SessionInfo read = session_info_from_json(json, "session.json");
+  EXPECT_FALSE(read.lights[0].lobe.has_value());
+  EXPECT_EQ(read.lights[1].lobe, info.lights[1].lobe);
+  // A session.json is a list of lights too.
+  EXPECT_EQ(parse_light_json(json, "session.json").lights[1].lobe, info.lights[1].lobe);
+  info.lights[0].is_position = false;
+  info.lights[0].place = Eigen::Vector3d::UnitZ();
+  info.lights[0].lobe = info.lights[1].lobe;
+  EXPECT_THAT(refusal([&info] {
+                (void)session_info_from_json(session_info_to_json(info), "session.json");
+              }),
+              HasSubstr("lights[0].axis: a lobe needs the light's position"));
+}
+
 TEST(LightJson, ReadsOurOwnAndNamesWhatIsBroken) {
   const LightList list = parse_light_json(
       R"({"lights": [{"name": "a b.png", "position_mm": [1, 2, 3], "relative_power": 0.9}]})",
       "l.json");
   EXPECT_EQ(list.lights[0].name, "a b.png");
   EXPECT_TRUE(list.lights[0].is_position);
+  EXPECT_FALSE(list.lights[0].lobe.has_value());
   const auto json = [](const char* text) {
     return refusal([text] { (void)parse_light_json(text, "l.json"); });
   };
+  const LightList lobed = parse_light_json(
+      R"({"lights": [{"position_mm": [1, 2, 3], "axis": [0, 0.6, -0.8], "lobe_mu": 2}]})",
+      "l.json");
+  ASSERT_TRUE(lobed.lights[0].lobe.has_value());
+  EXPECT_EQ(lobed.lights[0].lobe->axis, Eigen::Vector3d(0, 0.6, -0.8));
+  EXPECT_EQ(lobed.lights[0].lobe->mu, 2.0);
+  EXPECT_THAT(json(R"({"lights": [{"position_mm": [1, 2, 3], "axis": [0, 0, -1]}]})"),
+              HasSubstr("lobe_mu"));
+  EXPECT_THAT(json(R"({"lights": [{"position_mm": [1, 2, 3], "lobe_mu": 1}]})"),
+              HasSubstr("axis"));
+  EXPECT_THAT(
+      json(R"({"lights": [{"position_mm": [1, 2, 3], "axis": [0, 0, -2], "lobe_mu": 1}]})"),
+      HasSubstr("length 2"));
+  EXPECT_THAT(
+      json(R"({"lights": [{"direction": [0, 0, 1], "axis": [0, 0, -1], "lobe_mu": 1}]})"),
+      HasSubstr("position"));
   EXPECT_THAT(json(R"({"lights": []})"), HasSubstr("no lights"));
   EXPECT_THAT(json(R"({"lights": {}})"), HasSubstr("expected a list"));
   EXPECT_THAT(json(R"({"lights": [{"name": "a"}]})"), HasSubstr("lights[0]: \"direction\""));

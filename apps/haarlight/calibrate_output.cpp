@@ -1,0 +1,247 @@
+/// @file
+/// What `haarlight calibrate` writes and tells.
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "apps/haarlight/calibrate.h"
+#include "core/files.h"
+#include "session/light_file.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Eigen::Vector3d;
+
+constexpr std::size_t kMostRows = 100;  // of the table on the standard output
+
+enum class Form { folder, json, lp, csv };
+
+Form form_of(const std::string& out) {
+  const std::string ending = fs::path(out).extension().string();
+  return ending == ".json"  ? Form::json
+         : ending == ".lp"  ? Form::lp
+         : ending == ".csv" ? Form::csv
+                            : Form::folder;
+}
+
+double median(std::vector<double> values) {
+  if (values.empty()) {
+    return 0.0;
+  }
+  const auto mid = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), mid, values.end());
+  return *mid;
+}
+
+/// What import, fit and shape read: unseen lights are not in it.
+std::string json_of(const FoundLights& found) {
+  nlohmann::ordered_json root;
+  root["schema"] = 1;
+  root["kind"] = "calibrated lights";
+  root["program"] = fmt::format("haarlight {}", kVersion);
+  root["frame"] = found.frame;
+  root["lights"] = nlohmann::ordered_json::array();
+  for (const FoundLight& light : found.lights) {
+    if (!light.is_seen()) {
+      continue;
+    }
+    nlohmann::ordered_json one;
+    one["name"] = light.name;
+    const Vector3d& place = light.position_mm ? *light.position_mm : light.direction;
+    one[light.position_mm ? "position_mm" : "direction"] = {place.x(), place.y(), place.z()};
+    if (light.sigma_mm) {
+      one["sigma_mm"] = {light.sigma_mm->x(), light.sigma_mm->y(), light.sigma_mm->z()};
+    }
+    if (light.sigma_deg) {
+      one["sigma_deg"] = *light.sigma_deg;
+    }
+    if (light.lobe) {
+      one["axis"] = {light.lobe->axis.x(), light.lobe->axis.y(), light.lobe->axis.z()};
+      one["lobe_mu"] = light.lobe->mu;
+    }
+    if (found.has_powers) {
+      one["relative_power"] = light.power.mean();
+      if (light.power_sigma) {
+        one["relative_power_sigma"] = *light.power_sigma * light.power.mean();
+      }
+    }
+    root["lights"].push_back(std::move(one));
+  }
+  return root.dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+}
+
+std::string lp_of(const FoundLights& found) {
+  std::vector<Vector3d> directions;
+  std::vector<std::string> names;
+  for (const FoundLight& light : found.lights) {
+    if (light.is_seen()) {
+      directions.push_back(light.direction);
+      names.push_back(light.name);
+    }
+  }
+  return format_lp(directions, names);
+}
+
+std::string quoted(const std::string& text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  }
+  return out + "\"";
+}
+
+std::string csv_of(const FoundLights& found) {
+  std::string out =
+      "name,finding,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm,direction_x,direction_y,"
+      "direction_z,sigma_deg,axis_x,axis_y,axis_z,lobe_mu,power_r,power_g,power_b,relative_"
+      "power_sigma,"
+      "used_share\n";
+  const auto number = [](std::optional<double> value) {
+    return value ? fmt::format(",{:.9g}", *value) : std::string(",");
+  };
+  const auto vector = [&](const std::optional<Vector3d>& v) {
+    return v ? number(v->x()) + number(v->y()) + number(v->z()) : std::string(",,,");
+  };
+  for (const FoundLight& light : found.lights) {
+    out += quoted(light.name) + "," + quoted(light.finding);
+    out += vector(light.position_mm) + vector(light.sigma_mm);
+    out += vector(light.is_seen() ? std::optional<Vector3d>(light.direction) : std::nullopt);
+    out += number(light.sigma_deg);
+    out += vector(light.lobe ? std::optional<Vector3d>(light.lobe->axis) : std::nullopt);
+    out += number(light.lobe ? std::optional<double>(light.lobe->mu) : std::nullopt);
+    const bool has_power = found.has_powers && light.is_seen();
+    out += vector(has_power ? std::optional<Vector3d>(light.power) : std::nullopt);
+    out += number(light.power_sigma) + number(light.used) + "\n";
+  }
+  return out;
+}
+
+std::string row_of(const FoundLight& light, bool has_powers) {
+  if (!light.is_seen()) {
+    return fmt::format("  {:<20} {}", light.name, light.finding);
+  }
+  std::string out = fmt::format("  {:<20}", light.name);
+  if (light.position_mm) {
+    const Vector3d& p = *light.position_mm;
+    out += fmt::format(" {:9.2f} {:9.2f} {:9.2f} mm", p.x(), p.y(), p.z());
+    out += light.sigma_mm ? fmt::format(" +- {:.2f} {:.2f} {:.2f}", light.sigma_mm->x(),
+                                        light.sigma_mm->y(), light.sigma_mm->z())
+                          : std::string();
+  } else {
+    const Vector3d& d = light.direction;
+    out += fmt::format(" {:8.5f} {:8.5f} {:8.5f}", d.x(), d.y(), d.z());
+    out += light.sigma_deg ? fmt::format(" +- {:.3f} degrees", *light.sigma_deg) : "";
+  }
+  if (has_powers) {
+    out += fmt::format("  power {:.4f}", light.power.mean());
+    out += light.power_sigma
+               ? fmt::format(" +- {:.4f}", *light.power_sigma * light.power.mean())
+               : "";
+  }
+  return out + (light.finding == "good" ? "" : "  " + light.finding);
+}
+
+}  // namespace
+
+double direction_sigma_deg(const Vector3d& position_mm, const Eigen::Matrix3d& covariance_mm2) {
+  const double length = position_mm.norm();
+  const Vector3d d = position_mm / length;
+  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - d * d.transpose();
+  return std::sqrt(0.5 * (across * covariance_mm2 * across).trace()) / length * 180.0 /
+         std::numbers::pi;
+}
+
+void require_writable(const FindLightsArguments& arguments, const CommonOptions& common) {
+  require_absent(arguments.out, common.force);
+  std::error_code ignored;
+  const bool is_folder = fs::is_directory(arguments.out, ignored);
+  if (is_folder != (form_of(arguments.out) == Form::folder) &&
+      fs::exists(arguments.out, ignored)) {
+    throw Error(is_folder ? "a folder of that name is there" : "a file of that name is there",
+                arguments.out, "choose another name", ExitCode::usage);
+  }
+}
+
+std::uint64_t write_found(const FoundLights& found, const FindLightsArguments& arguments) {
+  const fs::path out = arguments.out;
+  const Form form = form_of(arguments.out);
+  if (form != Form::folder) {
+    const std::string text = form == Form::json ? json_of(found)
+                             : form == Form::lp ? lp_of(found)
+                                                : csv_of(found);
+    write_file_atomically(out, text);
+    return text.size();
+  }
+  // All texts first: what fails has written nothing.
+  const std::string json = json_of(found);
+  const std::string lp = lp_of(found);
+  const std::string csv = csv_of(found);
+  std::error_code error;
+  fs::create_directories(out, error);
+  if (error) {
+    throw Error("cannot make a folder: " + error.message(), arguments.out,
+                "check the folder's rights and free space", ExitCode::io);
+  }
+  write_file_atomically(out / "lights.json", json);
+  write_file_atomically(out / "lights.lp", lp);
+  write_file_atomically(out / "lights.csv", csv);
+  std::uint64_t bytes = json.size() + lp.size() + csv.size();
+  if (!found.picture.is_empty()) {
+    write_image(out / found.picture_name, found.picture.view(), found.picture_exposure);
+    bytes += fs::file_size(out / found.picture_name);
+  }
+  return bytes;
+}
+
+void tell_found(const FoundLights& found, const CommonOptions& common, Report& report) {
+  std::int64_t n_seen = 0;
+  std::int64_t n_weak = 0;
+  std::vector<double> mm;
+  std::vector<double> degrees;
+  for (const FoundLight& light : found.lights) {
+    n_seen += light.is_seen() ? 1 : 0;
+    n_weak += light.is_seen() && light.finding != "good" ? 1 : 0;
+    if (light.sigma_mm) {
+      mm.push_back(light.sigma_mm->norm());
+    }
+    if (light.sigma_deg) {
+      degrees.push_back(*light.sigma_deg);
+    }
+    if (found.lights.size() <= kMostRows && !common.quiet) {
+      fmt::print("{}\n", row_of(light, found.has_powers));
+    }
+  }
+  report.add_reached("lights", static_cast<std::int64_t>(found.lights.size()));
+  report.add_reached("lights_seen", n_seen);
+  report.add_reached("lights_weak", n_weak);
+  if (!mm.empty()) {
+    report.add_reached("position_sigma_mm_median", median(mm));
+    report.add_reached("position_sigma_mm_largest", *std::max_element(mm.begin(), mm.end()));
+  }
+  if (!degrees.empty()) {
+    report.add_reached("direction_sigma_deg_median", median(degrees));
+    report.add_reached("direction_sigma_deg_largest",
+                       *std::max_element(degrees.begin(), degrees.end()));
+  }
+  report.add_detail("frame", found.frame);
+  std::string how =
+      mm.empty() ? "" : fmt::format(", places +- {:.2f} mm (3-D, median)", median(mm));
+  how += degrees.empty()
+             ? ""
+             : fmt::format(", directions +- {:.3f} degrees (median)", median(degrees));
+  if (how.empty()) {
+    how = ", no +- is known";
+  }
+  fmt::print("{} of {} lights found{}{}\n", n_seen, found.lights.size(),
+             n_weak > 0 ? fmt::format(", {} of them weak", n_weak) : "", how);
+}
+
+}  // namespace haarlight

@@ -1,0 +1,152 @@
+/// @file
+/// The pictures of `haarlight calibrate`: of a session, or of a folder.
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include <fmt/format.h>
+
+#include "apps/haarlight/calibrate.h"
+#include "apps/haarlight/develop_options.h"
+#include "core/files.h"
+#include "session/import.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr float kAny = std::numeric_limits<float>::infinity();
+
+bool is_mask(const fs::path& picture, const std::vector<std::string>& masks) {
+  return std::any_of(masks.begin(), masks.end(), [&](const std::string& mask) {
+    std::error_code ignored;
+    return fs::equivalent(picture, mask, ignored) && !ignored;
+  });
+}
+
+/// @throws Error  two pictures with the same bytes
+void require_different(const fs::path& folder, const std::vector<std::string>& names) {
+  std::map<std::string, std::string> seen;
+  for (const std::string& name : names) {
+    const auto [at, is_new] =
+        seen.emplace(content_hash(MappedFile(folder / name).bytes()), name);
+    if (!is_new) {
+      throw Error("the same bytes as " + at->second, (folder / name).string(),
+                  "two lights cannot give the same picture: one was saved twice, or leave it "
+                  "out with --exclude");
+    }
+  }
+}
+
+void require_finite(const Image<float>& picture, const fs::path& file) {
+  const std::span<const float> pixels = picture.pixels();
+  const auto bad =
+      std::find_if(pixels.begin(), pixels.end(), [](float v) { return !std::isfinite(v); });
+  if (bad == pixels.end()) {
+    return;
+  }
+  const auto pixel = static_cast<std::size_t>(bad - pixels.begin()) /
+                     static_cast<std::size_t>(picture.channels());
+  const auto width = static_cast<std::size_t>(picture.width());
+  throw Error(
+      fmt::format("pixel (x {}, y {}) is not a finite number", pixel % width, pixel / width),
+      file.string(), "repair or replace the picture");
+}
+
+}  // namespace
+
+LightPictures LightPictures::open(const FindLightsArguments& arguments,
+                                  const CommonOptions& common) {
+  LightPictures out;
+  out.common_ = common;
+  out.folder_ = arguments.input;
+  std::error_code ignored;
+  if (!fs::exists(out.folder_, ignored)) {
+    throw Error("not found", arguments.input, "name a session, or a folder of pictures");
+  }
+  if (fs::exists(out.folder_ / "session.json", ignored)) {
+    if (!arguments.exclude.empty()) {
+      throw Error("pictures of a session cannot be left out", "--exclude",
+                  "leave the option out", ExitCode::usage);
+    }
+    out.session_ = Session::open(arguments.input);
+    const SessionInfo& info = out.session_->info();
+    out.unknown_as_ = arguments.transfer == "file" ? "" : arguments.transfer;
+    for (std::size_t k = 0; k < info.lights.size(); ++k) {
+      const std::string& name = info.lights[k].name;
+      out.names_.push_back(name.empty() ? fmt::format("light{}", k) : name);
+    }
+    out.width_ = info.form.width;
+    out.height_ = info.form.height;
+    return out;
+  }
+  if (arguments.transfer != "file") {
+    out.transfer_ = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
+  }
+  for (const std::string& name : picture_names(out.folder_)) {
+    const bool is_excluded = std::any_of(
+        arguments.exclude.begin(), arguments.exclude.end(),
+        [&](const std::string& part) { return name.find(part) != std::string::npos; });
+    if (!is_excluded && !is_mask(out.folder_ / name, arguments.masks)) {
+      out.names_.push_back(name);
+    }
+  }
+  if (out.names_.empty()) {
+    throw Error("no pictures", arguments.input,
+                "one picture for each light: .jpg, .png, .tif, .exr, .tga or .hdr");
+  }
+  require_different(out.folder_, out.names_);
+  const PictureFile first = read_picture(out.folder_ / out.names_.front());
+  out.width_ = first.pixels.width();
+  out.height_ = first.pixels.height();
+  out.channels_ = first.pixels.channels();
+  return out;
+}
+
+void LightPictures::for_each(const Visit& visit) const {
+  if (!session_) {
+    for_each_file(visit);
+    return;
+  }
+  const Developed developed =
+      develop_all(*session_, develop_options(*session_, common_, unknown_as_));
+  const std::vector<float> clip = clip_levels(*session_);
+  for_each_light_image(developed.stack, common_.memory_bytes,
+                       [&](int k, const Image<float>& picture) {
+                         const auto at = static_cast<std::size_t>(k);
+                         visit(k, picture, clip.empty() ? kAny : clip[at]);
+                       });
+}
+
+void LightPictures::for_each_file(const Visit& visit) const {
+  Progress progress("pictures", names_.size(), common_.progress());
+  for (std::size_t k = 0; k < names_.size(); ++k) {
+    const fs::path file = folder_ / names_[k];
+    PictureFile picture = read_picture(file);
+    Image<float>& pixels = picture.pixels;
+    if (pixels.width() != width_ || pixels.height() != height_ ||
+        pixels.channels() != channels_) {
+      throw Error(
+          fmt::format("{} x {} x {}; {} has {} x {} x {}", pixels.width(), pixels.height(),
+                      pixels.channels(), names_.front(), width_, height_, channels_),
+          file.string(),
+          "all pictures have one size and kind: leave others out with --exclude");
+    }
+    require_finite(pixels, file);
+    const Transfer transfer = transfer_.value_or(picture.transfer);
+    if (!picture.is_floating && transfer == Transfer::srgb) {
+      for (float& value : pixels.pixels()) {
+        value = linear_from_srgb(value);
+      }
+    }
+    // Integers end at 1; just below for the sake of rounding.
+    visit(static_cast<int>(k), pixels, picture.is_floating ? kAny : 0.9995F);
+    progress.advance();
+  }
+}
+
+}  // namespace haarlight

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <limits>
+#include <string_view>
+
+/// @file
+/// What a real sheet of paper and a real camera add to a flat Lambertian target, each as one
+/// number that all lights share: how rough and how glossy the paper is, where its surface lies,
+/// what the lens model leaves over. Each has a standard deviation from before; a fit either
+/// finds it or carries it into its uncertainties. Notes: docs/numerics/near-light.md.
+
+namespace haarlight {
+
+enum class SheetTerm : std::size_t {
+  /// q = B / A of Oren and Nayar (1994), equation 30: the reflected light is
+  /// 1 + q max(0, cos dphi) sin alpha tan beta times Lambert's.
+  roughness,
+  /// s: the reflected light is 1 + s (n.h)^10 times Lambert's, h halfway between the directions
+  /// to the light and to the camera.
+  sheen,
+  height,  ///< of the sheet, mm along +z
+  tilt_x,  ///< its rise to the edge at +x, mm
+  tilt_y,  ///< to the edge at +y, mm
+  bow_xx,  ///< a X^2, mm; X and Y: from the middle, 1 at half the longer side
+  bow_xy,  ///< b X Y, mm
+  bow_yy,  ///< c Y^2, mm
+  lens,    ///< radial distortion left over at the picture's corner, share of the distance
+};
+constexpr std::size_t kSheetTerms = 9;
+constexpr double kSheenExponent = 10.0;
+
+[[nodiscard]] std::string_view to_string(SheetTerm term) noexcept;
+
+/// One number for each term: values, or standard deviations.
+struct SheetValues {
+  std::array<double, kSheetTerms> of{};
+  [[nodiscard]] double& operator[](SheetTerm term) {
+    return of[static_cast<std::size_t>(term)];
+  }
+  [[nodiscard]] double operator[](SheetTerm term) const {
+    return of[static_cast<std::size_t>(term)];
+  }
+  [[nodiscard]] bool is_zero() const;
+};
+
+/// sigma: what is known of each term before the fit, about 0. 0: it is 0 and no unknown;
+/// infinity: nothing is known.
+struct SheetPriors {
+  SheetValues sigma;
+  [[nodiscard]] bool is_free(SheetTerm term) const { return sigma[term] > 0.0; }
+  [[nodiscard]] bool has_reflectance() const {
+    return is_free(SheetTerm::roughness) || is_free(SheetTerm::sheen);
+  }
+};
+
+/// A sheet of good matte paper that was laid flat by hand under a calibrated lens: roughness
+/// anything, sheen 10 %, bow 1 mm in each of its three shapes, lens 0.5 %.
+/// @param has_view  false: the camera's direction is not known, which roughness and sheen need
+[[nodiscard]] SheetPriors matte_paper(bool has_view);
+
+/// B / A of a facet slope sigma (rad), and back. 0 .. 0.54; monotone.
+[[nodiscard]] double roughness_of_slope(double sigma);
+[[nodiscard]] double slope_of_roughness(double q);
+
+}  // namespace haarlight
