@@ -133,7 +133,7 @@ TargetSamples samples_without_light(const SheetLayout& layout, const PixelPoints
     const std::size_t row = block / cols;
     const double y = layout.y0 + layout.block * (static_cast<double>(row) + 0.5);
     s.to_camera.emplace_back((sheet_from_world.linear() * points.to_camera(x, y)).normalized());
-    s.lens_mm.push_back(sheet_from_world.linear() * lens_shift(camera, points, x, y));
+    s.lens_mm.emplace_back(sheet_from_world.linear() * lens_shift(camera, points, x, y));
     for (std::size_t k = 0; is_whole[block] == 0 && k < static_cast<std::size_t>(n_lights);
          ++k) {
       s.is_used[k * n + block] = 0;
