@@ -44,6 +44,8 @@ def setup_hash(info):
         for text in (light["name"].encode(), place.encode()):
             data += b"%d:" % len(text) + text
         data += struct.pack("<4d", *light[place], light["relative_power"])
+        if "axis" in light:
+            data += b"4:lobe" + struct.pack("<4d", *light["axis"], light["lobe_mu"])
     data += struct.pack(
         "<12d", form["width"], form["height"], form["stored_height"], form["channels"],
         SAMPLES[form["sample"]][1], ("linear", "srgb", "unknown").index(form["transfer"]),
@@ -127,7 +129,7 @@ def check_rig(text, info):
                 expected.append((f"{face['id']}/{row}/{col}", place))
     camera, form = rig["camera"][0], info["form"]
     need([light["name"] for light in info["lights"]] == [name for name, _ in expected]
-         and {light["relative_power"] for light in info["lights"]} == {1}, "rig.toml: its lights are others")
+         and {(light["relative_power"], "axis" in light) for light in info["lights"]} == {(1, False)}, "rig.toml: its lights are others")
     need([form[k] for k in ("width", "stored_height", "height", "white_level", "bayer")] ==
          [*camera["size"], camera["active_area"], 2 ** camera["bits"] - 1, camera.get("bayer", "none")],
          "rig.toml: its camera's frames are not those of session.json")

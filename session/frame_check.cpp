@@ -181,8 +181,8 @@ std::string find_identity_problem(const FrameDescription& description,
                        describe_lit(shot.lit, shot.exposure_us));
   }
   if (said.setup != setup_hash(info)) {
-    return "taken with other lights (names, places or powers) or another form of frames than "
-           "the session lists";
+    return "taken with other lights (names, places, powers or lobes) or another form of frames "
+           "than the session lists";
   }
   return {};
 }

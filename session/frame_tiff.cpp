@@ -216,6 +216,13 @@ std::string setup_hash(const SessionInfo& info) {
       add_number(light.place[i]);
     }
     add_number(light.relative_power);
+    if (light.lobe) {
+      add_text("lobe");
+      for (const double value : light.lobe->axis) {
+        add_number(value);
+      }
+      add_number(light.lobe->mu);
+    }
   }
   const FrameForm& form = info.form;
   const auto number = [](auto value) { return static_cast<double>(value); };

@@ -288,6 +288,9 @@ std::optional<LightLobe> lobe_of_json(const JsonValue& light) {
     axis.refuse(fmt::format("an axis of length {}", read.norm()),
                 "write a unit vector, the way the light shines");
   }
+  if (!light.has("position_mm")) {
+    axis.refuse("a lobe needs the light's position", "write position_mm");
+  }
   return LightLobe{read, light["lobe_mu"].number(0.0, kMostMu)};
 }
 
@@ -309,9 +312,6 @@ LightList parse_light_json(std::string_view text, const std::string& where) {
       light.relative_power = item["relative_power"].number(1e-6, 1e6);
     }
     light.lobe = lobe_of_json(item);
-    if (light.lobe && !light.is_position) {
-      item["axis"].refuse("a lobe needs the light's position", "write position_mm");
-    }
     if (!list.lights.empty() && (light.name.empty() != list.lights[0].name.empty() ||
                                  light.is_position != list.lights[0].is_position)) {
       item.refuse("not given in the same way as the first light",

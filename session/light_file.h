@@ -53,7 +53,7 @@ struct LightList {
 [[nodiscard]] LightList parse_light_json(std::string_view text, const std::string& where);
 
 /// "axis" and "lobe_mu" of one light; nothing: neither is there.
-/// @throws Error  naming the field: one without the other, no unit vector
+/// @throws Error  naming the field: one without the other, no unit vector, no position_mm
 [[nodiscard]] std::optional<LightLobe> lobe_of_json(const JsonValue& light);
 
 /// Any of the three, told apart by content, not by name. At least one light.

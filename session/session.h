@@ -43,6 +43,7 @@ struct Shot {
 struct LightLobe {
   Eigen::Vector3d axis;  ///< unit, the way it shines
   double mu = 0.0;
+  friend bool operator==(const LightLobe&, const LightLobe&) = default;
 };
 
 /// A light of the session: a place (rig, or `.lp` positions) or only a direction.

@@ -105,8 +105,11 @@ void LightPictures::for_each(const Visit& visit) const {
   const std::vector<float> clip = clip_levels(*session_);
   for_each_light_image(developed.stack, common_.memory_bytes,
                        [&](int k, const Image<float>& picture) {
-                         const auto at = static_cast<std::size_t>(k);
-                         visit(k, picture, clip.empty() ? kAny : clip[at]);
+                         float most = kAny;
+                         if (!clip.empty()) {
+                           most = clip[static_cast<std::size_t>(k)];
+                         }
+                         visit(k, picture, most);
                        });
 }
 

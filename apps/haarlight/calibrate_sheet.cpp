@@ -307,8 +307,10 @@ RigidArray array_of(const FindLightsArguments& arguments, int n_pictures) {
   }
   RigidArray array;
   for (int k = 0; k < n_pictures; ++k) {
-    array.places_mm.emplace_back(arguments.pitch_mm * (k % cols - 0.5 * (cols - 1)),
-                                 arguments.pitch_mm * (0.5 * (rows - 1) - k / cols), 0.0);
+    const int row = k / cols;
+    const int col = k % cols;
+    array.places_mm.emplace_back(arguments.pitch_mm * (col - 0.5 * (cols - 1)),
+                                 arguments.pitch_mm * (0.5 * (rows - 1) - row), 0.0);
     array.axes.emplace_back(0.0, 0.0, -1.0);
     if (arguments.led_mm > 0.0) {
       Eigen::Matrix<double, 3, 2> edges;

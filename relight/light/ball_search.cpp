@@ -197,7 +197,8 @@ double seen_share(const Edges& e, const PictureCircle& circle, float least) {
     const double angle = 2.0 * std::numbers::pi * (a + 0.5) / kArcs;
     const Vector2d out(std::cos(angle), std::sin(angle));
     bool is_seen = false;
-    for (double d = -1.5; d <= 1.5; d += 0.5) {
+    for (int half = -3; half <= 3; ++half) {
+      const double d = 0.5 * half;
       const int x = static_cast<int>(std::floor(circle.x + (circle.radius + d) * out.x()));
       const int y = static_cast<int>(std::floor(circle.y + (circle.radius + d) * out.y()));
       if (x < 0 || y < 0 || x >= e.x.width() || y >= e.x.height()) {
@@ -243,7 +244,9 @@ RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circl
   };
   double best = 0.0;
   double at = circle.radius;
-  for (double r = circle.radius - band; r <= circle.radius + band; r += step) {
+  const int n_steps = static_cast<int>(std::floor(2.0 * band / step));
+  for (int i = 0; i <= n_steps; ++i) {
+    const double r = circle.radius - band + i * step;
     const double x = circle.x + r * out.x();
     const double y = circle.y + r * out.y();
     if (x < 1.0 || y < 1.0 || x > picture.width() - 1.0 || y > picture.height() - 1.0) {
@@ -265,7 +268,9 @@ RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circl
   };
   double steepest = 0.0;
   const double from = at;
-  for (double r = from - kBlur; r <= from + kBlur; r += 0.25) {
+  const int n_quarters = static_cast<int>(std::floor(4.0 * kBlur));
+  for (int i = -n_quarters; i <= n_quarters; ++i) {
+    const double r = from + 0.25 * i;
     const double s = slope(r);
     if (s > steepest) {
       steepest = s;
@@ -302,6 +307,7 @@ std::optional<MeasuredBall> measured(ImageView<const float> picture, PictureCirc
     }
     const double least = 0.25 * median_of(strengths);
     std::vector<double> misses;
+    misses.reserve(edges.size());
     for (const RadialEdge& e : edges) {
       misses.push_back(std::abs((e.at - Vector2d(circle.x, circle.y)).norm() - circle.radius));
     }

@@ -272,7 +272,7 @@ RayMiss ray_miss(const CameraModel& camera, const SphereSteps& sphere, const Mea
                                      reflect_off(camera, sphere.at, highlight.at - d));
   }
   for (int i = 0; i < 3; ++i) {
-    const auto at = static_cast<std::size_t>(2 * i);
+    const std::size_t at = 2 * static_cast<std::size_t>(i);
     out.per_parameter.col(2 + i) =
         slope(reflect_off(camera, sphere.moved[at], highlight.at),
               reflect_off(camera, sphere.moved[at + 1], highlight.at));

@@ -65,7 +65,7 @@ struct CaptureLights {
   std::vector<Eigen::Vector3d> directions;
 };
 
-/// A rig's elements with their lobes and measured powers, or an import's list.
+/// A rig's elements with lobes and measured powers; an import's, isotropic where no lobe is.
 [[nodiscard]] CaptureLights capture_lights(const Session& session);
 
 /// CaptureLights::directions in the picture's frame (x right, y up, z to the camera), which is

@@ -61,8 +61,8 @@ class SharedTerms {
   void fill(const TargetColumns& target, const LightTerms& terms, int light,
             Eigen::Ref<Eigen::MatrixXd> out) const;
   /// What is known from before, into the equations. @return  its chi^2
-  double add_priors(const SheetValues& sheet, Eigen::Ref<Eigen::MatrixXd> matrix,
-                    Eigen::Ref<Eigen::VectorXd> rhs) const;
+  [[nodiscard]] double add_priors(const SheetValues& sheet, Eigen::Ref<Eigen::MatrixXd> matrix,
+                                  Eigen::Ref<Eigen::VectorXd> rhs) const;
   /// A step, no longer than what the linear model can be trusted for.
   void take(const Eigen::VectorXd& step, double& mu, SheetValues& sheet) const;
   /// Standard deviations from the shared unknowns' covariance (n_model x n_model).

@@ -130,9 +130,10 @@ TargetSamples samples_without_light(const SheetLayout& layout, const PixelPoints
   for (std::size_t block = 0; block < n; ++block) {
     const auto cols = static_cast<std::size_t>(layout.cols);
     const double x = layout.x0 + layout.block * (static_cast<double>(block % cols) + 0.5);
-    const double y = layout.y0 + layout.block * (static_cast<double>(block / cols) + 0.5);
-    s.to_camera.push_back((sheet_from_world.linear() * points.to_camera(x, y)).normalized());
-    s.lens_mm.push_back(sheet_from_world.linear() * lens_shift(camera, points, x, y));
+    const std::size_t row = block / cols;
+    const double y = layout.y0 + layout.block * (static_cast<double>(row) + 0.5);
+    s.to_camera.emplace_back((sheet_from_world.linear() * points.to_camera(x, y)).normalized());
+    s.lens_mm.emplace_back(sheet_from_world.linear() * lens_shift(camera, points, x, y));
     for (std::size_t k = 0; is_whole[block] == 0 && k < static_cast<std::size_t>(n_lights);
          ++k) {
       s.is_used[k * n + block] = 0;
@@ -163,7 +164,8 @@ TargetSamples seen_from(TargetSamples samples, const SheetLayout& layout,
   const auto cols = static_cast<std::size_t>(layout.cols);
   for (std::size_t block = 0; block < samples.n_points(); ++block) {
     const double x = layout.x0 + layout.block * (static_cast<double>(block % cols) + 0.5);
-    const double y = layout.y0 + layout.block * (static_cast<double>(block / cols) + 0.5);
+    const std::size_t row = block / cols;
+    const double y = layout.y0 + layout.block * (static_cast<double>(row) + 0.5);
     samples.points_mm[block] = points.at(x, y);
     samples.to_camera[block] = points.to_camera(x, y);
     samples.lens_mm[block] = lens_shift(camera, points, x, y);

@@ -340,12 +340,11 @@ int LambertFitter::end_of_group(int first) const {
   return last;
 }
 
-/// What the model gets wrong alike for neighbouring lights, over |b|, as the angle by which as
-/// much again can have gone into the normal unseen. The groups' mean residuals, less what
-/// independent errors leave in them: C^2 = (sum n_g m_g^2 - G s^2) / n, and sqrt(tr A^-1) of
-/// A = sum s s^T / n, across b, turns it into an angle.
-double LambertFitter::shared_error(const Vector3d& b) const {
-  Sums all;
+/// Of the groups' G mean residuals the fit has taken three: (sum n_g m_g^2 / (G - 3) - s^2) G /
+/// n, with s^2 what independent errors leave in each.
+/// @param matrix  becomes sum s s^T of the lit samples
+double LambertFitter::shared_square(const Vector3d& b, Matrix3d& matrix) const {
+  matrix.setZero();
   double square = 0.0;
   double of_means = 0.0;
   int n_groups = 0;
@@ -355,21 +354,34 @@ double LambertFitter::shared_error(const Vector3d& b) const {
     for (int i = first; i < last; ++i) {
       const Vector3d s = direction(i);
       const double r = value_[i] - b.dot(s);
-      all.matrix += s * s.transpose();
+      matrix += s * s.transpose();
       square += r * r;
       mean += r;
     }
     of_means += mean * mean / (last - first);
     first = last;
   }
-  const double left = std::max(1, n_ - n_groups);
-  const double shared =
-      std::max(0.0, of_means - n_groups * std::max(0.0, square - of_means) / left) / n_;
+  const double within = std::max(0.0, square - of_means) / std::max(1, n_ - n_groups);
+  const double between = of_means / std::max(1, n_groups - kUnknowns);
+  return std::max(0.0, between - within) * n_groups / n_;
+}
+
+double LambertFitter::shared_residual(const LambertFit& fit) const {
+  HAARLIGHT_EXPECTS(fit.state == PixelState::good, "a good fit");
+  Matrix3d matrix;
+  return std::sqrt(shared_square(fit.b, matrix));
+}
+
+/// What the model gets wrong alike for neighbouring lights, over |b|, as the angle by which as
+/// much again can have gone into the normal unseen: sqrt(tr A^-1) of A = sum s s^T / n, across
+/// b, turns it into an angle.
+double LambertFitter::shared_error(const Vector3d& b) const {
+  Matrix3d matrix;
+  const double shared = shared_square(b, matrix);
   Matrix3d inverse;
   bool is_invertible = false;
-  const double trace = all.matrix.trace();
-  all.matrix.computeInverseWithCheck(inverse, is_invertible,
-                                     kLeastRest * trace * trace * trace);
+  const double trace = matrix.trace();
+  matrix.computeInverseWithCheck(inverse, is_invertible, kLeastRest * trace * trace * trace);
   if (!is_invertible) {
     return kRightAngle;
   }

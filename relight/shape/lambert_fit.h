@@ -102,6 +102,10 @@ class LambertFitter {
   /// The median |residual| of the last good fit's lit samples, over |b|: what half of them keep
   /// within, whatever the others do.
   [[nodiscard]] double median_residual(const LambertFit& fit);
+  /// What the residuals of neighbouring lights share in the last good fit's lit samples, rms,
+  /// in the values' unit: freed of what independent errors leave, and of the three degrees of
+  /// freedom that the fit took. 0: nothing that stands out.
+  [[nodiscard]] double shared_residual(const LambertFit& fit) const;
   /// Of sample i of the last fit, 0..1, and whose it is.
   [[nodiscard]] double weight(int i) const { return w_[i]; }
   [[nodiscard]] int light(int i) const { return light_[static_cast<std::size_t>(i)]; }
@@ -118,6 +122,7 @@ class LambertFitter {
   [[nodiscard]] int group_of(int i) const;
   [[nodiscard]] int end_of_group(int first) const;
   [[nodiscard]] double jackknife(const Eigen::Vector3d& b) const;
+  [[nodiscard]] double shared_square(const Eigen::Vector3d& b, Eigen::Matrix3d& matrix) const;
   [[nodiscard]] double shared_error(const Eigen::Vector3d& b) const;
   [[nodiscard]] double sigma(const Eigen::Vector3d& b, const Eigen::Vector3d& plain);
   [[nodiscard]] bool solve(Eigen::Vector3d& b) const;

@@ -9,6 +9,7 @@
 #include "core/error.h"
 #include "relight/shape/light_groups.h"
 #include "relight/shape/normal_picture.h"
+#include "relight/shape/normal_unevenness.h"
 #include "relight/shape/slope_field.h"
 
 namespace haarlight {
@@ -304,6 +305,9 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
   if (!lights.are_near && stereo.fit.has_sigma) {
     shape.nearness = find_nearness(stack, lights, shape.surface, stereo);
     add_nearness(shape.nearness, shape.surface);
+  }
+  if (stereo.fit.has_sigma) {
+    add_unevenness(shape.surface);
   }
   shape.parts = rounds.found().empty() ? parts_as_they_are(shape) : rounds.found();
   sort_by_size(shape.parts);

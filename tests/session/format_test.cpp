@@ -73,6 +73,7 @@ TEST(SessionFormat, DocumentsEveryFieldAndNoOther) {
   SessionInfo info = Session::open(s).info();
   info.lights[1].is_position = false;  // so that both spellings of a place occur
   info.lights[1].place = Eigen::Vector3d::UnitZ();
+  info.lights[0].lobe = LightLobe{-Eigen::Vector3d::UnitZ(), 1.0};  // else left out
   info.form.clip_level = 4000.0;  // else left out, as "patterns" is
   info.patterns = {PatternFamily::s_matrix, {{1, 2}}, 0, {}};  // else "patterns" is left out
   Names written;

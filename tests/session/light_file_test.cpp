@@ -139,6 +139,25 @@ TEST(Dome, NamesTheFieldOfWhatIsBroken) {
   EXPECT_THAT(dome(R"({"lightConfiguration": "lights3d"})"), HasSubstr("positions3d"));
 }
 
+TEST(LightJson, ALobeTravelsWithTheSession) {
+  SessionInfo info = test::small_info(2);
+  EXPECT_EQ(session_info_to_json(info).find("axis"), std::string::npos);
+  info.lights[1].lobe = LightLobe{Eigen::Vector3d(0.1, -0.7, -2.3).normalized(), 1.37};
+  const std::string json = session_info_to_json(info);
+  const SessionInfo read = session_info_from_json(json, "session.json");
+  EXPECT_FALSE(read.lights[0].lobe.has_value());
+  EXPECT_EQ(read.lights[1].lobe, info.lights[1].lobe);
+  // A session.json is a list of lights too.
+  EXPECT_EQ(parse_light_json(json, "session.json").lights[1].lobe, info.lights[1].lobe);
+  info.lights[0].is_position = false;
+  info.lights[0].place = Eigen::Vector3d::UnitZ();
+  info.lights[0].lobe = info.lights[1].lobe;
+  EXPECT_THAT(refusal([&info] {
+                (void)session_info_from_json(session_info_to_json(info), "session.json");
+              }),
+              HasSubstr("lights[0].axis: a lobe needs the light's position"));
+}
+
 TEST(LightJson, ReadsOurOwnAndNamesWhatIsBroken) {
   const LightList list = parse_light_json(
       R"({"lights": [{"name": "a b.png", "position_mm": [1, 2, 3], "relative_power": 0.9}]})",

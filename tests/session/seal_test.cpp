@@ -38,21 +38,30 @@ TEST(Sha256, GivesTheKnownDigestsAndTree) {
   EXPECT_EQ(sha256_from_hex(to_hex(leaves[5])), leaves[5]);
 }
 
-/// Lights 1 and 2 exchange their places; in both files alike, and with a new root.
-TEST(Seal, FramesGiveAwayLightsThatWereSwappedInEveryJson) {
+/// In both files alike, and with a new root.
+template <class Change>
+void expect_frames_tell_of_other_lights(Change change) {
   TemporaryFolder folder;
   const fs::path s = folder.path() / "s";
   test::make_small_session(s, 4);
   for (const char* name : {"start.json", "session.json"}) {
     SessionInfo info = session_info_from_json(test::read_text(s / name), name);
-    std::swap(info.lights[1].place, info.lights[2].place);
+    change(info);
     if (!info.root.empty()) {
       seal_session(s, "", info);
     }
     test::write_text(s / name, session_info_to_json(info));
   }
   EXPECT_THAT(verify_session(s).problems,
-              Contains(HasSubstr("taken with other lights (names, places or powers)")));
+              Contains(HasSubstr("taken with other lights (names, places, powers or lobes)")));
+}
+
+TEST(Seal, FramesGiveAwayLightsThatWereChangedInEveryJson) {
+  expect_frames_tell_of_other_lights(
+      [](SessionInfo& info) { std::swap(info.lights[1].place, info.lights[2].place); });
+  expect_frames_tell_of_other_lights([](SessionInfo& info) {
+    info.lights[1].lobe = LightLobe{-Eigen::Vector3d::UnitZ(), 1.0};
+  });
 }
 
 TEST(Seal, FramesGiveAwayLitListsThatWereSwapped) {

@@ -326,6 +326,10 @@ def change_power(info):
     info["lights"][1]["relative_power"] = 1.01
 
 
+def add_lobe(info):
+    info["lights"][1].update(axis=[0.0, 0.0, -1.0], lobe_mu=1.0)
+
+
 def change_clip(info):
     info["form"]["clip_level"] = info["form"]["white_level"] - 500.0
 
@@ -475,6 +479,7 @@ KINDS = {
     **everywhere("light_moved", move_light),
     **everywhere("places_swapped", swap_places),
     **everywhere("power_changed", change_power),
+    **everywhere("lobe_added", add_lobe),
     **everywhere("clip_level_changed", change_clip),
     **everywhere("exposure_changed", change_exposure),
     **everywhere("kind_changed", change_kind),

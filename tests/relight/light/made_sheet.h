@@ -94,9 +94,11 @@ inline double from_led(const MadeSheet& s, const Eigen::Vector3d& led, const Eig
   const int pieces = s.led_mm > 0.0 ? 12 : 1;
   double sum = 0.0;
   for (int i = 0; i < pieces * pieces; ++i) {
+    const int row = i / pieces;
+    const int col = i % pieces;
     const Eigen::Vector3d at =
-        led + s.led_mm * Eigen::Vector3d((i % pieces + 0.5) / pieces - 0.5,
-                                         (i / pieces + 0.5) / pieces - 0.5, 0.0);
+        led +
+        s.led_mm * Eigen::Vector3d((col + 0.5) / pieces - 0.5, (row + 0.5) / pieces - 0.5, 0.0);
     const double r = (at - p).norm();
     const Eigen::Vector3d way = (at - p) / r;
     const double angle = std::acos(std::clamp(way.z(), -1.0, 1.0));
@@ -157,11 +159,11 @@ inline MadePictures make_pictures(const MadeSheet& sheet, std::uint64_t seed) {
   };
   for (std::size_t i = 0; i < n; ++i) {
     const double step = 2.0 * kHalf / s.cols;
-    const auto row = static_cast<double>(i / static_cast<std::size_t>(s.cols));
-    const auto col = static_cast<double>(i % static_cast<std::size_t>(s.cols));
+    const int row = static_cast<int>(i) / s.cols;
+    const int col = static_cast<int>(i) % s.cols;
     const Eigen::Vector3d nominal(step * (col + 0.5) - kHalf, kHalf - step * (row + 0.5), 0.0);
     s.points_mm.push_back(nominal);
-    s.normals.push_back(Eigen::Vector3d::UnitZ());
+    s.normals.emplace_back(Eigen::Vector3d::UnitZ());
     s.to_camera.push_back((eye - nominal).normalized());
     const Eigen::Vector2d u = seen_at(nominal);
     const double r2 = u.squaredNorm() / (corner * corner);

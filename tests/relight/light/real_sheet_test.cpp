@@ -27,8 +27,9 @@ double integrated(const NearLight& light, const Vector3d& point) {
   NearLight piece = light;
   piece.emitter_mm.setZero();
   for (int i = 0; i < kPieces * kPieces; ++i) {
-    const Eigen::Vector2d at((i % kPieces + 0.5) / kPieces - 0.5,
-                             (i / kPieces + 0.5) / kPieces - 0.5);
+    const int row = i / kPieces;
+    const int col = i % kPieces;
+    const Eigen::Vector2d at((col + 0.5) / kPieces - 0.5, (row + 0.5) / kPieces - 0.5);
     piece.position_mm = light.position_mm + light.emitter_mm * at;
     sum += light_stencil(piece, point, Vector3d::UnitZ());
   }

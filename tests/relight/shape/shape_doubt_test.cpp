@@ -8,6 +8,7 @@
 #include "relight/shape/height_bow.h"
 #include "relight/shape/light_groups.h"
 #include "relight/shape/near_alternation.h"
+#include "relight/shape/normal_unevenness.h"
 #include "relight/shape/part_heights.h"
 #include "tests/relight/shape/made_lights.h"
 
@@ -128,6 +129,76 @@ TEST(NormalSigma, HoldsWhereTheModelIsWrong) {
   }
 }
 
+/// A curve that is not the camera's bends brightness as one smooth function: most of it is a
+/// normal turned away from the lights' middle, little is left to be seen. Lights all round show
+/// enough of it; few lights from above do not (docs/numerics/shape.md, "Standard errors").
+TEST(NormalSigma, AWrongCurveShowsUnderLightsAllRound) {
+  StereoLights lights;
+  lights.directions = dome_directions(12);
+  StereoLights high;
+  for (const Vector3d& direction : lights.directions) {
+    high.directions.push_back((direction + 1.5 * Vector3d::UnitZ()).normalized());
+  }
+  for (const bool is_high : {false, true}) {
+    const StereoLights& used = is_high ? high : lights;
+    MemoryStack stack = far_capture(kSize, kSize, 1, used.directions, bowl());
+    for (int y = 0; y < kSize; ++y) {
+      for (int x = 0; x < kSize; ++x) {
+        for (int k = 0; k < 12; ++k) {
+          stack.at(0, y, x, k) = std::pow(stack.at(0, y, x, k), 2.2F);
+        }
+      }
+    }
+    for (const LambertMethod method : kMethods) {
+      const Coverage found = coverage(photometric_stereo(stack, used, {}, {}, with(method)));
+      std::printf("wrong curve, %s, %s: error %.2f, sigma %.2f degrees, within two %.3f\n",
+                  is_high ? "high lights" : "lights all round",
+                  std::string(to_string(method)).c_str(), found.mean_error, found.mean_sigma,
+                  found.share);
+      if (!is_high) {
+        EXPECT_GE(found.share, 0.9);
+      }
+    }
+  }
+}
+
+/// Of twelve mean residuals the fit has taken three: what they share is larger than they look.
+TEST(NormalSigma, CountsWhatTheFitTookFromTheGroupsMeans) {
+  // Each group of neighbouring lights is off by its own amount, drawn anew for each pixel.
+  constexpr int kLights = 240;
+  StereoLights lights;
+  lights.directions = dome_directions(kLights);
+  const LightGroups groups = group_lights(lights.directions);
+  MemoryStack stack = far_capture(kSize, kSize, 1, lights.directions, bowl());
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      for (int k = 0; k < kLights; ++k) {
+        const int group = groups.group[static_cast<std::size_t>(k)];
+        stack.at(0, y, x, k) += static_cast<float>(0.03 * normal_noise(y, x, group));
+      }
+    }
+  }
+  LambertOptions options;
+  options.method = LambertMethod::least_squares;
+  options.has_sigma = true;
+  double shared = 0.0;
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      LambertFitter fitter(kLights, options);
+      fitter.set_groups(groups.group);
+      for (const int k : groups.order) {
+        fitter.add(lights.directions[static_cast<std::size_t>(k)], double{stack.at(0, y, x, k)},
+                   k);
+      }
+      const double found = fitter.shared_residual(fitter.fit());
+      shared += found * found / (kSize * kSize);
+    }
+  }
+  std::printf("shared by neighbours: 0.03, found %.5f\n", std::sqrt(shared));
+  // 576 pixels of 9 degrees of freedom: 1 % of the rms; groups are not of one size: 3 %.
+  EXPECT_NEAR(std::sqrt(shared), 0.03, 0.04 * 0.03);
+}
+
 TEST(NormalSigma, ThreeLightsCheckNothing) {
   StereoLights lights;
   lights.directions = dome_directions(3);
@@ -135,6 +206,34 @@ TEST(NormalSigma, ThreeLightsCheckNothing) {
   const SurfaceEstimate found =
       photometric_stereo(stack, lights, {}, {}, with(LambertMethod::trimmed));
   EXPECT_EQ(found.sigma_deg(5, 5), 90.0F);
+}
+
+/// A sheet with a ridge along a column: 40 degrees between its sides.
+TEST(NormalUnevenness, IsTheAngleToTheMeanOfOppositeNeighboursBeyondWhatIsStated) {
+  SurfaceEstimate surface{Image<float>(5, 8, 3),        Image<float>(5, 8, 1),
+                          Image<float>(5, 8, 1),        Image<std::uint16_t>(5, 8, 1),
+                          Image<std::uint8_t>(5, 8, 1), Image<float>(5, 8, 1)};
+  const double tilt = 20.0 * std::numbers::pi / 180.0;
+  for (int y = 0; y < 5; ++y) {
+    for (int x = 0; x < 8; ++x) {
+      surface.normal(y, x, 0) = static_cast<float>(x < 4 ? -std::sin(tilt) : std::sin(tilt));
+      surface.normal(y, x, 2) = static_cast<float>(std::cos(tilt));
+      surface.state(y, x) = static_cast<std::uint8_t>(PixelState::good);
+      surface.sigma_deg(y, x) = 3.0F;
+    }
+  }
+  surface.state(0, 7) = static_cast<std::uint8_t>(PixelState::too_dark);
+  surface.sigma_deg(0, 7) = 0.0F;
+  surface.sigma_deg(2, 4) = 17.0F;
+  add_unevenness(surface);
+  // Beside the ridge 20 degrees from the middle of its row's neighbours, none in its column; of
+  // three pixels of 3 degrees 1.5 x 9 are to be expected. Corners have nothing to compare.
+  EXPECT_NEAR(surface.sigma_deg(2, 3), std::sqrt(9.0 + 0.5 * 400.0 - 13.5), 1e-4);
+  EXPECT_NEAR(surface.sigma_deg(0, 3), std::sqrt(9.0 + 400.0 - 13.5), 1e-4);  // its row only
+  EXPECT_EQ(surface.sigma_deg(2, 1), 3.0F);
+  EXPECT_EQ(surface.sigma_deg(4, 7), 3.0F);
+  EXPECT_EQ(surface.sigma_deg(2, 4), 17.0F);  // says as much already
+  EXPECT_EQ(surface.sigma_deg(0, 7), 0.0F);   // not known
 }
 
 TEST(LightGroups, EachLightIsInOneGroupAndTheOrderGoesGroupByGroup) {
