@@ -68,8 +68,8 @@ struct Tally {
   }
 };
 
-/// One in 10^5 sessions of these rigs takes more than ten minutes: controllers restart, the
-/// disk fills, and each latch is given again. It is stuck when it takes an hour.
+/// Of 45 000 sessions of these rigs one took 601 s (62 of 63 shots, none wrong): controllers
+/// restart, the disk fills, and each latch is given again. It is stuck when it takes an hour.
 constexpr double kMostSeconds = 3600.0;
 
 /// Runs `n` sessions of rigs that `change` makes lie.
