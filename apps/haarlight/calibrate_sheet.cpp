@@ -112,15 +112,6 @@ double share_used(const SampleCounts& c) {
   return all > 0.0 ? static_cast<double>(c.used) / all : 0.0;
 }
 
-std::string test_text(const ModelTest& test) {
-  if (!test.is_done) {
-    return "not done: too few samples";
-  }
-  return fmt::format("{} ({:+.1f} sigma, limit {:.1f}; lobe {:+.1f}, limit {:.1f})",
-                     test.is_passed() ? "passed" : "FAILED", test.z, ModelTest::kMostZ,
-                     test.lobe_z, ModelTest::kMostLobeZ);
-}
-
 /// What cannot be known is not said: no sigma without a test that passed.
 FoundLight found_light(const CalibratedLight& light, const std::string& name, bool is_known) {
   FoundLight out;

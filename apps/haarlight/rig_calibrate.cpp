@@ -122,16 +122,6 @@ std::string sheet_text(const LightCalibration& found) {
   return out;
 }
 
-/// What the test of the model says, for a person.
-std::string test_text(const ModelTest& test) {
-  if (!test.is_done) {
-    return "not tested: too few samples";
-  }
-  return fmt::format(
-      "{}: smooth residuals of {:.0f}, expected {} ({:+.1f} sigma, limit {:.1f})",
-      test.is_passed() ? "passed" : "FAILED", test.chi2, test.n, test.z, ModelTest::kMostZ);
-}
-
 std::string page_of(const Rig& rig, const SheetSamples& sheet,
                     const std::vector<FaceCalibration>& faces, const std::string& date,
                     const std::string& session) {
@@ -203,6 +193,18 @@ std::string page_of(const Rig& rig, const SheetSamples& sheet,
 }
 
 }  // namespace
+
+std::string test_text(const ModelTest& test) {
+  if (!test.is_done) {
+    return "not done: too few samples";
+  }
+  return fmt::format(
+      "{}: smooth residuals of {:.0f}, expected {} ({:+.1f} sigma, limit {:.1f}); lobe "
+      "{:+.1f}, "
+      "limit {:.1f}",
+      test.is_passed() ? "passed" : "FAILED", test.chi2, test.n, test.z, ModelTest::kMostZ,
+      test.lobe_z, ModelTest::kMostLobeZ);
+}
 
 MeasuredFile::MeasuredFile(const Rig& written)
     : written_(written), file_(measured_path(written.file)) {

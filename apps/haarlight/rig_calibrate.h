@@ -62,6 +62,8 @@ struct RigFaces {
 [[nodiscard]] RigFaces fit_rig_faces(const Session& session, const Rig& rig,
                                      const CalibrateArguments& arguments,
                                      const CommonOptions& common);
+/// What the test of the model says, for a person.
+[[nodiscard]] std::string test_text(const ModelTest& test);
 /// Results and notes, for people and the report.
 void tell_faces(const Rig& rig, const RigFaces& fit, const CommonOptions& common,
                 Report& report);

@@ -68,6 +68,10 @@ struct Tally {
   }
 };
 
+/// Of 45 000 sessions of these rigs one took 601 s (62 of 63 shots, none wrong): controllers
+/// restart, the disk fills, and each latch is given again. It is stuck when it takes an hour.
+constexpr double kMostSeconds = 3600.0;
+
 /// Runs `n` sessions of rigs that `change` makes lie.
 template <class Change>
 Tally run_rigs(std::uint64_t seed, std::uint64_t n, int max_shots, Change change) {
@@ -78,7 +82,7 @@ Tally run_rigs(std::uint64_t seed, std::uint64_t n, int max_shots, Change change
     const auto plan = random_model_plan(config, max_shots);
     ModelRig rig(config, plan);
     const ModelOutcome outcome = rig.run(std::vector<bool>(plan->shots.size(), false),
-                                         std::vector<int>(plan->shots.size(), 0));
+                                         std::vector<int>(plan->shots.size(), 0), kMostSeconds);
     tally.add(outcome);
     if (!outcome.is_done || !outcome.problem.empty()) {
       std::string log;
