@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iostream>
+#include <sstream>
 #include <type_traits>
 #include <utility>
 
@@ -30,16 +31,53 @@ std::string describe(const Bounds& bounds) {
                                 : fmt::format("from {} to {}", bounds.min, bounds.max);
 }
 
-/// What --help says of them, between the option's type and its default.
-std::string name_of(const Bounds& bounds, bool is_real) {
-  if (bounds.min == 0.0 && std::isinf(bounds.max)) {
-    return "NONNEGATIVE";
+constexpr std::size_t kHelpWidth = 80;   // columns of a terminal
+constexpr std::size_t kHelpIndent = 26;  // where descriptions begin
+
+/// `name` and, from kHelpIndent on, its description in lines of at most kHelpWidth.
+std::string help_entry(const std::string& name, const std::string& description) {
+  std::string out = "  " + name;
+  std::size_t column = out.size();
+  if (column + 2 > kHelpIndent) {
+    out += "\n";
+    column = 0;
   }
-  return fmt::format("{} in [{} - {}]", is_real ? "FLOAT" : "INT", bounds.min, bounds.max);
+  std::istringstream lines(description);
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    bool is_first = true;
+    for (std::string word; words >> word;) {
+      if (is_first ? column > kHelpIndent : column + 1 + word.size() > kHelpWidth) {
+        out += "\n";
+        column = 0;
+        is_first = true;
+      }
+      const std::size_t gap = is_first ? kHelpIndent - column : 1;
+      out += std::string(gap, ' ') + word;
+      column += gap + word.size();
+      is_first = false;
+    }
+    column = kHelpWidth;  // the next one begins below
+  }
+  return out + "\n";
 }
 
+/// CLI11's help at the width of a terminal. What it would say of types, ranges and defaults
+/// stands in the descriptions (Command::option).
+class HelpFormat : public CLI::Formatter {
+ public:
+  [[nodiscard]] std::string make_option(const CLI::Option* option,
+                                        bool is_positional) const override {
+    return help_entry(make_option_name(option, is_positional) + make_option_opts(option),
+                      make_option_desc(option));
+  }
+  [[nodiscard]] std::string make_subcommand(const CLI::App* verb) const override {
+    return help_entry(verb->get_name(), verb->get_description());
+  }
+};
+
 /// CLI11's own range lets NaN through, and a real number without bounds may be infinite there.
-CLI::Validator number_check(const std::optional<Bounds>& bounds, bool is_real) {
+CLI::Validator number_check(const std::optional<Bounds>& bounds) {
   const auto check = [bounds](const std::string& text) -> std::string {
     double value = 0.0;
     const bool is_good = CLI::detail::lexical_cast(text, value) && std::isfinite(value);
@@ -49,7 +87,52 @@ CLI::Validator number_check(const std::optional<Bounds>& bounds, bool is_real) {
     return fmt::format("{} is not a number{}{}", text, bounds ? " " : "",
                        bounds ? describe(*bounds) : std::string());
   };
-  return {check, bounds ? name_of(*bounds, is_real) : std::string()};
+  return {check, ""};
+}
+
+/// A value's name in --help.
+template <class Target>
+std::string type_of(const OptionRules& rules) {
+  if (!rules.type.empty()) {
+    return rules.type;
+  }
+  if (!rules.choices.empty()) {
+    return "WORD";
+  }
+  if (rules.is_bytes) {
+    return "BYTES";
+  }
+  if constexpr (std::is_same_v<Target, std::string> ||
+                std::is_same_v<Target, std::vector<std::string>>) {
+    return "TEXT";
+  }
+  return kIsReal<Target> ? "X" : "N";
+}
+
+/// What --help says after an option's description: " (required; 0 to 1; default: 0.5)".
+std::string describe(const OptionRules& rules, bool is_positional, const std::string& value) {
+  std::vector<std::string> clauses;
+  if (rules.is_required && !is_positional) {
+    clauses.emplace_back("required");
+  }
+  if (!rules.choices.empty() && rules.type.empty()) {
+    clauses.push_back(fmt::format("{}", fmt::join(rules.choices, ", ")));
+  }
+  if (rules.bounds) {
+    clauses.push_back(std::isinf(rules.bounds->max)
+                          ? fmt::format("at least {}", rules.bounds->min)
+                          : fmt::format("{} to {}", rules.bounds->min, rules.bounds->max));
+  }
+  if (!value.empty()) {
+    clauses.push_back("default: " + value);
+  }
+  if (!rules.excludes.empty()) {
+    clauses.push_back("not with " + rules.excludes);
+  }
+  if (!rules.environment.empty()) {
+    clauses.push_back("or $" + rules.environment);
+  }
+  return clauses.empty() ? std::string() : fmt::format(" ({})", fmt::join(clauses, "; "));
 }
 
 template <class Target>
@@ -57,7 +140,7 @@ CLI::Option* add_option(CLI::App& app, const std::string& names, Target& target,
                         const std::string& help, const OptionRules& rules) {
   CLI::Option* option = app.add_option(names, target, help);
   if (rules.bounds || kIsReal<Target>) {
-    option->check(number_check(rules.bounds, kIsReal<Target>));
+    option->check(number_check(rules.bounds));
   }
   if (kIsList<Target> && rules.count == 0 && !option->get_positional()) {
     option->allow_extra_args(false);  // else `--light 3 BASIS` would take BASIS as a light
@@ -65,6 +148,12 @@ CLI::Option* add_option(CLI::App& app, const std::string& names, Target& target,
   if (rules.shows_default) {
     option->capture_default_str();
   }
+  const bool is_positional = option->get_positional();
+  const std::string type = type_of<Target>(rules);
+  option->option_text(is_positional && type == names ? " " : type);
+  option->description(help + describe(rules, is_positional,
+                                      rules.default_text.empty() ? option->get_default_str()
+                                                                 : rules.default_text));
   return option;
 }
 
@@ -91,17 +180,11 @@ void Command::option(const std::string& names, OptionTarget target, const std::s
   CLI::Option* option = std::visit(
       [&](auto* held) { return add_option(*app_, names, *held, help, rules); }, target);
   option->required(rules.is_required);
-  if (!rules.type.empty()) {
-    option->type_name(rules.type);
-  }
   if (!rules.choices.empty()) {
     option->check(CLI::IsMember(rules.choices));
   }
   if (rules.is_bytes) {
     option->transform(CLI::AsSizeValue(false));
-  }
-  if (!rules.default_text.empty()) {
-    option->default_str(rules.default_text);
   }
   if (!rules.excludes.empty()) {
     option->excludes(app_->get_option(rules.excludes));
@@ -134,6 +217,7 @@ std::string Command::name() const { return app_->get_name(); }
 CommandLine::CommandLine(const std::string& program, const std::string& description,
                          const std::string& version)
     : app_(std::make_unique<CLI::App>(description, program)) {
+  app_->formatter(std::make_shared<HelpFormat>());
   app_->set_version_flag("--version", version);
 }
 

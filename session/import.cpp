@@ -22,7 +22,7 @@
 #include "core/sha256.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"
-#include "session/light_grid.h"
+#include "session/position_grid.h"
 #include "session/seal.h"
 
 namespace haarlight {
@@ -233,7 +233,7 @@ void write_plain(const fs::path& path, const std::string& text) {
 /// Into the order of the grid that the lights' positions form, if they form one.
 void order_by_grid(const fs::path& light_file, LightList& list,
                    std::vector<LightPicture>& pictures, SessionInfo& info) {
-  const std::optional<LightGrid> grid = find_light_grid(list.lights);
+  const std::optional<PositionGrid> grid = find_position_grid(list.lights);
   if (!grid) {
     return;
   }

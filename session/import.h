@@ -25,7 +25,7 @@ struct ImportOptions {
   std::optional<Transfer> transfer{};
   MatchOptions match{};  ///< which picture is whose
   /// Rows and columns of each face's lights, which are listed row by row, face after face;
-  /// nothing: looked for in the lights' positions (session/light_grid.h).
+  /// nothing: looked for in the lights' positions (session/position_grid.h).
   std::optional<std::array<int, 2>> grid{};
   bool force = false;  ///< replace an imported session of that name
   ProgressStyle progress = ProgressStyle::none;

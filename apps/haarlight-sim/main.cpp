@@ -39,6 +39,7 @@ struct Arguments {
   std::string faults;
   std::string truth;
   std::string ready_file;
+  std::string own_folder;
   std::string cache;
   std::string stack;
   std::string usb_redir;
@@ -80,6 +81,10 @@ void add_options(haarlight::Command program, Arguments& arguments) {
                  {.type = "DIR"});
   program.option("--ready-file", &arguments.ready_file,
                  "Written when the rig can be used: its addresses as JSON", {.type = "PATH"});
+  program.option("--own-addresses", &arguments.own_folder,
+                 "Any free port, and sockets in this folder, instead of the rig file's "
+                 "addresses; --ready-file tells them",
+                 {.type = "DIR"});
   program.option("--threads", &arguments.threads, "Threads of the rendering; 0 = all",
                  {.bounds = Bounds{0, 1024}});
   program.option(
@@ -254,6 +259,7 @@ int run(const Arguments& arguments) {
   }
   options.usb_redir = arguments.usb_redir;
   options.has_cameras = !arguments.only_controller;
+  options.own_folder = arguments.own_folder;
   options.v4l2_output = arguments.v4l2_output;
   options.record = arguments.record;
   if (arguments.scene.empty() && options.has_cameras) {

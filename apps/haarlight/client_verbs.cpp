@@ -27,6 +27,7 @@ using Json = nlohmann::json;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPoll{200};
+constexpr milliseconds kDaemonStarts{5000};
 constexpr milliseconds kDaemonAway{30000};  // a restarted daemon goes on by itself: wait for it
 
 struct ClientArguments {
@@ -102,6 +103,27 @@ class PatientClient {
   DaemonClient& client_;
   Clock::time_point last_answer_ = Clock::now();
 };
+
+/// Waits a little for a daemon that was started just before.
+void await_daemon(DaemonClient& client, ProgressStyle style) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point end = Clock::now() + kDaemonStarts;
+  for (bool is_told = false;;) {
+    try {
+      (void)client.get("/v1/state");
+      return;
+    } catch (const Error&) {
+      if (Clock::now() > end) {
+        throw;
+      }
+    }
+    if (!is_told && style != ProgressStyle::none) {
+      fmt::print(stderr, "waiting for the daemon\n");
+      is_told = true;
+    }
+    std::this_thread::sleep_for(kPoll);
+  }
+}
 
 /// Waits until the session is done. @throws Error(interrupted)  it was aborted or taken over
 Json follow(DaemonClient& client, const std::string& session, ProgressStyle style) {
@@ -200,6 +222,7 @@ ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& comm
   } else {
     query = "?session=" + DaemonClient::escape(arguments.session);
   }
+  await_daemon(client, common.progress());
   const Json begun = parse_reply(client.post("/v1/run" + query, body));
   const std::string session = text_of(begun, "session");
   const Json state = follow(client, session, common.progress());
@@ -213,6 +236,7 @@ ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& comm
   report.add_reached("retries", std::int64_t{number_of(state, "retries")});
   report.add_detail("session", folder.string());
   fmt::print("{}\n", folder.string());
+  tell_next(common, {"compress", folder.string(), "-o", "NAME.hlb"});
   return ExitCode::done;
 }
 

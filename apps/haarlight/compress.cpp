@@ -12,6 +12,7 @@
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
+#include "core/log.h"
 #include "core/ranks.h"
 #include "relight/basis/compress_session.h"
 #include "session/session.h"
@@ -27,7 +28,7 @@ struct CompressArguments {
   std::optional<double> worst_pixel;
   bool is_integer = false;
   std::string plate;
-  std::string basis = "haar";
+  std::string basis = "auto";
   std::string transfer;
 };
 
@@ -57,6 +58,25 @@ ErrorAsked choose_error(const CompressArguments& arguments, const Session& sessi
           fmt::format("{:g} times the capture's noise", kNoiseTarget)};
 }
 
+/// --basis, or the one that the lights allow. @param tells  whether this process says which
+BasisKind choose_basis(const CompressArguments& arguments, const Session& session, bool tells) {
+  constexpr std::string_view kNoGrid = "its lights form no square grids of 2, 4, 8, ... a side";
+  const bool is_grid = haar_grid(session.info()) > 0;
+  if (arguments.basis == "direct" || (arguments.basis == "auto" && !is_grid)) {
+    if (arguments.basis == "auto" && tells) {
+      log_warning(fmt::format("{}: {}: the basis is direct, the lights themselves",
+                              arguments.session, kNoGrid));
+    }
+    return BasisKind::direct;
+  }
+  if (!is_grid) {
+    throw Error(std::string(kNoGrid), arguments.session,
+                "use --basis direct, which takes any lights; an import learns of grids by "
+                "--grid ROWSxCOLUMNS");
+  }
+  return BasisKind::haar;
+}
+
 /// One of `ranks` processes' part; the first speaks for all.
 ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& common,
                        const Ranks& ranks, Report& report) {
@@ -66,7 +86,6 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
     options.worst_pixel = *arguments.worst_pixel;
   }
   options.unknown_as = transfer_asked(arguments.transfer);
-  options.basis = arguments.basis == "haar" ? BasisKind::haar : BasisKind::direct;
   options.memory_bytes = common.memory_bytes;
   options.rank = {ranks.i(), ranks.n(), [&ranks] { ranks.wait_for_all(); }};
   options.progress = ranks.i() == 0 ? common.progress() : ProgressStyle::none;
@@ -76,6 +95,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   require_absent(arguments.output, common.force);
   const PlateChoice plate = PlateChoice::parse(arguments.plate);
   const Session session = Session::open(arguments.session);
+  options.basis = choose_basis(arguments, session, ranks.i() == 0);
   const ErrorAsked asked = choose_error(arguments, session, plate, options, report);
   options.relative_l2 = asked.relative_l2;
   options.is_integer = arguments.is_integer;
@@ -122,6 +142,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
           ? "; --whole-steps keeps what the camera gave, and is smaller"
           : "");
   fmt::print("{}", clipped_words(header));
+  tell_next(common, {"view", arguments.output});
   return code;
 }
 
@@ -167,8 +188,9 @@ void add_compress(Command root, Invocation& invocation) {
               "from the session's rig)",
               {.type = "FILE|SESSION|none"});
   verb.option("--basis", &arguments->basis,
-              "haar: lights in square grids of 2, 4, 8, ... a side; direct: any lights",
-              {.choices = {"haar", "direct"}, .shows_default = true});
+              "haar: lights in square grids of 2, 4, 8, ... a side; direct: the lights "
+              "themselves, any of them; auto: haar where it can be had",
+              {.choices = {"auto", "haar", "direct"}, .shows_default = true});
   add_transfer_option(verb, arguments->transfer);
   verb.footer(
       "Killed, it goes on where it was when the same command is given again.\n\n"

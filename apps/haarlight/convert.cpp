@@ -121,17 +121,6 @@ ExitCode write_relit(const ConvertArguments& arguments, const ReflectanceModel& 
   return ExitCode::done;
 }
 
-std::uintmax_t bytes_on_disk(const fs::path& path) {
-  if (!fs::is_directory(path)) {
-    return fs::file_size(path);
-  }
-  std::uintmax_t sum = 0;
-  for (const auto& entry : fs::directory_iterator(path)) {
-    sum += entry.file_size();
-  }
-  return sum;
-}
-
 void warn_of_rti_viewer(const ReflectanceModel& written) {
   if (written.colour == ReflectanceColour::rgb) {
     log_warning(
@@ -223,12 +212,14 @@ ExitCode run_convert(const ConvertArguments& arguments, const CommonOptions& com
              is_kept ? "" : fmt::format(" (fitted to {})", name_of(model)));
   if (difference.is_same) {
     fmt::print("every picture is the same\n");
+    tell_next(common, {"view", arguments.output});
     return ExitCode::done;
   }
   report.add_reached("psnr_db", difference.mean_db);
   report.add_detail("psnr_worst_db", difference.worst_db);
   fmt::print("pictures under {} lights are {:.1f} dB apart, the worst {:.1f} dB\n", kCompared,
              difference.mean_db, difference.worst_db);
+  tell_next(common, {"view", arguments.output});
   return ExitCode::done;
 }
 

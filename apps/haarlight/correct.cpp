@@ -1,5 +1,5 @@
 /// @file
-/// `haarlight correct SESSION --out FOLDER`: each light's fall-off, and the pictures without
+/// `haarlight correct SESSION -o FOLDER`: each light's fall-off, and the pictures without
 /// it.
 
 #include <fmt/format.h>
@@ -82,7 +82,7 @@ void add_correct(Command root, Invocation& invocation) {
   Command verb =
       root.add_verb("correct", "Write each light's picture without the near light's fall-off");
   verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
-  verb.option("-o,--out", &arguments->out, "Folder to write",
+  verb.option("-o,--output", &arguments->out, "Folder to write",
               {.type = "FOLDER", .is_required = true});
   verb.option("--fall-off", &arguments->fall_off,
               "plane: distance, lobe and the reference plane's shading, so that a flat target "
@@ -94,7 +94,7 @@ void add_correct(Command root, Invocation& invocation) {
       "Writes light_0000.exr ... (linear), lights.lp with their directions, and in fall-off/ "
       "each light's\nattenuation, 1 in the middle. `haarlight import` reads the folder "
       "again.\n\n"
-      "Example:\n  haarlight correct rig.session --width-mm 400 --out rig.even");
+      "Example:\n  haarlight correct rig.session --width-mm 400 -o rig.even");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_correct(*arguments, common, report);
   });

@@ -117,7 +117,7 @@ void add_export(Command root, Invocation& invocation) {
   verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
   verb.flag("--lp", &arguments->lp, "RTI's list: picture and unit direction a line");
   verb.flag("--dome", &arguments->dome, "Relight's .dome: positions and LED factors");
-  verb.option("-o,--out", &arguments->out, "File to write",
+  verb.option("-o,--output", &arguments->out, "File to write",
               {.type = "FILE", .is_required = true});
   verb.option("--png", &arguments->png,
               "Also develop one sRGB PNG a light here, and name these in the .lp",

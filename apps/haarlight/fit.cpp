@@ -393,10 +393,10 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   const Fitted fitted = fitter.fit(scores.front());
   if (format) {
     write_reflectance(arguments.out, fitted.result.model);
+    report.set_bytes(bytes_on_disk(arguments.out));
   }
   print_head(fitted.error.has_value());
   print_row(fitted);
-  report.set_bytes(fitted.result.model.planes.pixels().size());
   report.add_detail("basis", std::string(to_string(fitted.score.form)));
   report.add_detail("recipe", to_string(fitted.score.recipe));
   report.add_reached("left out dB", fitted.score.psnr_db);
@@ -407,6 +407,9 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   report.add_detail("quantisation rms", fitted.result.quantisation_rms);
   report.add_detail("clipped share", fitted.result.clipped);
   report.add_detail("peak memory bytes", static_cast<std::int64_t>(peak_memory_bytes()));
+  if (format) {
+    tell_next(common, {"view", arguments.out});
+  }
   return ExitCode::done;
 }
 
@@ -418,7 +421,7 @@ void add_fit(Command root, Invocation& invocation) {
   verb.option("CAPTURE", &arguments->capture,
               "Session folder, or with --lights a folder of JPEG pictures",
               {.type = "SESSION|FOLDER", .is_required = true});
-  verb.option("-o,--out", &arguments->out,
+  verb.option("-o,--output", &arguments->out,
               "What to write: .ptm, .rti, or a name without ending for a web folder",
               {.type = "FILE"});
   std::vector<std::string> names = {"auto"};

@@ -68,6 +68,7 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   tell_match(result.notes, result.disagreements, common);
   fmt::print("{}: {} lights, {} x {} x {}, {} MiB\n", arguments.target,
              result.info.lights.size(), form.width, form.height, form.channels, bytes >> 20U);
+  tell_next(common, {"fit", arguments.target, "-o", "NAME"});
   return ExitCode::done;
 }
 
@@ -80,7 +81,7 @@ void add_import(Command root, Invocation& invocation) {
               {.is_required = true});
   verb.option("--lights", &arguments->lights, "List of lights: .lp, .dome or .json",
               {.type = "FILE", .is_required = true});
-  verb.option("-o,--out", &arguments->target, "Session folder to make",
+  verb.option("-o,--output", &arguments->target, "Session folder to make",
               {.type = "SESSION", .is_required = true});
   add_picture_list_options(verb, arguments->list);
   verb.option("--transfer", &arguments->transfer,

@@ -1,5 +1,5 @@
 /// @file
-/// `haarlight shape INPUT --out FOLDER`: normals, albedo, heights and a mesh of a capture.
+/// `haarlight shape INPUT -o FOLDER`: normals, albedo, heights and a mesh of a capture.
 
 #include <algorithm>
 #include <iterator>
@@ -616,7 +616,7 @@ void add_shape(Command root, Invocation& invocation) {
               "Session folder; or a .ptm, .rti or web folder, for the normals that RTI viewers "
               "take from it",
               {.type = "SESSION|FILE", .is_required = true});
-  verb.option("-o,--out", &arguments->out, "Folder to write",
+  verb.option("-o,--output", &arguments->out, "Folder to write",
               {.type = "FOLDER", .is_required = true});
   verb.option(
       "--method", &arguments->method,
@@ -664,10 +664,10 @@ void add_shape(Command root, Invocation& invocation) {
       "each part's mean height is 0. Normals of\nptm and hsh are not measured: instead of "
       "albedo, errors and mask there is front.png, the\npicture lit from the camera.\n\n"
       "Examples:\n"
-      "  haarlight shape sessions/airplane --out airplane.shape\n"
-      "  haarlight shape sessions/coin --out coin.shape --light far --integrate robust\n"
-      "  haarlight shape sessions/coin --out coin.hsh --method hsh\n"
-      "  haarlight shape coin.ptm --out coin.peaks");
+      "  haarlight shape sessions/airplane -o airplane.shape\n"
+      "  haarlight shape sessions/coin -o coin.shape --light far --integrate robust\n"
+      "  haarlight shape sessions/coin -o coin.hsh --method hsh\n"
+      "  haarlight shape coin.ptm -o coin.peaks");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_shape(*arguments, common, report);
   });

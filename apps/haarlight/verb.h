@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "apps/command_line.h"
 #include "core/error.h"
@@ -41,6 +42,14 @@ using RunVerb = std::function<ExitCode(const CommonOptions& common, Report& repo
 /// The last step of every add_VERB: adds --report, --quiet, --memory, --threads and --force
 /// after the verb's own options, and has `run` called when the command line names the verb.
 void finish_verb(Command verb, Invocation& invocation, RunVerb run);
+
+/// Of a file, or of all files of a folder.
+[[nodiscard]] std::uintmax_t bytes_on_disk(const std::filesystem::path& path);
+
+/// "next: haarlight view out/cube.hlb" to the standard error, unless --quiet: how to see what a
+/// verb has made, or what it is for.
+/// @param words  of the command, without "haarlight"; quoted for a shell where they need it
+void tell_next(const CommonOptions& common, const std::vector<std::string>& words);
 
 /// Adds every verb of the table in verbs.cpp.
 void add_all_verbs(Command root, Invocation& invocation);

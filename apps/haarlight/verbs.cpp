@@ -1,7 +1,11 @@
 /// @file
 /// The table of verbs, in the order of a job.
 
+#include <cstdio>
+#include <string_view>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
 #include "core/image_io.h"
@@ -81,6 +85,20 @@ constexpr AddVerb kVerbs[] = {
     // clang-format on
 };
 
+constexpr std::string_view kPlainInShell =
+    "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_@%+=:,./-";
+
+std::string quote_for_shell(const std::string& word) {
+  if (!word.empty() && word.find_first_not_of(kPlainInShell) == std::string::npos) {
+    return word;
+  }
+  std::string quoted = "'";
+  for (const char c : word) {
+    quoted += c == '\'' ? std::string(R"('\'')") : std::string(1, c);
+  }
+  return quoted + "'";
+}
+
 }  // namespace
 
 void finish_verb(Command verb, Invocation& invocation, RunVerb run) {
@@ -100,6 +118,28 @@ void finish_verb(Command verb, Invocation& invocation, RunVerb run) {
       return run(invocation.common, report);
     };
   });
+}
+
+std::uintmax_t bytes_on_disk(const std::filesystem::path& path) {
+  if (!std::filesystem::is_directory(path)) {
+    return std::filesystem::file_size(path);
+  }
+  std::uintmax_t sum = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(path)) {
+    sum += entry.file_size();
+  }
+  return sum;
+}
+
+void tell_next(const CommonOptions& common, const std::vector<std::string>& words) {
+  if (common.quiet) {
+    return;
+  }
+  std::string line = "next: haarlight";
+  for (const std::string& word : words) {
+    line += ' ' + quote_for_shell(word);
+  }
+  fmt::print(stderr, "{}\n", line);
 }
 
 void add_all_verbs(Command root, Invocation& invocation) {

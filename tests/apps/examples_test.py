@@ -201,30 +201,45 @@ class Examples(unittest.TestCase):
         self.assertEqual(left, [], "verbs whose examples were not run")
 
     def test_readme_in_use(self):
+        """The demo, then every line of the README in order, as a new user types them."""
         place = self.folder / "readme"
         place.mkdir()
-        shutil.copy(self.folder / "configs/rigs/cube32.toml", place / "rig.toml")
-        shutil.copy(self.folder / "configs/plans/one_at_a_time.toml", place / "plan.toml")
-        shutil.copy(self.folder / "configs/scenes/stairs.toml", place / "stairs.toml")
-        shutil.copy(self.folder / "sky.hdr", place / "sky.hdr")
-        write_capture(place / "photos")
-        shutil.copy(place / "photos/dirs.lp", place / "dome.lp")
+        shutil.copytree(self.folder / "configs", place / "configs")
+        start = time.monotonic()
+        demo = subprocess.run([SOURCE / "scripts/run_demo", self.programs.bin, place / "out/demo",
+                               place / "configs/rigs/cube32.toml"], capture_output=True, text=True,
+                              env={**os.environ, "XDG_CACHE_HOME": str(self.folder / "cache")},
+                              timeout=400, check=False)
+        print(f"{time.monotonic() - start:6.1f} s  scripts/run_demo", flush=True)
+        self.assertEqual(demo.returncode, 0, demo.stdout + demo.stderr)
+        page = (place / "out/demo/index.html").read_text()
+        for name in re.findall(r'(?:src|href)="([^"#:]+)"', page):
+            self.assertTrue((place / "out/demo" / name).exists(), f"the demo's page shows {name}")
         commands = shown_commands("README.md")
-        self.assertGreaterEqual(len(commands), 9)
-        rig = VirtualRig(self.programs, "rig.toml", self.folder / "configs/scenes/airplane.toml",
-                         place, self.url, cwd=place)
+        self.assertGreaterEqual(len(commands), 17)
+        served = []
         try:
             for command in commands:
-                if command == "haarlightd rig.toml &":
-                    continue  # VirtualRig has started it so
-                if command.startswith("haarlight view "):
+                if command.endswith(" &"):
+                    served.append(self.start_shown(command, place))
+                elif command.startswith("haarlight view "):
                     self.run_viewer(command, place)
                 else:
                     self.run_shown(command, place)
         finally:
-            self.assertEqual(rig.end(), [0, 0])
+            for process in reversed(served):
+                process.terminate()
+                self.assertEqual(process.wait(timeout=30), 0, process.args)
         for picture in ("sky.png", "shadow.exr"):
             self.assertGreater((place / picture).stat().st_size, 1000)
+
+    def start_shown(self, command, folder):
+        """A program in the background, as a shell starts it. @return  its process"""
+        words = shlex.split(command)[:-1]
+        program = {"haarlight-sim": self.programs.sim, "haarlightd": self.programs.daemon}[words[0]]
+        with (folder / f"{words[0]}.log").open("w") as log:
+            return subprocess.Popen([program, *words[1:]], cwd=folder, stdout=log, stderr=log,
+                                    env={**os.environ, "XDG_CACHE_HOME": str(self.folder / "cache")})
 
     def test_commands_of_the_documents(self):
         place = self.folder / "documents"

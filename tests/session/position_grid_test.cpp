@@ -1,4 +1,4 @@
-#include "session/light_grid.h"
+#include "session/position_grid.h"
 
 #include <algorithm>
 #include <array>
@@ -32,18 +32,18 @@ std::vector<SessionLight> grid_lights(int rows, int cols, double pitch_u, double
   return lights;
 }
 
-bool is_as_listed(const LightGrid& grid) {
+bool is_as_listed(const PositionGrid& grid) {
   return std::is_sorted(grid.order.begin(), grid.order.end());
 }
 
-TEST(LightGrid, IsFoundInAnyPoseAndPitch) {
+TEST(PositionGrid, IsFoundInAnyPoseAndPitch) {
   const std::vector<std::array<double, 4>> grids = {
       {4, 4, 30, 30}, {17, 30, 30, 30}, {2, 9, 20, 55}, {32, 32, 30, 30}, {3, 2, 70, 40}};
   for (unsigned seed = 0; seed < 20; ++seed) {
     for (const auto& [rows, cols, pitch_u, pitch_v] : grids) {
       const auto lights = grid_lights(static_cast<int>(rows), static_cast<int>(cols), pitch_u,
                                       pitch_v, 0.08 * std::min(pitch_u, pitch_v), seed);
-      const auto grid = find_light_grid(lights);
+      const auto grid = find_position_grid(lights);
       ASSERT_TRUE(grid.has_value()) << rows << " x " << cols << ", seed " << seed;
       EXPECT_TRUE(is_as_listed(*grid));
       EXPECT_EQ(grid->rows, static_cast<int>(rows));
@@ -52,14 +52,14 @@ TEST(LightGrid, IsFoundInAnyPoseAndPitch) {
   }
 }
 
-TEST(LightGrid, ListedInAnyOrderIsPutInItsOwn) {
+TEST(PositionGrid, ListedInAnyOrderIsPutInItsOwn) {
   std::vector<SessionLight> lights = grid_lights(5, 7, 30, 30, 1.0, 0);
   for (std::size_t k = 0; k < lights.size(); ++k) {
     lights[k].name = std::to_string(k);
   }
   std::mt19937 random(7);
   std::shuffle(lights.begin(), lights.end(), random);
-  const auto grid = find_light_grid(lights);
+  const auto grid = find_position_grid(lights);
   ASSERT_TRUE(grid.has_value());
   ASSERT_EQ(grid->rows, 5);
   ASSERT_EQ(grid->cols, 7);
@@ -72,32 +72,32 @@ TEST(LightGrid, ListedInAnyOrderIsPutInItsOwn) {
   }
 }
 
-TEST(LightGrid, IsNotSeenWhereThereIsNone) {
+TEST(PositionGrid, IsNotSeenWhereThereIsNone) {
   std::vector<SessionLight> lights = grid_lights(4, 6, 30, 30, 0.0, 1);
-  EXPECT_TRUE(find_light_grid(lights).has_value());
+  EXPECT_TRUE(find_position_grid(lights).has_value());
   std::vector<SessionLight> moved = lights;
   moved[9].place += 0.4 * (lights[10].place - lights[9].place);
-  EXPECT_FALSE(find_light_grid(moved).has_value());
+  EXPECT_FALSE(find_position_grid(moved).has_value());
   std::vector<SessionLight> lifted = lights;
   const Eigen::Vector3d along = lights[1].place - lights[0].place;
   const Eigen::Vector3d across = lights[6].place - lights[0].place;
   lifted[9].place += 12.0 * along.cross(across).normalized();
-  EXPECT_FALSE(find_light_grid(lifted).has_value());
+  EXPECT_FALSE(find_position_grid(lifted).has_value());
   std::vector<SessionLight> doubled = lights;
   doubled[3].place = lights[4].place;
-  EXPECT_FALSE(find_light_grid(doubled).has_value());
+  EXPECT_FALSE(find_position_grid(doubled).has_value());
   std::vector<SessionLight> fewer(lights.begin(), lights.end() - 1);
-  EXPECT_FALSE(find_light_grid(fewer).has_value());
+  EXPECT_FALSE(find_position_grid(fewer).has_value());
   std::vector<SessionLight> directions = lights;
   for (SessionLight& light : directions) {
     light.is_position = false;
   }
-  EXPECT_FALSE(find_light_grid(directions).has_value());
+  EXPECT_FALSE(find_position_grid(directions).has_value());
   std::vector<SessionLight> one_place(16, lights[0]);
-  EXPECT_FALSE(find_light_grid(one_place).has_value());
+  EXPECT_FALSE(find_position_grid(one_place).has_value());
 }
 
-TEST(LightGrid, DomesAndRandomPlacesAreNone) {
+TEST(PositionGrid, DomesAndRandomPlacesAreNone) {
   for (unsigned seed = 0; seed < 50; ++seed) {
     std::mt19937 random(seed);
     std::normal_distribution<double> some(0.0, 1.0);
@@ -107,7 +107,7 @@ TEST(LightGrid, DomesAndRandomPlacesAreNone) {
       light.place = {some(random), some(random), std::abs(some(random))};
       light.place = 500.0 * light.place.normalized();
     }
-    EXPECT_FALSE(find_light_grid(lights).has_value()) << seed;
+    EXPECT_FALSE(find_position_grid(lights).has_value()) << seed;
   }
 }
 

@@ -1,4 +1,4 @@
-#include "session/light_grid.h"
+#include "session/position_grid.h"
 
 #include <algorithm>
 #include <array>
@@ -120,9 +120,9 @@ std::vector<int> reversed(const std::vector<int>& index, int n) {
 }
 
 /// The eight ways to count a grid. @return  as listed if one of them is; else by the frame
-LightGrid count_grid(std::vector<int> along_u, int n_u, std::vector<int> along_v, int n_v,
+PositionGrid count_grid(std::vector<int> along_u, int n_u, std::vector<int> along_v, int n_v,
                      Vector3d u, Vector3d v) {
-  std::vector<LightGrid> ways;
+  std::vector<PositionGrid> ways;
   for (const bool is_turned : {false, true}) {
     const auto& [row, n_row] = is_turned ? std::pair(along_u, n_u) : std::pair(along_v, n_v);
     const auto& [col, n_col] = is_turned ? std::pair(along_v, n_v) : std::pair(along_u, n_u);
@@ -147,7 +147,7 @@ LightGrid count_grid(std::vector<int> along_u, int n_u, std::vector<int> along_v
 
 }  // namespace
 
-std::optional<LightGrid> find_light_grid(std::span<const SessionLight> lights) {
+std::optional<PositionGrid> find_position_grid(std::span<const SessionLight> lights) {
   if (lights.size() < 4 || lights.size() > kMostLights ||
       !std::all_of(lights.begin(), lights.end(),
                    [](const SessionLight& light) { return light.is_position; })) {

@@ -12,7 +12,7 @@
 
 namespace haarlight {
 
-struct LightGrid {
+struct PositionGrid {
   int rows = 0;
   int cols = 0;
   /// (rows * cols): which light of the list stands at each place, row by row. As listed where
@@ -24,6 +24,6 @@ struct LightGrid {
 /// The grid of at least 2 x 2 that the positions form: rows and columns at right angles, evenly
 /// spaced to a quarter of their pitch, flat to the same, one light at each place. Nothing: they
 /// form none, they are directions, or more than 16384.
-[[nodiscard]] std::optional<LightGrid> find_light_grid(std::span<const SessionLight> lights);
+[[nodiscard]] std::optional<PositionGrid> find_position_grid(std::span<const SessionLight> lights);
 
 }  // namespace haarlight
