@@ -210,6 +210,7 @@ std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
     texts.push_back(text);
   }
   std::vector<std::uint8_t*> rows;
+  rows.reserve(static_cast<std::size_t>(image.height()));
   for (int y = 0; y < image.height(); ++y) {
     rows.push_back(const_cast<std::uint8_t*>(image.row(y).data()));
   }

@@ -57,7 +57,7 @@ std::string profile_of(const Chromaticities& c, double gamma) {
   const cmsCIExyYTRIPLE primaries{{c[0], c[1], 1.0}, {c[2], c[3], 1.0}, {c[4], c[5], 1.0}};
   cmsToneCurve* curve = cmsBuildGamma(nullptr, gamma);
   cmsToneCurve* curves[3] = {curve, curve, curve};
-  const std::string bytes = bytes_of_profile(cmsCreateRGBProfile(&white, &primaries, curves));
+  std::string bytes = bytes_of_profile(cmsCreateRGBProfile(&white, &primaries, curves));
   cmsFreeToneCurve(curve);
   return bytes;
 }
@@ -65,7 +65,7 @@ std::string profile_of(const Chromaticities& c, double gamma) {
 std::string grey_profile(double gamma) {
   const cmsCIExyY white{0.3127, 0.3290, 1.0};
   cmsToneCurve* curve = cmsBuildGamma(nullptr, gamma);
-  const std::string bytes = bytes_of_profile(cmsCreateGrayProfile(&white, curve));
+  std::string bytes = bytes_of_profile(cmsCreateGrayProfile(&white, curve));
   cmsFreeToneCurve(curve);
   return bytes;
 }

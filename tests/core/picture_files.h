@@ -105,7 +105,7 @@ inline void write_jpeg(const std::filesystem::path& path, const JpegForm& form,
   if (!form.exif.empty()) {
     write_marker(JPEG_APP0 + 1, std::string("Exif\0\0", 6) + form.exif);
   }
-  const std::size_t piece = static_cast<std::size_t>(form.icc_piece);
+  const auto piece = static_cast<std::size_t>(form.icc_piece);
   const std::size_t n_pieces = (form.icc.size() + piece - 1) / piece;
   for (std::size_t i = 0; i < n_pieces; ++i) {
     write_marker(JPEG_APP0 + 2, std::string("ICC_PROFILE\0", 12) + static_cast<char>(i + 1) +
@@ -113,8 +113,9 @@ inline void write_jpeg(const std::filesystem::path& path, const JpegForm& form,
                                     form.icc.substr(i * piece, piece));
   }
   for (int y = 0; y < form.height; ++y) {
-    JSAMPROW row = const_cast<JSAMPROW>(
-        &samples[static_cast<std::size_t>(y * form.width * form.channels)]);
+    const std::size_t row_bytes =
+        static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.channels);
+    auto* row = const_cast<JSAMPROW>(&samples[static_cast<std::size_t>(y) * row_bytes]);
     jpeg_write_scanlines(&info, &row, 1);
   }
   jpeg_finish_compress(&info);
@@ -226,7 +227,8 @@ inline void write_dng(const std::filesystem::path& path, const TiffForm& form,
   TIFFSetField(tiff, TIFFTAG_WHITELEVEL, 1, &white_level);
   std::vector<std::uint16_t> own(values.begin(), values.end());
   for (int y = 0; y < form.height; ++y) {
-    TIFFWriteScanline(tiff, &own[static_cast<std::size_t>(y * form.width)],
+    TIFFWriteScanline(tiff,
+                      &own[static_cast<std::size_t>(y) * static_cast<std::size_t>(form.width)],
                       static_cast<std::uint32_t>(y), 0);
   }
   TIFFClose(tiff);

@@ -22,7 +22,6 @@ namespace haarlight {
 namespace {
 
 using ::testing::HasSubstr;
-using testing::JpegForm;
 using testing::PngForm;
 using testing::TemporaryFolder;
 using testing::TiffForm;
@@ -129,7 +128,7 @@ TEST(ReadTiff, KnowsStripsTilesPlanesCodesAndSampleForms) {
                               Sample{32, SAMPLEFORMAT_UINT}, Sample{16, SAMPLEFORMAT_IEEEFP},
                               Sample{32, SAMPLEFORMAT_IEEEFP}}) {
     for (const int samples : {1, 3, 4}) {
-      const std::size_t n = static_cast<std::size_t>(kWidth * kHeight * samples);
+      const auto n = std::size_t{kWidth} * kHeight * static_cast<std::size_t>(samples);
       const std::size_t bytes_each = static_cast<std::size_t>(sample.bits) / 8;
       std::vector<std::uint8_t> whole(n * bytes_each);
       std::vector<std::uint8_t> planes(whole.size());
@@ -155,9 +154,8 @@ TEST(ReadTiff, KnowsStripsTilesPlanesCodesAndSampleForms) {
         }
         std::copy_n(raw.begin(), bytes_each,
                     whole.begin() + static_cast<std::ptrdiff_t>(i * bytes_each));
-        const std::size_t in_planes =
-            i % static_cast<std::size_t>(samples) * (kWidth * kHeight) +
-            i / static_cast<std::size_t>(samples);
+        const std::size_t in_planes = i % static_cast<std::size_t>(samples) * kWidth * kHeight +
+                                      i / static_cast<std::size_t>(samples);
         std::copy_n(raw.begin(), bytes_each,
                     planes.begin() + static_cast<std::ptrdiff_t>(in_planes * bytes_each));
         if (samples == 1 || i % static_cast<std::size_t>(samples) < 3) {
@@ -364,7 +362,7 @@ TEST(ReadExr, TakesTheColoursOfTheFirstLayer) {
       Imf::FrameBuffer frame;
       std::vector<std::vector<float>> planes(one.names.size());
       for (std::size_t c = 0; c < one.names.size(); ++c) {
-        planes[c].assign(kSide * kSide, static_cast<float>(c));
+        planes[c].assign(std::size_t{kSide} * kSide, static_cast<float>(c));
         header.channels().insert(one.names[c], Imf::Channel(Imf::FLOAT));
         frame.insert(one.names[c],
                      Imf::Slice::Make(Imf::FLOAT, planes[c].data(), header.dataWindow()));
