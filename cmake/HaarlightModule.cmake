@@ -18,7 +18,7 @@
 #   on. PREFIX: before the tests' names, where another program has tests of the same names.
 #   NO_TSAN: no thread of its own beyond core/parallel.h's loops; left out of the tsan build.
 #   TOGETHER: one test for ctest, where the program's tests share what is dear to make, or are many
-#   short ones: a start of a program that holds OpenImageIO costs 0.2 s.
+#   short ones.
 #
 # haarlight_test_program(NAME SOURCES a_test.cpp ... DEPS haarlight::x ...)
 #   A GoogleTest program of which ctest knows nothing yet.

@@ -1,34 +1,24 @@
 #include "core/image_io.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <cstring>
-#include <memory>
 #include <span>
+#include <utility>
+#include <vector>
 
-#include <OpenImageIO/filesystem.h>
-#include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
 #include "core/files.h"
 #include "core/picture_claim.h"
-
-#if defined(HAARLIGHT_TSAN)
-// OpenImageIO's pool starts its threads, to end them at once, before it hears that it shall
-// have none (below).
-extern "C" const char* __tsan_default_suppressions() { return "race:libOpenImageIO_Util.so\n"; }
-#endif
+#include "core/picture_colour.h"
+#include "core/picture_formats.h"
 
 namespace haarlight {
 
 namespace {
-
-#if defined(HAARLIGHT_TSAN)
-// OpenImageIO's and OpenEXR's pools are built without ThreadSanitizer, which takes their
-// hand-overs for races: every picture is read and written by the thread that asks.
-const bool kHasNoPools = OIIO::attribute("threads", 1) && OIIO::attribute("exr_threads", -1);
-#endif
 
 constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 28U;
 constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 17U;
@@ -43,6 +33,9 @@ std::string format_by_magic(std::span<const std::byte> bytes) {
            std::memcmp(bytes.data() + at, magic.data(), magic.size()) == 0;
   };
   using namespace std::string_view_literals;
+  if (is_raw(bytes)) {
+    return "raw";
+  }
   if (starts("\xff\xd8\xff"sv)) {
     return "jpeg";
   }
@@ -113,140 +106,125 @@ bool has_png_end(std::span<const std::byte> bytes) {
   return text.rfind("IEND\xae\x42\x60\x82") != std::string_view::npos;
 }
 
-[[noreturn]] void refuse(const std::string& what, const std::filesystem::path& path,
-                         const std::string& cure) {
-  throw Error(what, path.string(), cure);
-}
-
-/// @param channels  that will be kept
-void require_claim(const PictureClaim& claim, std::uint64_t channels, std::uint64_t file_bytes,
-                   const std::filesystem::path& path) {
-  if (claim.width < 1 || claim.height < 1 || claim.width > kMaxSide ||
-      claim.height > kMaxSide || claim.width * claim.height > kMaxPixels) {
-    refuse(fmt::format("{} x {} pixels", claim.width, claim.height), path,
-           "a picture must have from 1 to 2^28 pixels, 2^17 a side");
-  }
-  if (claim.raw_bytes > kSmall && claim.raw_bytes / claim.most_per_byte > file_bytes) {
-    refuse(fmt::format("it claims {} x {} pixels, which its {} bytes cannot hold", claim.width,
-                       claim.height, file_bytes),
-           path, "the file is damaged: replace it");
-  }
-  const std::uint64_t needed =
-      claim.width * claim.height * channels * sizeof(float) + claim.raw_bytes;
-  if (needed > most_memory) {
-    refuse(fmt::format("{} x {} pixels take {} MB of memory, more than the {} MB allowed",
-                       claim.width, claim.height, needed >> 20U, most_memory.load() >> 20U),
-           path, "give a smaller picture, or more by --memory");
-  }
-}
-
-/// A picture whose header has been read and believed.
-struct OpenPicture {
-  std::string format;
-  PictureClaim claim;
-  std::unique_ptr<OIIO::ImageInput> input;
-  OIIO::ImageSpec spec;
-};
-
-OpenPicture open_picture(const std::filesystem::path& path, std::span<const std::byte> bytes) {
-  OpenPicture out;
-  out.format = format_by_magic(bytes);
-  const std::string& format = out.format;
+PictureContent read_content(const std::filesystem::path& path, PictureWish wish) {
+  const MappedFile mapped(path);
+  const std::span<const std::byte> bytes = mapped.bytes();
+  PictureSource source{path, bytes};
+  const std::string format = format_by_magic(bytes);
   if (format.empty()) {
-    refuse("not a picture that haarlight reads", path,
-           "give a JPEG, PNG, TIFF, OpenEXR, Radiance HDR or TGA file");
+    refuse_picture(
+        source, "not a picture that haarlight reads",
+        "give a JPEG, PNG, TIFF, OpenEXR, Radiance HDR or TGA file, or a camera's raw file");
   }
   if ((format == "jpeg" && jpeg_end(bytes) == 0) || (format == "png" && !has_png_end(bytes))) {
-    refuse("ends before the picture does", path, "the file was cut: copy it again");
+    refuse_picture(source, "ends before the picture does", "the file was cut: copy it again");
   }
-  out.claim = picture_claim(format, bytes);
-  const PictureClaim& claim = out.claim;
+  const PictureClaim claim = picture_claim(format, bytes);
   if (claim.is_cut) {
-    refuse("ends before its header does, or the header is damaged", path,
-           "the file was cut or damaged: copy it again");
+    refuse_picture(source, "ends before its header does, or the header is damaged",
+                   "the file was cut or damaged: copy it again");
   }
+  source.most_per_byte = claim.most_per_byte;
   if (format == "openexr" || claim.width * claim.height != 0) {
-    require_claim(claim, 1, bytes.size(), path);
+    require_room(source, claim.width, claim.height, 1, claim.raw_bytes);
   }
-  out.input = OIIO::ImageInput::create(format);
-  if (!out.input) {
-    throw Error("OpenImageIO has no reader for " + format, path.string(),
-                "install Debian's libopenimageio2.4", ExitCode::unavailable);
-  }
-  OIIO::ImageSpec& spec = out.spec;
-  OIIO::ImageSpec wanted;
-  wanted.attribute("oiio:UnassociatedAlpha", 1);
-  wanted.attribute("oiio:RawColor", 1);
-  if (!out.input->open(path.string(), spec, wanted)) {
-    refuse("cannot be decoded: " + out.input->geterror(), path,
-           "the file is damaged: replace it");
-  }
-  if (spec.depth > 1 || spec.width < 1 || spec.height < 1) {
-    refuse(fmt::format("{} x {} pixels, {} layers", spec.width, spec.height, spec.depth), path,
-           "a picture must have pixels and one layer");
-  }
-  if (spec.nchannels < 1 || spec.nchannels > 64) {
-    refuse(fmt::format("{} channels", spec.nchannels), path, "give a grey or an RGB picture");
-  }
-  return out;
+  constexpr std::array<std::pair<std::string_view, decltype(&read_jpeg)>, 7> kReaders{
+      {{"jpeg", read_jpeg},
+       {"png", read_png},
+       {"tiff", read_tiff},
+       {"openexr", read_exr},
+       {"hdr", read_hdr},
+       {"targa", read_tga},
+       {"raw", read_raw}}};
+  const auto* const reader =
+      std::find_if(kReaders.begin(), kReaders.end(),
+                   [&](const auto& entry) { return entry.first == format; });
+  return reader->second(source, wish);
 }
 
 }  // namespace
 
 void limit_picture_memory(std::uint64_t bytes) noexcept { most_memory = bytes; }
 
+std::uint64_t picture_memory() noexcept { return most_memory; }
+
+void refuse_picture(const PictureSource& source, const std::string& what,
+                    const std::string& cure) {
+  throw Error(what, source.path.string(), cure);
+}
+
+void refuse_damaged(const PictureSource& source, const std::string& why) {
+  refuse_picture(source, "cannot be decoded: " + why, "the file is damaged: replace it");
+}
+
+void require_room(const PictureSource& source, std::uint64_t width, std::uint64_t height,
+                  std::uint64_t channels, std::uint64_t raw_bytes) {
+  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide ||
+      width * height > kMaxPixels) {
+    refuse_picture(source, fmt::format("{} x {} pixels", width, height),
+                   "a picture must have from 1 to 2^28 pixels, 2^17 a side");
+  }
+  if (raw_bytes > kSmall && raw_bytes / source.most_per_byte > source.bytes.size()) {
+    refuse_picture(source,
+                   fmt::format("it claims {} x {} pixels, which its {} bytes cannot hold",
+                               width, height, source.bytes.size()),
+                   "the file is damaged: replace it");
+  }
+  const std::uint64_t needed = width * height * channels * sizeof(float) + raw_bytes;
+  if (needed > most_memory) {
+    refuse_picture(
+        source,
+        fmt::format("{} x {} pixels take {} MB of memory, more than the {} MB allowed", width,
+                    height, needed >> 20U, most_memory.load() >> 20U),
+        "give a smaller picture, or more by --memory");
+  }
+}
+
+void refuse_encoding(const std::string& why) {
+  throw Error("cannot be encoded: " + why, "a picture", "this is our own bug",
+              ExitCode::internal);
+}
+
 bool is_picture_turned(const std::filesystem::path& path) {
-  const MappedFile mapped(path);
-  return open_picture(path, mapped.bytes()).spec.get_int_attribute("Orientation", 1) != 1;
+  return read_picture_facts(path).orientation != 1;
+}
+
+PictureFacts read_picture_facts(const std::filesystem::path& path) {
+  return read_content(path, PictureWish::header).tags.facts;
 }
 
 PictureFile read_picture(const std::filesystem::path& path) {
-  const MappedFile mapped(path);
-  const OpenPicture open = open_picture(path, mapped.bytes());
-  const OIIO::ImageSpec& spec = open.spec;
-  const std::unique_ptr<OIIO::ImageInput>& input = open.input;
-  const std::string& format = open.format;
-  const std::uint64_t file_bytes = mapped.bytes().size();
-  const int channels = spec.nchannels >= 3 ? 3 : 1;
-  const std::uint64_t tile_pixels =
-      std::uint64_t(spec.tile_width) * std::uint64_t(spec.tile_height);
-  require_claim(
-      {static_cast<std::uint64_t>(spec.width), static_cast<std::uint64_t>(spec.height),
-       std::max<std::uint64_t>(spec.image_bytes(true), tile_pixels * spec.pixel_bytes(true)),
-       open.claim.most_per_byte},
-      static_cast<std::uint64_t>(channels), file_bytes, path);
-  PictureFile picture;
-  picture.is_floating = spec.format.is_floating_point();
-  picture.bits_per_sample = static_cast<int>(spec.format.basesize()) * 8;
-  const std::string space = spec.get_string_attribute("oiio:ColorSpace");
-  const bool says_linear = space == "Linear" || space == "linear" || space == "scene_linear";
-  picture.transfer = picture.is_floating || (says_linear && format != "jpeg") ? Transfer::linear
-                                                                              : Transfer::srgb;
-  picture.is_turned = spec.get_int_attribute("Orientation", 1) != 1;
-  picture.pixels = Image<float>(spec.height, spec.width, channels);
-  if (!input->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT,
-                         picture.pixels.pixels().data()) ||
-      input->has_error()) {
-    refuse("cannot be decoded: " + input->geterror(), path, "the file is damaged: replace it");
-  }
-  input->close();
-  return picture;
+  PictureContent content = read_content(path, PictureWish::pixels);
+  const PictureColours colours = colours_of({path, {}}, content);
+  return {.pixels = std::move(content.pixels),
+          .transfer = colours.transfer,
+          .bits_per_sample = content.bits_per_sample,
+          .is_floating = content.is_floating,
+          .is_turned = content.tags.facts.orientation != 1,
+          .facts = content.tags.facts,
+          .colours = colours.conversion,
+          .profile = colours.name};
 }
 
 Image<float> read_linear_image(const std::filesystem::path& path) {
-  PictureFile picture = read_picture(path);
+  return linear_light(read_picture(path), path);
+}
+
+Image<float> linear_light(PictureFile picture, const std::filesystem::path& path) {
   const std::span<float> pixels = picture.pixels.pixels();
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     if (!std::isfinite(pixels[i])) {
       const auto pixel =
           static_cast<int>(i / static_cast<std::size_t>(picture.pixels.channels()));
-      refuse(fmt::format("pixel (x {}, y {}) is not a finite number",
-                         pixel % picture.pixels.width(), pixel / picture.pixels.width()),
-             path, "repair or replace the picture");
+      throw Error(fmt::format("pixel (x {}, y {}) is not a finite number",
+                              pixel % picture.pixels.width(), pixel / picture.pixels.width()),
+                  path.string(), "repair or replace the picture");
     }
-    if (picture.transfer == Transfer::srgb) {
-      pixels[i] = linear_from_srgb(pixels[i]);
-    }
+  }
+  if (picture.colours != nullptr) {
+    picture.colours->to_linear(pixels, picture.pixels.channels());
+  } else if (picture.transfer == Transfer::srgb) {
+    std::transform(pixels.begin(), pixels.end(), pixels.begin(), linear_from_srgb);
   }
   return std::move(picture.pixels);
 }
@@ -259,24 +237,9 @@ void require_picture_name(const std::filesystem::path& path) {
   }
 }
 
-void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure, std::span<const PictureNote> notes) {
-  HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
-  HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
-  require_picture_name(path);
-  const std::string ending = path.extension().string();
-  const bool is_png = ending == ".png";
-  const auto type = is_png ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::FLOAT;
-  OIIO::ImageSpec spec(image.width(), image.height(), image.channels(), type);
-  spec.attribute("oiio:ColorSpace", is_png ? "sRGB" : "Linear");
-  for (const PictureNote& note : notes) {
-    spec.attribute(note.name, note.text);
-  }
-  spec.attribute("haarlightProgram", "haarlight " HAARLIGHT_VERSION);
-  spec.attribute("haarlightExposure", fmt::format("{:.9g}", is_png ? exposure : 1.0));
-  std::vector<float> packed;
-  packed.reserve(static_cast<std::size_t>(image.width()) *
-                 static_cast<std::size_t>(image.height() * image.channels()));
+namespace {
+
+void require_no_infinity(const std::filesystem::path& path, ImageView<const float> image) {
   for (int y = 0; y < image.height(); ++y) {
     for (const float value : image.row(y)) {
       if (std::isinf(value)) {
@@ -285,24 +248,43 @@ void write_image(const std::filesystem::path& path, ImageView<const float> image
                         y),
             path.string(), "scale the light or the pictures that it is made of down");
       }
-      packed.push_back(is_png ? srgb_from_linear(value * static_cast<float>(exposure)) : value);
     }
   }
-  std::vector<unsigned char> encoded;
-  OIIO::Filesystem::IOVecOutput memory(encoded);
-  const std::unique_ptr<OIIO::ImageOutput> output = OIIO::ImageOutput::create(
-      is_png ? "png" : (ending == ".exr" ? "openexr" : "tiff"), &memory);
-  if (!output) {
-    throw Error("OpenImageIO has no writer for " + ending, path.string(),
-                "install Debian's libopenimageio2.4", ExitCode::unavailable);
+}
+
+/// 8-bit sRGB codes of linear light; of what is not a number 0.
+Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
+  Image<std::uint8_t> codes(image.height(), image.width(), image.channels());
+  std::size_t i = 0;
+  for (int y = 0; y < image.height(); ++y) {
+    for (const float value : image.row(y)) {
+      const float code = 255.0F * srgb_from_linear(value * static_cast<float>(exposure));
+      codes.pixels()[i++] =
+          code > 0.0F ? static_cast<std::uint8_t>(std::lround(std::min(code, 255.0F))) : 0;
+    }
   }
-  if (!output->supports("ioproxy") || !output->set_ioproxy(&memory) ||
-      !output->open(path.string(), spec) ||
-      !output->write_image(OIIO::TypeDesc::FLOAT, packed.data()) || !output->close()) {
-    throw Error("cannot be encoded: " + output->geterror(), path.string(),
-                "this is our own bug", ExitCode::internal);
+  return codes;
+}
+
+}  // namespace
+
+void write_image(const std::filesystem::path& path, ImageView<const float> image,
+                 double exposure, std::span<const PictureNote> notes) {
+  HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
+  HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
+  require_picture_name(path);
+  const std::string ending = path.extension().string();
+  require_no_infinity(path, image);
+  std::vector<PictureNote> all(notes.begin(), notes.end());
+  all.push_back({"haarlightProgram", "haarlight " HAARLIGHT_VERSION});
+  all.push_back(
+      {"haarlightExposure", fmt::format("{:.9g}", ending == ".png" ? exposure : 1.0)});
+  if (ending == ".png") {
+    const Image<std::uint8_t> codes = codes_of(image, exposure);
+    write_file_atomically(path, png_bytes(codes.view(), all));
+  } else {
+    write_file_atomically(path, ending == ".exr" ? exr_bytes(image, all) : tiff_bytes(image));
   }
-  write_file_atomically(path, std::as_bytes(std::span(encoded)));
 }
 
 float srgb_from_linear(float linear) noexcept {

@@ -2,20 +2,34 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
 #include "core/image.h"
 
 /// @file
-/// Picture files in and out. The only place that knows OpenImageIO; the daemon does not link
-/// it. Formats are recognised by their first bytes, never by their name, and only these are
-/// read: JPEG, PNG, TIFF, OpenEXR, Radiance HDR, TGA.
+/// Picture files in and out; the daemon does not link it. Formats are recognised by their first
+/// bytes, never by their name, and only these are read: JPEG, PNG, TIFF, OpenEXR, Radiance HDR,
+/// TGA, and cameras' raw files (docs/pictures.md).
 
 namespace haarlight {
 
 /// How the numbers of a file stand for light; unknown: through a curve of the camera's own.
 enum class Transfer { linear, srgb, unknown };
+
+/// What the camera wrote beside the pixels (EXIF); empty where it did not.
+struct PictureFacts {
+  int orientation = 1;  ///< EXIF's 1..8; 1: as stored
+  std::optional<double> exposure_s;
+  std::optional<double> f_number;
+  std::optional<double> iso;
+  std::string model;  ///< printable ASCII, at most 64 characters
+  std::string taken;  ///< "2026:11:22 20:30:21", the camera's clock
+};
+
+class ColourConversion;  ///< core/picture_colour.h
 
 /// A picture as the file has it.
 struct PictureFile {
@@ -24,6 +38,11 @@ struct PictureFile {
   int bits_per_sample = 32;              ///< 8 or 16 (unsigned), or 16/32 (floating)
   bool is_floating = true;
   bool is_turned = false;  ///< an EXIF rotation is present; it is ignored
+  PictureFacts facts;
+  /// Where the file says that its colours are not sRGB's, or its curve neither of `transfer`'s:
+  /// how its numbers become light; else empty.
+  std::shared_ptr<const ColourConversion> colours;
+  std::string profile;  ///< what that is called: "Adobe RGB (1998)"; empty: sRGB or linear
 };
 
 /// Reads a picture without changing its transfer. Alpha is dropped.
@@ -32,7 +51,11 @@ struct PictureFile {
 ///                colour channels. Sizes are looked at before memory is taken for them.
 [[nodiscard]] PictureFile read_picture(const std::filesystem::path& path);
 
-/// Whether an EXIF rotation is present, from the picture's first bytes alone.
+/// What the camera wrote into a picture; its pixels are not read.
+/// @throws Error  as read_picture
+[[nodiscard]] PictureFacts read_picture_facts(const std::filesystem::path& path);
+
+/// Whether an EXIF rotation is present; the pixels are not read.
 /// @throws Error  as read_picture
 [[nodiscard]] bool is_picture_turned(const std::filesystem::path& path);
 
@@ -40,9 +63,15 @@ struct PictureFile {
 /// which knows --memory.
 void limit_picture_memory(std::uint64_t bytes) noexcept;
 
-/// Reads a picture as linear light: sRGB-coded files are decoded, floats are taken as they are.
+/// Reads a picture as linear light of Rec. 709 primaries: by the colour profile that the file
+/// carries (ICC; PNG's gAMA and cHRM; EXIF's mark of Adobe RGB; OpenEXR's chromaticities);
+/// without one integers are decoded as sRGB and floats taken as they are.
 /// @throws Error  as read_picture; also names the first pixel that is NaN or infinite.
 [[nodiscard]] Image<float> read_linear_image(const std::filesystem::path& path);
+
+/// The same for a picture that has been read.
+/// @param path  for errors
+[[nodiscard]] Image<float> linear_light(PictureFile picture, const std::filesystem::path& path);
 
 /// Refuses a name that write_image could not write, before the work is done.
 /// @throws Error(usage)  naming the endings

@@ -24,7 +24,8 @@ struct PictureClaim {
 
 /// @param format  "jpeg", "png", "openexr", "hdr" or "targa"; of others nothing is known, nor
 /// of
-///                TIFF, whose header OpenImageIO reads without taking memory
+///                TIFF and raw files, whose headers libtiff and libraw read without taking
+///                memory
 [[nodiscard]] PictureClaim picture_claim(std::string_view format,
                                          std::span<const std::byte> bytes);
 

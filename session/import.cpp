@@ -90,6 +90,21 @@ class PendingFolder {
   fs::path path_;
 };
 
+/// A frame's numbers are linear or sRGB's: those of another profile become linear floats,
+/// unless the user says what they are.
+PictureFile read_for_session(const fs::path& path, const ImportOptions& options) {
+  PictureFile picture = read_picture(path);
+  if (picture.colours == nullptr || options.transfer) {
+    return picture;
+  }
+  PictureFile linear{.transfer = Transfer::linear,
+                     .is_turned = picture.is_turned,
+                     .facts = picture.facts,
+                     .profile = picture.profile};
+  linear.pixels = linear_light(std::move(picture), path);
+  return linear;
+}
+
 FrameForm form_of(const PictureFile& picture, const ImportOptions& options) {
   FrameForm form;
   form.width = picture.pixels.width();
@@ -289,7 +304,7 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
     const fs::path path = fs::exists(dark, ignored) ? dark : folder / dark;
     pictures.push_back({dark.filename().string(), path});
   }
-  const PictureFile first = read_picture(pictures[0].path);
+  const PictureFile first = read_for_session(pictures[0].path, options);
 
   info.evidence = EvidenceKind::asserted;
   info.form = form_of(first, options);
@@ -320,7 +335,7 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   Progress progress("import", pictures.size(), options.progress);
   parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const PictureFile picture = read_picture(pictures[i].path);
+      const PictureFile picture = read_for_session(pictures[i].path, options);
       check_same_form(form_of(picture, options), info.form, pictures[i].path, pictures[0].path);
       check_finite(picture.pixels, pictures[i].path);
       n_turned += picture.is_turned ? 1 : 0;
@@ -359,6 +374,13 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
         .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
                                "taken as stored",
                                n_turned.load(), pictures.size()));
+  }
+  if (!first.profile.empty()) {
+    result.notes.push_back(fmt::format("the pictures' colour profile (\"{}\") is {}",
+                                       first.profile,
+                                       options.transfer ? "not applied: --transfer is given"
+                                                        : "applied: frames are linear light, "
+                                                          "32-bit floats"));
   }
   if (info.form.transfer == Transfer::srgb) {
     result.notes.emplace_back(

@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "session/develop.h"
 #include "session/verify.h"
+#include "tests/core/picture_files.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {
@@ -17,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::TemporaryFolder;
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
 const fs::path kData = fs::path(HAARLIGHT_SOURCE_DIR) / "../shared/data";
 
@@ -56,7 +57,7 @@ std::string refusal(const fs::path& folder, const fs::path& lights, const fs::pa
 void expect_nothing_written(const fs::path& folder, const fs::path& target) {
   EXPECT_FALSE(fs::exists(target));
   for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr(".import")));
+    EXPECT_THAT(entry.path().filename().string(), ::testing::Not(HasSubstr(".import")));
   }
 }
 
@@ -92,12 +93,36 @@ TEST(Import, KeepsFloatingPicturesBitByBit) {
                            truth.pixels().size() * sizeof(float)));
 }
 
+/// Frames know sRGB and linear alone: of any other profile the light itself is kept.
+TEST(Import, AppliesAColourProfileUnlessTold) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  write_capture(in, ".png");
+  for (int k = 0; k < 3; ++k) {
+    const auto code = static_cast<std::uint8_t>(90 + 10 * k);
+    const std::vector<std::uint8_t> samples(std::size_t{9} * 12 * 3, code);
+    haarlight::testing::write_png(in / fmt::format("light {}.png", k),
+                                  {.width = 12, .height = 9, .gamma = 1.0 / 1.8}, samples);
+  }
+  const ImportResult result = import_pictures(in, in / "dirs.lp", folder.path() / "out");
+  EXPECT_EQ(result.info.form.sample, SampleType::f32);
+  EXPECT_EQ(result.info.form.transfer, Transfer::linear);
+  EXPECT_THAT(result.notes, ::testing::Contains(HasSubstr("gAMA 0.55556\") is applied")));
+  const LightStack stack = develop(Session::open(folder.path() / "out"));
+  // gAMA has five places, a profile's power 16 bits: 1e-4 of the power.
+  EXPECT_NEAR(stack.light_image(1)(4, 5, 1), std::pow(100.0 / 255.0, 1.8), 1e-4);
+  const ImportResult told =
+      import_pictures(in, in / "dirs.lp", folder.path() / "told", {.transfer = Transfer::srgb});
+  EXPECT_EQ(told.info.form.sample, SampleType::u8);
+  EXPECT_THAT(told.notes, ::testing::Contains(HasSubstr("is not applied")));
+}
+
 TEST(Import, FramesOpenInAnotherTiffReader) {
   TemporaryFolder folder;
   write_capture(folder.path() / "in", ".png");
   (void)import_pictures(folder.path() / "in", folder.path() / "in/dirs.lp",
                         folder.path() / "out");
-  // OpenImageIO reads what our encoder wrote: the independent check of the frame's form.
+  // core's reader, which is not session's, reads what our encoder wrote.
   const PictureFile source = read_picture(folder.path() / "in/light 1.png");
   const PictureFile frame = read_picture(folder.path() / "out/frames/000001_a0.tif");
   ASSERT_EQ(frame.pixels.pixels().size(), source.pixels.pixels().size());
@@ -226,7 +251,7 @@ TEST(Import, ReadsNoSessionOfMoreThan64MiBBeforeItReplacesIt) {
   fs::resize_file(out / "session.json", (std::uintmax_t{64} << 20U) + 1);  // a hole
   EXPECT_THAT(
       refusal(in, in / "dirs.lp", out, {.force = true}),
-      testing::AllOf(HasSubstr("session.json"), HasSubstr("67108865 bytes, more than")));
+      ::testing::AllOf(HasSubstr("session.json"), HasSubstr("67108865 bytes, more than")));
 }
 
 TEST(Import, SubtractsTheAmbientPicture) {
@@ -266,7 +291,7 @@ void PrintTo(const RealCapture& capture,  // NOLINT(readability-identifier-namin
   *out << capture.folder;
 }
 
-class RealImport : public testing::TestWithParam<RealCapture> {};
+class RealImport : public ::testing::TestWithParam<RealCapture> {};
 
 TEST_P(RealImport, BecomesASessionThatVerifiesAndDevelops) {
 #if defined(__SANITIZE_THREAD__)
@@ -290,7 +315,7 @@ TEST_P(RealImport, BecomesASessionThatVerifiesAndDevelops) {
   EXPECT_EQ(static_cast<std::size_t>(report.n_frames), capture.n_lights);
   const Session session = Session::open(folder.path() / "out");
   const LightStack stack = develop(session);
-  // A light's picture read by another way: OpenImageIO, linearised at once.
+  // A light's picture read by another way, linearised at once.
   const std::size_t k = capture.n_lights / 2;
   const Image<float> truth =
       read_linear_image(in / fs::path(result.info.lights[k].name).filename());
@@ -303,7 +328,7 @@ TEST_P(RealImport, BecomesASessionThatVerifiesAndDevelops) {
 
 INSTANTIATE_TEST_SUITE_P(
     SharedData, RealImport,
-    testing::Values(
+    ::testing::Values(
         RealCapture{"rti_real/item1", "rti_real/item1/dirs.lp", {}, 60, 487, 439, 3},
         RealCapture{"balls/chrome", "balls/lights.txt", {"mask"}, 12, 512, 340, 3},
         RealCapture{"balls/gray", "balls/lights.txt", {"mask"}, 12, 512, 340, 3},
@@ -316,7 +341,7 @@ INSTANTIATE_TEST_SUITE_P(
                     3},
         RealCapture{
             "formats/ptmfitter", "formats/ptmfitter/reference_8x5.lp", {}, 12, 8, 5, 3}),
-    [](const testing::TestParamInfo<RealCapture>& capture) {
+    [](const ::testing::TestParamInfo<RealCapture>& capture) {
       return "Capture" + std::to_string(capture.index);
     });
 

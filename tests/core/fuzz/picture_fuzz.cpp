@@ -1,17 +1,12 @@
 /// @file
-/// Any bytes as a picture of each format that OpenImageIO reads for us: pixels or an Error, and
-/// never more memory than the limit (what OpenImageIO takes counts too).
+/// Any bytes as a picture of each format that we read: pixels or an Error, and never more memory
+/// than the limit (what the formats' libraries take counts too).
 
 #include <cstdint>
 
 #include "core/error.h"
 #include "core/image_io.h"
 #include "tests/memory_file.h"
-
-// libpng leaves OpenImageIO's functions by longjmp, past the destructors of their strings: 31
-// bytes a damaged PNG, which is not ours to mend.
-// NOLINTNEXTLINE(readability-identifier-naming): the sanitizer's name
-extern "C" const char* __asan_default_options() { return "detect_leaks=0"; }
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   haarlight::limit_picture_memory(std::uint64_t{256} << 20U);
