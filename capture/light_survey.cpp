@@ -334,10 +334,9 @@ void find_miswired(const Places& places, std::span<const LightResponse> response
       }
     }
   }
-  std::vector<double> own;
-  for (const PlaceFit& fit : fits) {
-    own.push_back(fit.own);
-  }
+  std::vector<double> own(fits.size());
+  std::transform(fits.begin(), fits.end(), own.begin(),
+                 [](const PlaceFit& fit) { return fit.own; });
   complete_swaps(places, responses, own, survey, expected);
   std::copy_if(unplaced.begin(), unplaced.end(), std::back_inserter(survey.unplaced),
                [&survey](int k) {

@@ -349,20 +349,23 @@ CompressSummary PlateCompressor::write(const std::filesystem::path& file) {
 std::optional<CompressSummary> compress_smooth_plate(const ComputedPlate& plate,
                                                      const CompressSource& source,
                                                      const std::filesystem::path& file,
-                                                     const CompressOptions& options) {
+                                                     const CompressOptions& options,
+                                                     int degree) {
   BasisHeader header = first_header(source, options);
   if (header.coding != BasisCoding::quantised || options.rank.n != 1) {
     return std::nullopt;
   }
   const double asked = options.relative_l2;
-  const std::optional<int> degree = smooth_degree(plate, kTile, kSmoothShare * asked);
-  if (!degree) {
+  if (degree == 0) {
+    degree = smooth_degree(plate, kTile, kSmoothShare * asked).value_or(0);
+  }
+  if (degree == 0) {
     return std::nullopt;
   }
   header.plate = source.plate_kind;
   header.plate_source = source.plate_source;
   for (const double share : kShares) {
-    const SmoothPlate smooth(plate, kTile, *degree, share * asked, kMaxRank);
+    const SmoothPlate smooth(plate, kTile, degree, share * asked, kMaxRank);
     if (smooth.chosen().rank == 0) {
       return std::nullopt;
     }

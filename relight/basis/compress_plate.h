@@ -18,9 +18,12 @@ namespace haarlight {
 /// Writes the file that compress_stack() would, but for rounding, or nothing where the plate is
 /// not smooth over its tiles or plate vectors alone do not reach the error asked for.
 /// @param source  its stack and plate are `plate`
+/// @param degree  of the tiles' series; 0: as smooth_degree() finds. One that is too small
+/// shows
+///                that the errors stated hold nonetheless
 /// @throws Error  as compress_stack()
 [[nodiscard]] std::optional<CompressSummary> compress_smooth_plate(
     const ComputedPlate& plate, const CompressSource& source, const std::filesystem::path& file,
-    const CompressOptions& options);
+    const CompressOptions& options, int degree = 0);
 
 }  // namespace haarlight

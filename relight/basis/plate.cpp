@@ -194,7 +194,8 @@ void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const 
                     "room for the tile's values");
   std::vector<double> values(squares_.size());
   for (int p = 0; p < rect.n_pixels(); ++p) {
-    evaluate(rect.x0 + p % rect.width + 0.5, rect.y0 + p / rect.width + 0.5, values);
+    const int y = rect.y0 + p / rect.width;
+    evaluate(rect.x0 + p % rect.width + 0.5, y + 0.5, values);
     std::transform(values.begin(), values.end(),
                    out.begin() + static_cast<std::ptrdiff_t>(count(p) * squares_.size()),
                    [](double v) { return static_cast<float>(v); });
@@ -277,8 +278,8 @@ PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_
   const int n_lights = plate.dims().n_lights;
   const std::vector<double> rows = sample_rows(plate);
   RowSpace space = fit_row_space(rows, n_lights, max_rank + kOversampling, kIterations);
-  return choose_vectors(space, static_cast<double>(rows.size() / count(n_lights)), target,
-                        max_rank);
+  const std::size_t n_rows = rows.size() / count(n_lights);
+  return choose_vectors(space, static_cast<double>(n_rows), target, max_rank);
 }
 
 }  // namespace haarlight

@@ -38,8 +38,9 @@ TileRect rect_of(const StackDims& dims, int tile, int i_tile) {
 bool look_at(const ComputedPlate& plate, const TileRect& rect,
              std::array<PlateView, 9>& views) {
   for (std::size_t i = 0; i < views.size(); ++i) {
+    const std::size_t row = i / 3;
     const auto view = plate.look(rect.x0 + 0.5 * rect.width * static_cast<double>(i % 3),
-                                 rect.y0 + 0.5 * rect.height * static_cast<double>(i / 3));
+                                 rect.y0 + 0.5 * rect.height * static_cast<double>(row));
     if (!view) {
       return false;
     }
@@ -188,13 +189,13 @@ SmoothPlate::SmoothPlate(const ComputedPlate& plate, int tile, int degree, doubl
       MatrixXd& series = series_[i];
       series = MatrixXd::Zero(values.rows(), values.cols());
       // Along x, then along y: node and term number b (degree + 1) + a.
-      const int n = degree + 1;
+      const Eigen::Index n = degree + 1;
       MatrixXd half(values.rows(), values.cols());
-      for (int b = 0; b < n; ++b) {
+      for (Eigen::Index b = 0; b < n; ++b) {
         half.middleCols(b * n, n) = values.middleCols(b * n, n) * analysis.transpose();
       }
-      for (int t = 0; t < n; ++t) {
-        for (int b = 0; b < n; ++b) {
+      for (Eigen::Index t = 0; t < n; ++t) {
+        for (Eigen::Index b = 0; b < n; ++b) {
           series.middleCols(t * n, n) += analysis(t, b) * half.middleCols(b * n, n);
         }
       }
@@ -261,18 +262,20 @@ TileRect SmoothPlate::tile_rect(int i_tile) const { return rect_of(dims_, tile_,
 
 MatrixXd SmoothPlate::tile_coordinates(int i_tile) const {
   const TileRect rect = tile_rect(i_tile);
-  const int n = degree_ + 1;
+  const Eigen::Index n = degree_ + 1;
   const MatrixXd along_x = chebyshev_at_pixels(rect.width, degree_);
   const MatrixXd along_y = chebyshev_at_pixels(rect.height, degree_);
   const MatrixXd& series = series_[count(i_tile)];
   std::vector<MatrixXd> of_b;
-  for (int b = 0; b < n; ++b) {
-    of_b.push_back(series.middleCols(b * n, n) * along_x);  // (n_vectors, width)
+  of_b.reserve(count(degree_ + 1));
+  for (Eigen::Index b = 0; b < n; ++b) {
+    of_b.emplace_back(series.middleCols(b * n, n) * along_x);  // (n_vectors, width)
   }
   MatrixXd y = MatrixXd::Zero(series.rows(), rect.n_pixels());
-  for (int row = 0; row < rect.height; ++row) {
-    for (int b = 0; b < n; ++b) {
-      y.middleCols(row * rect.width, rect.width) += along_y(b, row) * of_b[count(b)];
+  const Eigen::Index width = rect.width;
+  for (Eigen::Index row = 0; row < rect.height; ++row) {
+    for (Eigen::Index b = 0; b < n; ++b) {
+      y.middleCols(row * width, width) += along_y(b, row) * of_b[static_cast<std::size_t>(b)];
     }
   }
   return y;
@@ -294,9 +297,10 @@ void SmoothPlate::read_tile(const TileRect& rect, std::span<float> out) const {
       const TileRect place{px - of.x0, py - of.y0, 1, 1};
       const MatrixXd tx = chebyshev_at_pixels(of.width, degree_).col(place.x0);
       const MatrixXd ty = chebyshev_at_pixels(of.height, degree_).col(place.y0);
-      Eigen::VectorXd terms((degree_ + 1) * (degree_ + 1));
-      for (int b = 0; b <= degree_; ++b) {
-        terms.segment(b * (degree_ + 1), degree_ + 1) = ty(b, 0) * tx;
+      const Eigen::Index side = degree_ + 1;
+      Eigen::VectorXd terms(side * side);
+      for (Eigen::Index b = 0; b < side; ++b) {
+        terms.segment(b * side, side) = ty(b, 0) * tx;
       }
       one = series_[count(i_tile)] * terms;
     } else {

@@ -8,7 +8,7 @@
 
 namespace haarlight::test {
 
-/// cube32's rig with lines replaced: the middle 96 x 64 pixels of its view unless asked
+/// cube32's rig with lines replaced: the middle 64 x 48 pixels of its view unless asked
 /// otherwise.
 inline Rig cropped_rig(const std::map<std::string, std::string>& lines = {}) {
   Rig file = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");
@@ -18,10 +18,10 @@ inline Rig cropped_rig(const std::map<std::string, std::string>& lines = {}) {
     HAARLIGHT_EXPECTS(at != std::string::npos, "a line of the rig file");
     text.replace(at, from.size(), to);
   };
-  replace("size = [320, 248]", "size = [96, 64]");
-  replace("active_area = 240", "active_area = 64");
+  replace("size = [320, 248]", "size = [64, 48]");
+  replace("active_area = 240", "active_area = 48");
   replace("K = [[439.596387, 0.0, 160.0], [0.0, 439.596387, 120.0]",
-          "K = [[439.596387, 0.0, 48.0], [0.0, 439.596387, 32.0]");
+          "K = [[439.596387, 0.0, 32.0], [0.0, 439.596387, 24.0]");
   for (const auto& [from, to] : lines) {
     replace(from, to);
   }
