@@ -75,7 +75,7 @@ TEST(ExposureVerdict, NeedsMoreSigmasOfFewStepsThanOfMany) {
 
 /// What commissioning must not do with a fact that it cannot measure: pass it over.
 TEST(ExposureVerdict, SaysThatItStaysOpenWhenFurtherStepsTellNoMore) {
-  const auto samples = made(1.1, wave_for(1.1, 4.1, 60), 60);
+  auto samples = made(1.1, wave_for(1.1, 4.1, 60), 60);
   std::vector<int> rounds;
   std::string problem;
   try {

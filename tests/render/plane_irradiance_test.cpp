@@ -59,11 +59,12 @@ double fine(const SquareLight& light, const Vector3d& point) {
   constexpr int kParts = 8;
   double sum = 0.0;
   for (int i = 0; i < kParts * kParts; ++i) {
+    const int row = i / kParts;
     SquareLight part = light;
     part.width_mm /= kParts;
     part.height_mm /= kParts;
     part.centre += (i % kParts - 0.5 * (kParts - 1)) * part.width_mm * light.u +
-                   (i / kParts - 0.5 * (kParts - 1)) * part.height_mm * light.v;
+                   (row - 0.5 * (kParts - 1)) * part.height_mm * light.v;
     sum += light_irradiance(part, point, kUp);
   }
   return sum;
