@@ -69,6 +69,40 @@ MeasuredLights light_values(const Rig& rig, const LightSurvey& survey) {
   return m;
 }
 
+/// Numbers in ascending order: "3, 8 to 15".
+std::string in_runs(const std::vector<int>& numbers) {
+  std::string text;
+  for (std::size_t i = 0; i < numbers.size();) {
+    std::size_t j = i;
+    while (j + 1 < numbers.size() && numbers[j + 1] == numbers[j] + 1) {
+      ++j;
+    }
+    text += fmt::format("{}{}", text.empty() ? "" : ", ", numbers[i]);
+    if (j > i) {
+      text += fmt::format("{}{}", j == i + 1 ? ", " : " to ", numbers[j]);
+    }
+    i = j + 1;
+  }
+  return text;
+}
+
+/// Lights whose cables may be swapped without its being seen.
+void add_open_wiring(const LightSurvey& survey, int n_lights, std::vector<std::string>& notes) {
+  if (!survey.alike.empty()) {
+    notes.push_back(fmt::format(
+        "the pictures of {} of {} lights do not differ enough from their neighbours' to tell "
+        "two that are swapped: whether the cables of lights {} are right stays open",
+        survey.alike.size(), n_lights, in_runs(survey.alike)));
+  }
+  if (!survey.unplaced.empty()) {
+    notes.push_back(fmt::format(
+        "the pictures of {} of {} lights fit neither their own place nor another one's: "
+        "whether the cables of lights {} are right stays open. Take out of view what stands on "
+        "the plane and commission again",
+        survey.unplaced.size(), n_lights, in_runs(survey.unplaced)));
+  }
+}
+
 void find_contradictions(const CameraSpec& spec, CommissionResult& result) {
   const StepFit& fit = result.timing.fit;
   const double skew = fit.model.skew_us;
@@ -129,12 +163,7 @@ CommissionResult commission(const Rig& rig, Camera& camera, LightArray& lights,
         result.noise ? result.noise->sensor.gain_e_per_dn.value : spec.noise.gain_e_per_dn;
     result.survey = measure_lights(bench, result.timing, gain, options);
     const LightSurvey& survey = *result.survey;
-    if (!survey.can_see_wiring) {
-      result.notes.push_back(fmt::format(
-          "the pictures of {} of {} lights do not differ enough from their neighbours' to tell "
-          "two that are swapped",
-          survey.alike.size(), rig.n_lights()));
-    }
+    add_open_wiring(survey, rig.n_lights(), result.notes);
     for (std::size_t i = 0; i < survey.miswired.size(); ++i) {
       result.faults.push_back(
           fmt::format("light {} shines from the place of light {}: two cables are swapped",

@@ -268,8 +268,11 @@ std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
       swapped.push_back(fmt::format("{} at {}", s.miswired[i], s.miswired_to[i]));
     }
     rows.push_back({"miswired lights",
-                    swapped.empty() ? (s.can_see_wiring ? "none" : "not all can be seen")
-                                    : fmt::format("{}", fmt::join(swapped, ", ")),
+                    fmt::format("{}{}{}", fmt::join(swapped, ", "),
+                                swapped.empty() && s.can_see_wiring ? "none" : "",
+                                s.can_see_wiring  ? ""
+                                : swapped.empty() ? "not all can be seen"
+                                                  : "; not all can be seen"),
                     "", "", "lights that shine from another one's place"});
   }
   return rows;

@@ -1,12 +1,12 @@
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <string>
 
 #include <fmt/format.h>
 
 #include "capture/commission.h"
+#include "capture/exposure_verdict.h"
 #include "core/error.h"
 
 namespace haarlight {
@@ -21,14 +21,9 @@ constexpr double kUsable = 0.2;          // of the brightest band: darker ones a
 constexpr double kHigh = 0.85;           // of white: no bright pixel above
 constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
-constexpr double kExposureTol = 0.04;    // of an exposure: a wrong unit is further off
-constexpr double kSureSigmas = 4.0;
-constexpr double kDoubtSigmas = 2.0;
-constexpr double kLargeFactor = 1.5;  // of an exposure: never by a jackknife's luck
-constexpr int kMoreRounds = 8;        // of further steps, where an exposure's scale is open
-constexpr double kLinearTol = 0.01;   // of the signal: less than twice at twice the exposure
-constexpr double kBackOff = 0.6;      // of a level that was not linear: try this one
-constexpr double kNearlyDark = 0.2;   // of what is wanted, after half of the lights left
+constexpr double kLinearTol = 0.01;      // of the signal: less than twice at twice the exposure
+constexpr double kBackOff = 0.6;         // of a level that was not linear: try this one
+constexpr double kNearlyDark = 0.2;      // of what is wanted, after half of the lights left
 constexpr int kLinearAttempts = 8;
 constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
 constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
@@ -295,80 +290,6 @@ std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
               "docs/cameras.md)?");
 }
 
-/// Of an estimate whose sigma comes from `n` steps: what kSureSigmas are of one whose sigma is
-/// known (Student's t with n - 3 degrees of freedom, a slope and two offsets; Gaver & Kafadar
-/// 1984). 18 at 7 steps, 6.6 at 13, 4.3 at 60.
-double sure_sigmas(int n) {
-  const double dof = std::max(2.0, n - 3.0);
-  const double z2 = kSureSigmas * kSureSigmas * (dof - 1.5) / ((dof - 1.0) * (dof - 1.0));
-  return std::sqrt(dof * std::expm1(z2));
-}
-
-/// The long exposure's scale, and what the two exposures say of it.
-struct ExposureVerdict {
-  enum { as_said, open, wrong } kind = as_said;
-  ExposureScale scale;
-};
-
-/// Two exposures must agree: a slow LED stretches the shorter one more. Open: off by more than
-/// `doubt_sigmas` of the stated sigma, but not surely, as so few steps may state it too small
-/// (sure_sigmas).
-ExposureVerdict judge_exposure(const std::vector<StepSample>& samples, double long_us,
-                               double short_us, double doubt_sigmas) {
-  const std::optional<ExposureScale> one = exposure_scale(samples, long_us);
-  const std::optional<ExposureScale> two = exposure_scale(samples, short_us);
-  if (!one || !two) {
-    return {};
-  }
-  const bool is_large = std::abs(std::log(one->value)) > std::log(kLargeFactor);
-  const auto sure = [is_large](const ExposureScale& scale) {
-    return (is_large ? kSureSigmas : sure_sigmas(scale.n_steps)) * scale.sigma;
-  };
-  const double off = std::abs(one->value - 1.0);
-  const double apart = std::abs(two->value - one->value);
-  const double tol = kExposureTol * one->value;
-  const double known = kSureSigmas * std::hypot(one->sigma, two->sigma);
-  if (off <= std::max(kExposureTol, doubt_sigmas * one->sigma) ||
-      apart > std::max(tol, std::hypot(sure(*one), sure(*two)))) {
-    return {ExposureVerdict::as_said, *one};
-  }
-  const bool is_sure = off > sure(*one) && apart <= std::max(tol, known);
-  return {is_sure ? ExposureVerdict::wrong : ExposureVerdict::open, *one};
-}
-
-/// A camera whose exposures are not what it says, as when the unit of its control is unknown.
-/// @param doubt_sigmas  so far off is not passed over while steps can be taken
-/// @param samples  all so far
-/// @param more     takes further steps at both exposures; called while they leave it open, with
-///                 1, 2, .. kMoreRounds
-void require_true_exposure(const CommissionBench& bench, double long_us, double short_us,
-                           double doubt_sigmas,
-                           const std::function<std::vector<StepSample>()>& samples,
-                           const std::function<void(int)>& more) {
-  for (int round = 1;; ++round) {
-    const auto [kind, scale] = judge_exposure(samples(), long_us, short_us,
-                                              round > kMoreRounds ? kSureSigmas : doubt_sigmas);
-    if (kind == ExposureVerdict::as_said) {
-      return;
-    }
-    const std::string found = fmt::format(
-        "an exposure of {:.0f} us lasts {:.3f} +- {:.3f} times as long as the camera "
-        "says",
-        long_us, scale.value, scale.sigma);
-    const std::string cure = fmt::format(
-        "set exposure_unit_us to {:.3g} times what it is now (docs/cameras.md)", scale.value);
-    if (kind == ExposureVerdict::wrong) {
-      throw Error(found, bench.spec().device, cure + ", then begin again");
-    }
-    if (round > kMoreRounds) {
-      throw Error(
-          fmt::format("it may be that {}: {} steps leave it open", found, scale.n_steps),
-          bench.spec().device, "commission again; if this comes again, " + cure);
-    }
-    more(round);
-  }
-}
-
 /// Exposure switched between two values under steady light; when does it take hold?
 class ControlRun {
  public:
@@ -498,8 +419,8 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   run.scan(half, scan_steps(half.exposure_us));
   const auto prompt = [&] { return prompt_steps(samples, run.shown()); };
   // The fine steps tell more anyway: only what may be sure already is looked into here.
-  require_true_exposure(bench, full.exposure_us, half.exposure_us, kSureSigmas, prompt,
-                        [&](int round) {
+  require_true_exposure({full.exposure_us, half.exposure_us, kSureSigmas, bench.spec().device},
+                        prompt, [&](int round) {
                           for (const Lamp* lamp : {&full, &half}) {
                             (void)bench.set_exposure(lamp->exposure_us);
                             const int n = scan_steps(lamp->exposure_us);
@@ -560,12 +481,13 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   fine(brief, 0);
   run.forget_arrivals();
   fine(full, 0);
-  require_true_exposure(bench, full.exposure_us, brief.exposure_us, kDoubtSigmas, prompt,
-                        [&](int round) {
-                          fine(brief, round);
-                          run.forget_arrivals();
-                          fine(full, round);
-                        });
+  require_true_exposure(
+      {full.exposure_us, brief.exposure_us, kDoubtSigmas, bench.spec().device}, prompt,
+      [&](int round) {
+        fine(brief, round);
+        run.forget_arrivals();
+        fine(full, round);
+      });
   result.samples = prompt();
   result.short_us = brief.exposure_us;
   const std::optional<StepFit> free = fit_steps(result.samples);

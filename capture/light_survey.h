@@ -20,7 +20,9 @@
 /// against what geometry and the face's other lights let expect of it (a quadratic surface a
 /// block over the logarithms: what lies in view cancels), up to the light's power. A light
 /// whose blocks fit another place clearly better than its own is miswired. Lights whose places
-/// look alike, as under a diffuser, are named instead of guessed.
+/// look alike, as under a diffuser, are named instead of guessed. What stands in view throws
+/// shadows that no smooth surface has, and then no place fits well: how many times better one
+/// fits than another still tells them apart; a light that this does not place either is named.
 
 namespace haarlight {
 
@@ -50,7 +52,10 @@ struct LightSurvey {
   double power_sigma = 0.0;      ///< median over the good lights: counting noise and fit
   /// Lights whose place looks like a neighbour's: swapped with it they would not be found.
   std::vector<int> alike;
-  bool can_see_wiring = false;  ///< none of the lights seen is alike another
+  /// Lights that fit neither their own place nor another's clearly better: nothing is known of
+  /// their wiring.
+  std::vector<int> unplaced;
+  bool can_see_wiring = false;  ///< lights were seen, and none of them is alike or unplaced
 };
 
 /// @param responses  one a light of the rig

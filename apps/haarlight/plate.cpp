@@ -33,6 +33,9 @@ ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
   report.add_reached("relative_l2", header.reached.relative_l2);
   report.add_reached("worst_pixel", header.reached.worst_pixel);
   report.add_detail("rank", std::int64_t{header.plate_rank});
+  report.add_detail("degree", std::int64_t{header.plate_degree});
+  report.add_detail("checked_pixels", std::int64_t{summary.n_checked});
+  report.add_detail("checked_error", summary.checked_error);
   report.set_bytes(summary.bytes);
   fmt::print("{}: {} x {} pixels, {} lights, {} vectors, relative error {:.2g}, {} bytes\n",
              arguments.output, header.dims.width, header.dims.height, header.dims.n_lights,

@@ -296,6 +296,8 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
     report.add_reached("dead", numbers(result.survey->dead));
     report.add_reached("dim", numbers(result.survey->dim));
     report.add_reached("miswired", numbers(result.survey->miswired));
+    report.add_reached("alike", numbers(result.survey->alike));
+    report.add_reached("unplaced", numbers(result.survey->unplaced));
   }
   if (!result.contradictions.empty()) {
     for (const std::string& text : result.contradictions) {

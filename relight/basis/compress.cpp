@@ -16,8 +16,10 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "relight/basis/compress_recipe.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/haar.h"
+#include "relight/basis/picture_bound.h"
 #include "relight/basis/tile_coder.h"
 #include "relight/basis/tile_plate.h"
 #include "relight/basis/work_folder.h"
@@ -29,35 +31,20 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kRecipe =
-    "compress 3";                    // part of the pieces' key: bump when bytes change
-constexpr double kDarkFloor = 0.01;  // pixels below 1 % of the rms norm are judged against that
-constexpr double kPlateShare = 0.25;  // plate: rms that vectors and polynomials may miss, each
-                                      // as a share of the target
+    "compress 3";                        // part of the pieces' key: bump when bytes change
 constexpr double kIntegerPlate = 0.004;  // below the noise of any camera
-constexpr double kGainStep = 0.125;  // gain step, as a share of the allowed rms error a pixel
 // The histogram predicts the error to about 0.1 % where it has seen every row; of rows 32 apart
 // it knows the rest to 1 %.
 constexpr double kStepMargin = 0.997;
 constexpr double kSampledMargin = 0.985;
 constexpr std::size_t kSmallPicture = std::size_t{1} << 18U;  // pixels: all rows are sampled
 constexpr int kMaxAttempts = 6;
-// Of the bound on the coding error: vectors a block, and the share of the file they may take at
-// about 1.5 bytes a number.
-constexpr int kLightsPerVector = 32;
-constexpr double kVectorShare = 0.125;
-constexpr double kVectorBytes = 1.5;
 // Products of a pixel's coefficients grow with their square: above it files keep the triangle
 // inequality for dropped terms.
 constexpr double kMostProductTerms = 32.0;
-constexpr int kTile = 32;
 constexpr std::size_t kMaxBatch = 64;
 
 std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
-float round_up(double v) {
-  const auto f = static_cast<float>(v);
-  return double{f} < v ? std::nextafter(f, std::numeric_limits<float>::infinity()) : f;
-}
 
 std::vector<float> root_round_up(const std::vector<double>& squares) {
   std::vector<float> roots(squares.size());
@@ -65,6 +52,8 @@ std::vector<float> root_round_up(const std::vector<double>& squares) {
                  [](double s) { return round_up(std::sqrt(s)); });
   return roots;
 }
+
+}  // namespace
 
 BasisHeader first_header(const CompressSource& source, const CompressOptions& options) {
   HAARLIGHT_EXPECTS(source.stack != nullptr, "a stack to compress");
@@ -121,6 +110,8 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   }
   return header;
 }
+
+namespace {
 
 TileCoding first_coding(const CompressSource& source, const CompressOptions& options) {
   TileCoding coding;
@@ -207,11 +198,6 @@ class Compressor {
   void code_tile_rows(int from, int to, Progress& progress);
   [[nodiscard]] TileSums sum_tile_rows();
   [[nodiscard]] std::vector<double> sum_products(std::size_t begin, double unit) const;
-  /// A bound of the products, in the stack's units; `rests` a channel.
-  [[nodiscard]] PictureBound bound_pictures(std::span<const double> products,
-                                            std::span<const float> norms,
-                                            std::span<const double> rests,
-                                            double block_bytes) const;
   void report(const TileSums& sums);
   void write(const TileSums& sums);
 
@@ -539,44 +525,6 @@ std::vector<double> Compressor::sum_products(std::size_t begin, double unit) con
   return products;
 }
 
-PictureBound Compressor::bound_pictures(std::span<const double> products,
-                                        std::span<const float> all_norms,
-                                        std::span<const double> rests,
-                                        double block_bytes) const {
-  PictureBound bound;
-  const int n_lights = dims().n_lights;
-  const double room = kVectorShare * block_bytes / kVectorBytes;
-  const int fit = static_cast<int>(room / (double(dims().channels) * n_lights));
-  bound.n_vectors = std::clamp(std::min(n_lights, kGramBlock) / kLightsPerVector, 0, fit);
-  const std::vector<int> order = coefficient_order(coding_.header);
-  bound.vectors.resize(count(dims().channels) * count(bound.n_vectors) * count(n_lights));
-  std::size_t from = 0;
-  for (int c = 0; c < dims().channels; ++c) {
-    for (int begin = 0; begin < n_lights; begin += kGramBlock) {
-      const std::size_t n = count(std::min(kGramBlock, n_lights - begin));
-      std::vector<float> norms(n);
-      for (std::size_t i = 0; i < n; ++i) {
-        norms[i] = all_norms[count(c) * count(n_lights) + count(order[count(begin) + i])];
-      }
-      const std::size_t n_products = n * (n + 1) / 2;
-      const ProductBound part =
-          fit_product_bound(products.subspan(from, n_products), norms,
-                            std::min(bound.n_vectors, static_cast<int>(n)));
-      from += n_products;
-      bound.shares.push_back(part.share);
-      bound.rests.push_back(static_cast<float>(round_up(rests[count(c)])));
-      for (std::size_t j = 0; j * n < part.vectors.size(); ++j) {
-        std::copy_n(
-            part.vectors.begin() + static_cast<std::ptrdiff_t>(j * n), n,
-            bound.vectors.begin() +
-                static_cast<std::ptrdiff_t>(
-                    (count(c) * count(bound.n_vectors) + j) * count(n_lights) + count(begin)));
-      }
-    }
-  }
-  return bound;
-}
-
 void Compressor::report(const TileSums& sums) {
   BasisHeader& header = coding_.header;
   double energy = 0.0;
@@ -642,13 +590,13 @@ void Compressor::write(const TileSums& sums) {
       for (double& rest : rests) {
         rest *= std::sqrt(double(dims().n_pixels()));
       }
-      tables.coded_bound =
-          bound_pictures(sum_products(0, unit), tables.coefficient_errors, rests, block_bytes);
+      tables.coded_bound = fit_picture_bound(coding_.header, sum_products(0, unit),
+                                             tables.coefficient_errors, rests, block_bytes);
       if (coding_.has_term_products) {
         std::fill(rests.begin(), rests.end(), 0.0);
         const std::size_t behind = count(dims().channels) * gram_size(dims().n_lights);
-        tables.term_bound = bound_pictures(sum_products(behind, 1.0), tables.coefficient_norms,
-                                           rests, block_bytes);
+        tables.term_bound = fit_picture_bound(coding_.header, sum_products(behind, 1.0),
+                                              tables.coefficient_norms, rests, block_bytes);
       }
     }
     summary_.bytes = writer.finish(coding_.header, tables);

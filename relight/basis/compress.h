@@ -75,10 +75,15 @@ struct CompressSummary {
   std::uint64_t bytes_moved = 0;  ///< values read from the stack by this process, all passes
   int n_rows_found = 0;           ///< tile rows that an earlier run had coded already
   double worst_light = 0.0;       ///< largest relative L2 error of one light's picture
-  double seconds_plate = 0.0;     ///< its vectors: by every rank alike
-  double seconds_looked = 0.0;    ///< at a part of the values: shared by the ranks
-  double seconds_coded = 0.0;     ///< shared by the ranks, waiting for the others included
-  double seconds_written = 0.0;   ///< by rank 0: the pieces into the file
+  /// Of a plate that was not worked through pixel by pixel: pixels compared with
+  /// light_irradiance(), and the relative L2 of what they missed. The errors reached hold it
+  /// twice.
+  int n_checked = 0;
+  double checked_error = 0.0;
+  double seconds_plate = 0.0;    ///< its vectors: by every rank alike
+  double seconds_looked = 0.0;   ///< at a part of the values: shared by the ranks
+  double seconds_coded = 0.0;    ///< shared by the ranks, waiting for the others included
+  double seconds_written = 0.0;  ///< by rank 0: the pieces into the file
   [[nodiscard]] bool is_reached() const {
     return header.reached.relative_l2 <= header.asked_relative_l2 &&
            header.reached.worst_pixel <= header.asked_worst_pixel;

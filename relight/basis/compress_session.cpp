@@ -9,6 +9,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "relight/basis/compress_plate.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/integer_coding.h"
 #include "relight/basis/plate.h"
@@ -268,18 +269,9 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
 CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file,
                                const CompressOptions& options) {
   const ComputedPlate computed(rig);
-  const StackDims dims = computed.dims();
-  // Two passes read the plate; in memory where half the budget holds it.
-  std::optional<MemoryStack> memory;
-  const std::uint64_t bytes = std::uint64_t{dims.n_pixels()} *
-                              static_cast<std::uint64_t>(dims.n_lights) * sizeof(float);
   CompressOptions rest = options;
-  if (bytes <= options.memory_bytes / 2) {
-    memory = read_all(computed, bytes);
-    rest.memory_bytes -= bytes;
-  }
   CompressSource source;
-  source.stack = memory ? static_cast<const StackSource*>(&*memory) : &computed;
+  source.stack = &computed;
   source.plate = source.stack;
   source.plate_kind = "computed";
   source.plate_source = rig.hash;
@@ -292,6 +284,20 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   source.key = rig.hash;
   if (source.grid == 0) {
     rest.basis = BasisKind::direct;
+  }
+  if (auto summary = compress_smooth_plate(computed, source, file, rest)) {
+    return *std::move(summary);
+  }
+  // Two passes read the plate; in memory where half the budget holds it.
+  std::optional<MemoryStack> memory;
+  const StackDims dims = computed.dims();
+  const std::uint64_t bytes = std::uint64_t{dims.n_pixels()} *
+                              static_cast<std::uint64_t>(dims.n_lights) * sizeof(float);
+  if (bytes <= options.memory_bytes / 2) {
+    memory = read_all(computed, bytes);
+    rest.memory_bytes -= bytes;
+    source.stack = &*memory;
+    source.plate = source.stack;
   }
   return compress_stack(source, file, rest);
 }

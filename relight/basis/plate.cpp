@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <iterator>
 #include <numbers>
 #include <numeric>
 
@@ -23,9 +24,10 @@ namespace {
 using Eigen::MatrixXd;
 
 constexpr std::size_t kMaxSampleRows = 4096;
-constexpr int kIterations = 4;       // the plate's spectrum falls by 3-10 a vector
-constexpr int kOversampling = 8;     // [Halko11] recommends 5 to 10
-constexpr double kDarkLight = 1e-6;  // of the pixel's largest B: such a ratio says nothing
+constexpr double kTolerance = 1e-12;  // of each value: floats keep 6e-8
+constexpr int kIterations = 4;        // the plate's spectrum falls by 3-10 a vector
+constexpr int kOversampling = 8;      // [Halko11] recommends 5 to 10
+constexpr double kDarkLight = 1e-6;   // of the pixel's largest B: such a ratio says nothing
 
 std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
@@ -145,34 +147,58 @@ ComputedPlate::ComputedPlate(const Rig& rig, int i_camera, int i_plane) {
                 "correct centre and emits of the faces, or n and d of the plane; or use "
                 "--plate none");
   }
+  irradiance_[0].emplace(squares_, plane_.n, plane_.d, kTolerance);
+  irradiance_[1].emplace(squares_, -plane_.n, -plane_.d, kTolerance);
 }
 
 StackDims ComputedPlate::dims() const {
   return {camera_.width, camera_.height, 1, static_cast<int>(squares_.size())};
 }
 
+std::optional<PlateView> ComputedPlate::look(double x, double y) const {
+  const CameraRay ray = ray_through(camera_, x, y);
+  // n.x + d = 0 on the ray o + t r: t = -(n.o + d)/(n.r).
+  const double height = plane_.n.dot(ray.origin_world) + plane_.d;
+  const double slope = plane_.n.dot(ray.direction_world);
+  const double t = -height / slope;
+  if (slope == 0.0 || !(t > 0.0) || !std::isfinite(t)) {
+    return std::nullopt;
+  }
+  return PlateView{ray.origin_world + t * ray.direction_world,
+                   height > 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n), slope};
+}
+
+void ComputedPlate::evaluate(double x, double y, std::span<double> out) const {
+  const std::optional<PlateView> view = look(x, y);
+  if (!view) {
+    std::fill(out.begin(), out.end(), 0.0);
+    return;
+  }
+  const bool is_above = view->normal.dot(plane_.n) > 0.0;
+  irradiance_.at(is_above ? 0 : 1)->evaluate(view->point, out);
+  for (double& value : out) {
+    value /= std::numbers::pi;
+  }
+}
+
+void ComputedPlate::evaluate_exactly(double x, double y, std::span<double> out) const {
+  const std::optional<PlateView> view = look(x, y);
+  for (std::size_t k = 0; k < squares_.size(); ++k) {
+    out[k] = view ? light_irradiance(squares_[k], view->point, view->normal) / std::numbers::pi
+                  : 0.0;
+  }
+}
+
 void ComputedPlate::read_tile(const TileRect& rect, std::span<float> out) const {
   HAARLIGHT_EXPECTS(out.size() == count(rect.n_pixels()) * squares_.size(),
                     "room for the tile's values");
+  std::vector<double> values(squares_.size());
   for (int p = 0; p < rect.n_pixels(); ++p) {
-    const std::span<float> row = out.subspan(count(p) * squares_.size(), squares_.size());
-    const int x = rect.x0 + p % rect.width;
     const int y = rect.y0 + p / rect.width;
-    const CameraRay ray = ray_through(camera_, x + 0.5, y + 0.5);
-    // n.x + d = 0 on the ray o + t r: t = -(n.o + d)/(n.r).
-    const double height = plane_.n.dot(ray.origin_world) + plane_.d;
-    const double slope = plane_.n.dot(ray.direction_world);
-    const double t = -height / slope;
-    if (slope == 0.0 || !(t > 0.0) || !std::isfinite(t)) {
-      std::fill(row.begin(), row.end(), 0.0F);
-      continue;
-    }
-    const Eigen::Vector3d point = ray.origin_world + t * ray.direction_world;
-    const Eigen::Vector3d normal = height > 0.0 ? plane_.n : Eigen::Vector3d(-plane_.n);
-    for (std::size_t k = 0; k < squares_.size(); ++k) {
-      row[k] =
-          static_cast<float>(light_irradiance(squares_[k], point, normal) / std::numbers::pi);
-    }
+    evaluate(rect.x0 + p % rect.width + 0.5, y + 0.5, values);
+    std::transform(values.begin(), values.end(),
+                   out.begin() + static_cast<std::ptrdiff_t>(count(p) * squares_.size()),
+                   [](double v) { return static_cast<float>(v); });
   }
 }
 
@@ -203,17 +229,15 @@ float plate_gain(std::span<const float> t, std::span<const float> b) {
   return plate_gain(t, b, scratch);
 }
 
-PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_rank) {
-  const int n_lights = plate.dims().n_lights;
-  const std::vector<double> sample = sample_rows(plate);
+RowSpace fit_row_space(std::span<const double> sample, int n_lights, int n_vectors,
+                       int n_iterations) {
   const Eigen::Map<const RowMatrix> rows(
       sample.data(), static_cast<Eigen::Index>(sample.size() / count(n_lights)), n_lights);
-  PlateVectors found;
+  RowSpace space;
   if (rows.rows() == 0) {
-    return found;
+    return space;
   }
-  const auto k = std::min<Eigen::Index>(
-      {static_cast<Eigen::Index>(max_rank + kOversampling), rows.rows(), n_lights});
+  const auto k = std::min<Eigen::Index>({n_vectors, rows.rows(), n_lights});
   // Start vectors keyed by place: the same plate gives the same basis on every machine.
   MatrixXd z(n_lights, k);
   for (Eigen::Index j = 0; j < k; ++j) {
@@ -223,27 +247,39 @@ PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_
                 0.5;
     }
   }
-  for (int i = 0; i < kIterations; ++i) {
+  for (int i = 0; i < n_iterations; ++i) {
     z = orthonormal_columns(rows.transpose() * (rows * z));
   }
   const MatrixXd projected = rows * z;
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(projected.transpose() * projected);
-  const MatrixXd vectors = z * eigen.eigenvectors().rowwise().reverse();
-  const Eigen::VectorXd energies = eigen.eigenvalues().reverse();
-  const auto total = static_cast<double>(rows.rows());  // every row has norm 1
-  double missed = total;
-  while (found.rank < std::min<Eigen::Index>(max_rank, k) &&
-         std::sqrt(std::max(missed, 0.0) / total) > target) {
-    missed -= energies[found.rank];
+  space.vectors = z * eigen.eigenvectors().rowwise().reverse();
+  space.energies = eigen.eigenvalues().reverse();
+  return space;
+}
+
+PlateVectors choose_vectors(RowSpace& space, double energy, double target, int max_rank) {
+  PlateVectors found;
+  double missed = energy;
+  while (found.rank < std::min<Eigen::Index>(max_rank, space.vectors.cols()) &&
+         std::sqrt(std::max(missed, 0.0) / energy) > target) {
+    missed -= space.energies[found.rank];
     // The sign that makes the sum positive, so that the choice is not the solver's.
-    const double sign = vectors.col(found.rank).sum() < 0.0 ? -1.0 : 1.0;
-    for (int i = 0; i < n_lights; ++i) {
-      found.vectors.push_back(static_cast<float>(sign * vectors(i, found.rank)));
-    }
+    auto column = space.vectors.col(found.rank);
+    column *= column.sum() < 0.0 ? -1.0 : 1.0;
+    std::transform(column.begin(), column.end(), std::back_inserter(found.vectors),
+                   [](double v) { return static_cast<float>(v); });
     ++found.rank;
   }
-  found.missed = std::sqrt(std::max(missed, 0.0) / total);
+  found.missed = energy > 0.0 ? std::sqrt(std::max(missed, 0.0) / energy) : 0.0;
   return found;
+}
+
+PlateVectors fit_plate_vectors(const StackSource& plate, double target, int max_rank) {
+  const int n_lights = plate.dims().n_lights;
+  const std::vector<double> rows = sample_rows(plate);
+  RowSpace space = fit_row_space(rows, n_lights, max_rank + kOversampling, kIterations);
+  const std::size_t n_rows = rows.size() / count(n_lights);
+  return choose_vectors(space, static_cast<double>(n_rows), target, max_rank);
 }
 
 }  // namespace haarlight

@@ -1,11 +1,16 @@
 #pragma once
 
+#include <array>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "core/rig.h"
 #include "relight/basis/stack_source.h"
+#include "render/analytic/plane_irradiance.h"
 #include "render/scene.h"
 
 /// @file
@@ -16,9 +21,17 @@
 
 namespace haarlight {
 
-/// The plate computed from a rig: at the plane point that each pixel's centre sees, Lambert's
-/// closed form of every LED's square, times 1/pi (a white plane, LED radiance 1). A pixel that
-/// does not see the plane is 0 under every light.
+/// A point of the plane and how a ray came to it.
+struct PlateView {
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< on the camera's side
+  double slope = 0.0;  ///< n . the ray's unit direction: 0 on the plane's horizon
+};
+
+/// The plate computed from a rig: at the plane point that each pixel's centre sees, the
+/// irradiance from every LED's square, times 1/pi (a white plane, LED radiance 1): Lambert's
+/// closed form or Gauss points, to 1e-12 of each value. A pixel that does not see the plane is
+/// 0 under every light.
 class ComputedPlate final : public StackSource {
  public:
   /// @throws Error  the rig has no camera or no such plane, or no light reaches the plane
@@ -27,10 +40,19 @@ class ComputedPlate final : public StackSource {
   void read_tile(const TileRect& rect, std::span<float> out) const override;
   [[nodiscard]] bool is_closed_form() const override { return true; }
 
+  /// Where the plane is seen at a place of the picture, in pixels; nothing: it is not.
+  [[nodiscard]] std::optional<PlateView> look(double x, double y) const;
+  /// The plate at any place of the picture, (n_lights); all 0 where the plane is not seen.
+  void evaluate(double x, double y, std::span<double> out) const;
+  /// The same by light_irradiance(), which shares no rule with evaluate(): for checks.
+  void evaluate_exactly(double x, double y, std::span<double> out) const;
+  [[nodiscard]] std::span<const SquareLight> lights() const noexcept { return squares_; }
+
  private:
   CameraModel camera_;
   ShadowPlane plane_;
   std::vector<SquareLight> squares_;
+  std::array<std::optional<PlaneIrradiance>, 2> irradiance_;  ///< on either side of the plane
 };
 
 /// The gain g of one pixel: the median of T/B over the lights with B > 1e-6 of the pixel's
@@ -54,5 +76,23 @@ struct PlateVectors {
 /// @param max_rank  at most 64
 [[nodiscard]] PlateVectors fit_plate_vectors(const StackSource& plate, double target,
                                              int max_rank = 24);
+
+/// A space near rows over the lights: orthonormal vectors, the most important first.
+struct RowSpace {
+  Eigen::MatrixXd vectors;   ///< (n_lights, n)
+  Eigen::VectorXd energies;  ///< (n): sum over the rows of their squared parts along each
+};
+/// Randomised subspace iteration [Halko11]. Deterministic.
+/// @param rows          (any number, n_lights)
+/// @param n_vectors     as many are found where there are as many rows and lights
+/// @param n_iterations  2 where only the space matters, 4 where its vectors are used one by one
+[[nodiscard]] RowSpace fit_row_space(std::span<const double> rows, int n_lights, int n_vectors,
+                                     int n_iterations);
+
+/// The first vectors of a space, as many as it takes: their signs are turned so that sums are
+/// positive, in `space`, too.
+/// @param energy  of all rows, each of norm 1: their number
+[[nodiscard]] PlateVectors choose_vectors(RowSpace& space, double energy, double target,
+                                          int max_rank);
 
 }  // namespace haarlight

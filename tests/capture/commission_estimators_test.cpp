@@ -534,5 +534,49 @@ TEST(SurveyLights, DoesNotGuessWiringFromABlurredPicture) {
   EXPECT_THAT(survey.miswired, IsEmpty());
 }
 
+/// Shadows that no smooth surface over the lights has: each light's blocks scatter by `share`.
+void shade(std::size_t k, double share, std::vector<LightResponse>& responses) {
+  for (std::size_t b = 0; b < kSurveyBlocks; ++b) {
+    responses[k].blocks[b] *= std::exp(share * standard_normal(hash_key(77, k, b)));
+  }
+}
+
+TEST(SurveyLights, FindsASwappedPairThatFitsNoPlaceWell) {
+  const Rig rig = small_rig();
+  auto responses = made_responses(rig);
+  // Neighbours 62 and 63 differ by far more than 0.02 in most blocks, but their misfit in each
+  // other's place is many times that of the others: before, neither was called miswired.
+  std::swap(responses[62], responses[63]);
+  shade(62, 0.02, responses);
+  shade(63, 0.02, responses);
+  shade(5, 0.02, responses);  // stands where it should
+  const LightSurvey survey = survey_lights(rig, 0, responses);
+  EXPECT_THAT(survey.miswired, ElementsAre(62, 63));
+  EXPECT_THAT(survey.miswired_to, ElementsAre(63, 62));
+  EXPECT_THAT(survey.unplaced, IsEmpty());
+  EXPECT_TRUE(survey.can_see_wiring);
+}
+
+TEST(SurveyLights, NamesALightThatFitsNoPlace) {
+  const Rig rig = small_rig();
+  auto responses = made_responses(rig);
+  shade(27, 2.0, responses);
+  const LightSurvey survey = survey_lights(rig, 0, responses);
+  EXPECT_THAT(survey.unplaced, ElementsAre(27));
+  EXPECT_THAT(survey.miswired, IsEmpty());
+  EXPECT_FALSE(survey.can_see_wiring);
+}
+
+/// Light 40 gives the picture of light 12's place, shaded; but 12 itself stands there.
+TEST(SurveyLights, TwoLightsCannotStandInOnePlace) {
+  const Rig rig = small_rig();
+  auto responses = made_responses(rig);
+  responses[40] = responses[12];
+  shade(40, 0.03, responses);
+  const LightSurvey survey = survey_lights(rig, 0, responses);
+  EXPECT_THAT(survey.unplaced, ElementsAre(40));
+  EXPECT_THAT(survey.miswired, IsEmpty());
+}
+
 }  // namespace
 }  // namespace haarlight

@@ -123,6 +123,32 @@ TEST(Commission, SaysWhenExposuresAreNotWhatTheCameraSays) {
   }
 }
 
+/// Under a diffuser every light fills the picture alike: a swap would not be seen, and that is
+/// said with the lights it may be.
+TEST(Commission, SaysWhichLightsWiringItCannotSee) {
+  const Rig rig = written_rig(Shutter::global);
+  SimTruth truth = truth_of({TimestampMeaning::start_readout, Shutter::global});
+  truth.dead.clear();
+  truth.dim.clear();
+  const testing::TemporaryFolder folder;
+  TransportData data;
+  data.width = rig.cameras[0].frame_width;
+  data.height = rig.cameras[0].active_rows;
+  data.n_lights = rig.n_lights();
+  data.key = std::string(32, 'a');
+  data.seconds = 1.0;
+  const std::vector<float> planes(
+      static_cast<std::size_t>(data.width * data.height * data.n_lights), 1.0F);
+  data.planes = planes;
+  write_transport(folder / "transport.bin", data);
+  TwinBench bench(rig, truth, 1, 0.0, Transport::open(folder / "transport.bin"));
+  const CommissionResult r = commission(rig, bench.camera(), bench.lights(), {}, bench.clock());
+  EXPECT_FALSE(r.survey->can_see_wiring);
+  EXPECT_THAT(r.faults, ::testing::IsEmpty());
+  EXPECT_THAT(r.notes, ::testing::Contains(HasSubstr(
+                           "whether the cables of lights 0 to 63 are right stays open")));
+}
+
 TEST(Commission, ACaptureRefusesACameraThatWasNotMeasured) {
   Rig rig = written_rig(Shutter::global);
   MeasuredRig measured;

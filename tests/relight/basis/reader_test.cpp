@@ -8,6 +8,8 @@
 
 #include "core/files.h"
 #include "relight/basis/compress.h"
+#include "relight/basis/compress_session.h"
+#include "tests/relight/basis/cropped_rig.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
@@ -30,8 +32,12 @@ class NumpyReader : public testing::Test {
   /// Largest difference between numpy's array and our own decoding, as a share of the peak.
   double compare_with_numpy(const CompressSource& source, const CompressOptions& options) {
     const auto hlb = folder_.path() / "a.hlb";
-    const auto npy = folder_.path() / "a.npy";
     (void)compress_stack(source, hlb, options);
+    return compare_file_with_numpy(hlb);
+  }
+
+  double compare_file_with_numpy(const std::filesystem::path& hlb) {
+    const auto npy = folder_.path() / "a.npy";
     const std::string command = fmt::format("/usr/bin/python3 {}/docs/read_hlb.py {} {}",
                                             HAARLIGHT_SOURCE_DIR, hlb.string(), npy.string());
     EXPECT_EQ(std::system(command.c_str()), 0);
@@ -56,6 +62,13 @@ class NumpyReader : public testing::Test {
 
   test::TemporaryFolder folder_;
 };
+
+TEST_F(NumpyReader, ReadsTheFileOfAComputedPlate) {
+  const auto hlb = folder_.path() / "plate.hlb";
+  const CompressSummary made = compress_plate(test::cropped_rig(), hlb, {.relative_l2 = 1e-3});
+  EXPECT_GT(made.n_checked, 0);
+  EXPECT_LT(compare_file_with_numpy(hlb), 1e-6);
+}
 
 TEST_F(NumpyReader, ReadsHaarWithPlateAndPixelShifts) {
   const MemoryStack stack = make_stack({.channels = 3});

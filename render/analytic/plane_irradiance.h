@@ -1,0 +1,66 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "render/scene.h"
+
+/// @file
+/// Irradiance of one plane from many rectangular lights, nothing in between: what
+/// light_irradiance() gives, for points that share their normal. A light seen whole and from
+/// afar needs few Gauss points, and those of a rectangle share their Jacobian; how many is
+/// chosen by a bound of the rule's error. Near, or cut by the horizon, light_irradiance()
+/// itself. Error, cost: docs/numerics/relight.md, "What a plate costs".
+
+namespace haarlight {
+
+class PlaneIrradiance {
+ public:
+  static constexpr int kMaxNodes = 8;
+
+  /// @param lights     borrowed for the call only
+  /// @param normal     unit: the lit side
+  /// @param d          normal.x + d = 0 on the plane
+  /// @param tolerance  relative error of each light's irradiance, as bounded by rule_error();
+  /// at
+  ///                   least 1e-13
+  PlaneIrradiance(std::span<const SquareLight> lights, const Eigen::Vector3d& normal, double d,
+                  double tolerance);
+
+  /// @param point  on the plane
+  /// @param out    (n_lights,) irradiance; radiance 1 of a light gives at most pi
+  /// Pure; safe from any thread.
+  void evaluate(const Eigen::Vector3d& point, std::span<double> out) const;
+
+  /// Bound of the relative error of n x n Gauss points on a rectangle whose half diagonal is
+  /// `radius` and whose every point is at least `distance` away, for a lobe cos^mu.
+  /// @param slant  what n.r changes by over the rectangle, as a share of its mean: 0 where
+  /// light
+  ///               and plane are parallel, at most 1 where the whole light is above the plane
+  [[nodiscard]] static double rule_error(int n, double radius, double distance, double mu,
+                                         double slant);
+
+ private:
+  struct Light {
+    SquareLight square;
+    Eigen::Vector3d half_u;
+    Eigen::Vector3d half_v;
+    double uv = 0.0;      ///< half_u . half_v
+    double scale = 0.0;   ///< radiance times area
+    double radius = 0.0;  ///< half diagonal
+    double slant = 0.0;   ///< as rule_error() takes it
+    bool is_whole = false;
+    /// The nearest distance at which n Gauss points an axis are enough.
+    std::array<double, kMaxNodes + 1> reach{};
+  };
+
+  [[nodiscard]] double irradiance(const Light& light, const Eigen::Vector3d& point) const;
+
+  Eigen::Vector3d normal_;
+  std::vector<Light> lights_;
+};
+
+}  // namespace haarlight
