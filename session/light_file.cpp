@@ -129,21 +129,37 @@ LpLine parse_lp_line(const Line& line, const std::string& where) {
   return result;
 }
 
-/// Whether the numbers are positions; refuses what could be either.
+/// Whether the numbers are positions; refuses what could be either. Directions that are some
+/// lines' only, among others of length 1, are told: published lists have mistyped ones.
 bool decide_positions(const std::vector<LpLine>& lines, LightPlaces places,
-                      const std::string& where) {
-  if (places != LightPlaces::automatic) {
-    return places == LightPlaces::positions;
+                      const std::string& where, LightList& list) {
+  if (places == LightPlaces::positions) {
+    return true;
   }
+  std::vector<const LpLine*> off;
   for (const LpLine& line : lines) {
     const double length = line.numbers.norm();
     if (length >= 1e-12 && std::abs(length - 1.0) > kUnitSlack) {
-      refuse(fmt::format("({}, {}, {}) has length {:.3g}: a position, or a direction not of "
-                         "length 1?",
-                         line.numbers.x(), line.numbers.y(), line.numbers.z(), length),
-             where, line.line, "say which: --places positions (in mm) or --places directions");
+      off.push_back(&line);
     }
   }
+  if (off.empty() || places == LightPlaces::directions) {
+    return false;
+  }
+  const LpLine& first = *off.front();
+  const std::string numbers =
+      fmt::format("({}, {}, {})", first.numbers.x(), first.numbers.y(), first.numbers.z());
+  constexpr std::size_t kFewestOthers = 9;  // for each line of another length
+  if (off.size() * (kFewestOthers + 1) > lines.size()) {
+    refuse(fmt::format("{} has length {:.3g}: a position, or a direction not of length 1?",
+                       numbers, first.numbers.norm()),
+           where, first.line, "say which: --places positions (in mm) or --places directions");
+  }
+  list.disagreements.push_back(fmt::format(
+      "{}:{}: {} has length {:.3g} where the others have 1{}: taken as a direction; is it "
+      "mistyped?",
+      where, first.line, numbers, first.numbers.norm(),
+      off.size() == 1 ? "" : fmt::format(", and {} more such", off.size() - 1)));
   return false;
 }
 
@@ -199,8 +215,9 @@ LightList parse_lp(std::string_view text, const std::string& where, LightPlaces 
              "list each picture once");
     }
   }
-  const bool is_position = decide_positions(parsed, places, where);
   LightList list;
+  list.announced = static_cast<std::size_t>(*count);
+  const bool is_position = decide_positions(parsed, places, where, list);
   if (static_cast<double>(lines.size() - 1) != *count) {
     list.disagreements.push_back(fmt::format("{}:{}: {} lights announced, {} lines follow",
                                              where, lines[0].number, *count, lines.size() - 1));

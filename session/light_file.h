@@ -20,7 +20,8 @@ class JsonValue;
 
 /// How the three numbers of a `.lp` line are meant; the file itself does not say.
 enum class LightPlaces {
-  automatic,   ///< directions when every length is 1 to 10 %, else refused
+  automatic,   ///< directions when 9 of 10 lengths are 1 to 10 % (the others are told), else
+               ///< refused
   directions,  ///< scaled to length 1
   positions,   ///< mm
 };
@@ -28,6 +29,7 @@ enum class LightPlaces {
 struct LightList {
   /// `name` is the picture's, as written; empty where the file names none (`.dome`).
   std::vector<SessionLight> lights;
+  std::size_t announced = 0;       ///< lights that the list says it has; 0: it does not say
   std::vector<std::string> notes;  ///< what was passed over, for people
   /// Where the list contradicts itself or, after match_pictures(), its folder: each a warning.
   std::vector<std::string> disagreements;

@@ -47,6 +47,27 @@ TEST(Lp, ScalesDirectionsToUnitLengthAndKeepsPositions) {
       parse_lp("1\na 0 0 500\n", "a.lp", LightPlaces::directions).lights[0].place.z(), 1.0);
 }
 
+// A published list has two of 54 directions of length 0.8.
+TEST(Lp, FewDirectionsOfAnotherLengthAreTold) {
+  std::string text = "20\n";
+  for (int k = 0; k < 20; ++k) {
+    text += k == 3 || k == 7 ? "p 0.48 0 0.64\n" : "p 0.6 0 0.8\n";
+    text.replace(text.rfind('p'), 1, "p" + std::to_string(k));
+  }
+  const LightList list = parse_lp(text, "a.lp");
+  ASSERT_EQ(list.lights.size(), 20U);
+  EXPECT_NEAR(list.lights[3].place.norm(), 1.0, 1e-15);
+  EXPECT_THAT(list.disagreements, testing::ElementsAre(testing::AllOf(
+                                      HasSubstr("a.lp:5: (0.48, 0, 0.64) has length 0.8"),
+                                      HasSubstr("1 more such"), HasSubstr("mistyped?"))));
+  EXPECT_THAT(parse_lp(text, "a.lp", LightPlaces::directions).disagreements,
+              testing::IsEmpty());
+  EXPECT_TRUE(parse_lp(text, "a.lp", LightPlaces::positions).lights[0].is_position);
+  // More than one in ten: it may be a list of places.
+  text += "q 0 0 0.7\n";
+  EXPECT_THAT(refusal([&] { (void)parse_lp(text, "a.lp"); }), HasSubstr("a.lp:5: "));
+}
+
 TEST(Lp, NamesFileLineAndCureOfWhatIsBroken) {
   const auto lp = [](const char* text) {
     return refusal([text] { (void)parse_lp(text, "a.lp"); });
