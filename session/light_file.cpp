@@ -129,37 +129,41 @@ LpLine parse_lp_line(const Line& line, const std::string& where) {
   return result;
 }
 
-/// Whether the numbers are positions; refuses what could be either. Directions that are some
-/// lines' only, among others of length 1, are told: published lists have mistyped ones.
+/// Whether the numbers are positions; refuses what could be either. Published lists have
+/// directions from balls that are short by a fifth, and single mistyped ones: those are told.
 bool decide_positions(const std::vector<LpLine>& lines, LightPlaces places,
                       const std::string& where, LightList& list) {
-  if (places == LightPlaces::positions) {
-    return true;
+  if (places != LightPlaces::automatic) {
+    return places == LightPlaces::positions;
   }
+  constexpr double kLongest = 2.0;          // nobody's lights stand this near, in mm
+  constexpr std::size_t kFewestOthers = 9;  // for each line that may be longer or shorter
   std::vector<const LpLine*> off;
+  const LpLine* far = nullptr;
+  std::size_t n_far = 0;
   for (const LpLine& line : lines) {
     const double length = line.numbers.norm();
     if (length >= 1e-12 && std::abs(length - 1.0) > kUnitSlack) {
       off.push_back(&line);
+      if (length > kLongest || length < 1.0 / kLongest) {
+        far = far == nullptr ? &line : far;
+        ++n_far;
+      }
     }
   }
-  if (off.empty() || places == LightPlaces::directions) {
-    return false;
+  const auto numbers_of = [](const LpLine& line) {
+    return fmt::format("({}, {}, {}) has length {:.3g}", line.numbers.x(), line.numbers.y(),
+                       line.numbers.z(), line.numbers.norm());
+  };
+  if (n_far * (kFewestOthers + 1) > lines.size()) {
+    refuse(numbers_of(*far) + ": a position, or a direction not of length 1?", where, far->line,
+           "say which: --places positions (in mm) or --places directions");
   }
-  const LpLine& first = *off.front();
-  const std::string numbers =
-      fmt::format("({}, {}, {})", first.numbers.x(), first.numbers.y(), first.numbers.z());
-  constexpr std::size_t kFewestOthers = 9;  // for each line of another length
-  if (off.size() * (kFewestOthers + 1) > lines.size()) {
-    refuse(fmt::format("{} has length {:.3g}: a position, or a direction not of length 1?",
-                       numbers, first.numbers.norm()),
-           where, first.line, "say which: --places positions (in mm) or --places directions");
+  if (!off.empty()) {
+    list.disagreements.push_back(fmt::format(
+        "{}:{}: {}, as {} of {} are not of length 1: taken as directions; mistyped?", where,
+        off.front()->line, numbers_of(*off.front()), off.size(), lines.size()));
   }
-  list.disagreements.push_back(fmt::format(
-      "{}:{}: {} has length {:.3g} where the others have 1{}: taken as a direction; is it "
-      "mistyped?",
-      where, first.line, numbers, first.numbers.norm(),
-      off.size() == 1 ? "" : fmt::format(", and {} more such", off.size() - 1)));
   return false;
 }
 

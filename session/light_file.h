@@ -20,8 +20,9 @@ class JsonValue;
 
 /// How the three numbers of a `.lp` line are meant; the file itself does not say.
 enum class LightPlaces {
-  automatic,   ///< directions when 9 of 10 lengths are 1 to 10 % (the others are told), else
-               ///< refused
+  /// Directions, each that is not of length 1 to 10 % told; refused when more than one in ten
+  /// lengths are not within 0.5 and 2.
+  automatic,
   directions,  ///< scaled to length 1
   positions,   ///< mm
 };

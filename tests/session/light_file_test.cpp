@@ -47,25 +47,31 @@ TEST(Lp, ScalesDirectionsToUnitLengthAndKeepsPositions) {
       parse_lp("1\na 0 0 500\n", "a.lp", LightPlaces::directions).lights[0].place.z(), 1.0);
 }
 
-// A published list has two of 54 directions of length 0.8.
-TEST(Lp, FewDirectionsOfAnotherLengthAreTold) {
-  std::string text = "20\n";
-  for (int k = 0; k < 20; ++k) {
-    text += k == 3 || k == 7 ? "p 0.48 0 0.64\n" : "p 0.6 0 0.8\n";
-    text.replace(text.rfind('p'), 1, "p" + std::to_string(k));
+std::string list_of(int n, const std::string& most, const std::string& others, int n_others) {
+  std::string text = std::to_string(n) + "\n";
+  for (int k = 0; k < n; ++k) {
+    text += "p" + std::to_string(k) + " " + (k < n - n_others ? most : others) + "\n";
   }
-  const LightList list = parse_lp(text, "a.lp");
+  return text;
+}
+
+// A published list has 25 of 54 directions of lengths from 0.8 to 0.9.
+TEST(Lp, DirectionsOfAnotherLengthAreTold) {
+  const std::string shorter = list_of(20, "0.6 0 0.8", "0.48 0 0.64", 9);
+  const LightList list = parse_lp(shorter, "a.lp");
   ASSERT_EQ(list.lights.size(), 20U);
-  EXPECT_NEAR(list.lights[3].place.norm(), 1.0, 1e-15);
+  EXPECT_NEAR(list.lights[19].place.norm(), 1.0, 1e-15);
   EXPECT_THAT(list.disagreements, testing::ElementsAre(testing::AllOf(
-                                      HasSubstr("a.lp:5: (0.48, 0, 0.64) has length 0.8"),
-                                      HasSubstr("1 more such"), HasSubstr("mistyped?"))));
-  EXPECT_THAT(parse_lp(text, "a.lp", LightPlaces::directions).disagreements,
+                                      HasSubstr("a.lp:13: (0.48, 0, 0.64) has length 0.8"),
+                                      HasSubstr("9 of 20"), HasSubstr("mistyped?"))));
+  EXPECT_THAT(parse_lp(shorter, "a.lp", LightPlaces::directions).disagreements,
               testing::IsEmpty());
-  EXPECT_TRUE(parse_lp(text, "a.lp", LightPlaces::positions).lights[0].is_position);
-  // More than one in ten: it may be a list of places.
-  text += "q 0 0 0.7\n";
-  EXPECT_THAT(refusal([&] { (void)parse_lp(text, "a.lp"); }), HasSubstr("a.lp:5: "));
+  EXPECT_TRUE(parse_lp(shorter, "a.lp", LightPlaces::positions).lights[0].is_position);
+  // One in ten of any length is mistyped, more may be a list of places.
+  EXPECT_THAT(parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 2), "a.lp").disagreements,
+              testing::ElementsAre(HasSubstr("a.lp:20: (6, 0, 8) has length 10, as 2 of 20")));
+  EXPECT_THAT(refusal([] { (void)parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 3), "a.lp"); }),
+              HasSubstr("a.lp:19: (6, 0, 8) has length 10"));
 }
 
 TEST(Lp, NamesFileLineAndCureOfWhatIsBroken) {
