@@ -46,7 +46,7 @@ double choose_exposure(const LightStack& stack) {
   return display_exposure(std::move(sample), 0.999);
 }
 
-/// Develops and writes one picture a light; their names relative to the list's folder. Dark,
+/// Develops and writes one picture per light; their names relative to the list's folder. Dark,
 /// drift, flat field and exposures are in them.
 std::vector<std::string> write_pictures(const Session& session,
                                         const ExportArguments& arguments,

@@ -186,7 +186,10 @@ class FolderAndList(unittest.TestCase):
         self.assertIn("next: haarlight view new.hlb", done.stderr)
         done = self.programs.run("compress", "new", "-o", "haar.hlb", "--basis", "haar", cwd=self.folder)
         self.assertEqual(done.returncode, BAD_INPUT)
-        self.assertIn("new", done.stderr)
+        self.assertIn(": new: ", done.stderr)  # the folder, not the session's hash
+        done = self.programs.run("compress", "new", "-o", "whole.hlb", "--whole-steps", cwd=self.folder)
+        self.assertEqual(done.returncode, BAD_INPUT)
+        self.assertIn(": new: the values are no whole steps", done.stderr)
         done = self.programs.run("fit", "new", "-o", "web", "--basis", "bilinear", cwd=self.folder)
         self.assertIn("next: haarlight view web", done.stderr)
         # Quiet: results and errors alone.
