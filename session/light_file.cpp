@@ -13,6 +13,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "session/json_value.h"
+#include "session/transforms_file.h"
 
 namespace haarlight {
 
@@ -351,6 +352,9 @@ LightList read_light_file(const std::filesystem::path& path, LightPlaces places)
     return parse_lp(text, path.string(), places);
   }
   const JsonValue root = JsonValue::parse(std::string_view(text).substr(first), path.string());
+  if (root.has("frames") && !root.has("lights")) {
+    return parse_transforms(root, places);
+  }
   return root.has("lights")
              ? parse_light_json(std::string_view(text).substr(first), path.string())
              : parse_dome(std::string_view(text).substr(first), path.string());

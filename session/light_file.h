@@ -59,7 +59,8 @@ struct LightList {
 /// @throws Error  naming the field: one without the other, no unit vector, no position_mm
 [[nodiscard]] std::optional<LightLobe> lobe_of_json(const JsonValue& light);
 
-/// Any of the three, told apart by content, not by name. At least one light.
+/// Any of the three, or a transforms.json (transforms_file.h), told apart by content, not by
+/// name. At least one light.
 [[nodiscard]] LightList read_light_file(const std::filesystem::path& path,
                                         LightPlaces places = LightPlaces::automatic);
 
