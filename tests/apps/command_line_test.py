@@ -212,6 +212,9 @@ class CommandLine(unittest.TestCase):
                 self.assertTrue(examples, "no example")
                 for example in examples:
                     self.assertTrue(example.startswith(f"haarlight {verb}"), example)
+                # What a terminal of 80 columns shows whole; only commands to copy are longer.
+                prose = re.split(r"^Examples?:$", shown.stdout, flags=re.M)[0]
+                self.assertEqual([line for line in prose.splitlines() if len(line) > 80], [])
                 for option in ("--report FILE", "--quiet", "--memory", "--threads", "--force"):
                     self.assertIn(option, shown.stdout)
 
