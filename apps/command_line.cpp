@@ -90,7 +90,10 @@ std::string help_footer(const std::string& text) {
       column += word.size();
     }
   }
-  return column > 0 ? out + "\n" : out;
+  while (!out.empty() && out.back() == '\n') {
+    out.pop_back();
+  }
+  return out;
 }
 
 /// CLI11's help at the width of a terminal. What it would say of types, ranges and defaults
