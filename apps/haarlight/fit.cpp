@@ -153,14 +153,19 @@ std::vector<FitForm> forms_of(const FitArguments& arguments, const Format& forma
         form == FitForm::hsh4 || form == FitForm::hsh9 || form == FitForm::hsh16;
     const bool has_own_terms = form == FitForm::ptm || is_hsh;
     return (format == ReflectanceFormat::ptm && !is_ptm) ||
-           (format == ReflectanceFormat::rti && !is_hsh) || (is_near && !has_own_terms);
+           (format == ReflectanceFormat::rti && !is_hsh) ||
+           (format == ReflectanceFormat::web &&
+            (form == FitForm::rbf || form == FitForm::hsh16)) ||
+           (is_near && !has_own_terms);
   };
   forms.erase(std::remove_if(forms.begin(), forms.end(), is_left_out), forms.end());
   if (forms.empty()) {
-    throw Error(fmt::format("{} cannot be written there", arguments.basis), arguments.out,
-                ".ptm holds ptm and lptm, .rti holds hsh4, hsh9 and hsh16, a folder all but "
-                "hsh16; near lights are fitted by ptm and hsh",
-                ExitCode::usage);
+    throw Error(
+        fmt::format("{} cannot be written there", arguments.basis), arguments.out,
+        ".ptm holds ptm and lptm, .rti holds hsh4, hsh9 and hsh16, a folder all but "
+        "hsh16 and rbf (which viewers light by rules of their own: --basis bilinear); near "
+        "lights are fitted by ptm and hsh",
+        ExitCode::usage);
   }
   return forms;
 }
@@ -388,7 +393,7 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   }
   if (scores.empty()) {
     throw Error("no basis fits so few planes", "--planes",
-                "9 planes hold lptm, 12 hsh4, and 3 or more rbf and bilinear", ExitCode::usage);
+                "9 planes hold lptm, 12 hsh4, and 3 or more bilinear", ExitCode::usage);
   }
   const Fitted fitted = fitter.fit(scores.front());
   if (format) {

@@ -38,8 +38,10 @@ bool is_rti_model(const ReflectanceModel& model) {
   return model.basis == ReflectanceBasis::hsh && model.colour == ReflectanceColour::rgb;
 }
 bool is_web_model(const ReflectanceModel& model) {
-  return model.basis != ReflectanceBasis::hsh || model.n_terms == 9 ||
-         (model.n_terms == 4 && model.colour == ReflectanceColour::rgb);
+  return model.basis == ReflectanceBasis::ptm || model.basis == ReflectanceBasis::bilinear ||
+         (model.basis == ReflectanceBasis::hsh &&
+          (model.n_terms == 9 ||
+           (model.n_terms == 4 && model.colour == ReflectanceColour::rgb)));
 }
 
 constexpr std::array<FormatEntry, 3> kFormats{{

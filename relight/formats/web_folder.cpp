@@ -203,6 +203,27 @@ void read_scales(const JsonValue& material, const WebInfo& info, ReflectanceMode
   }
 }
 
+/// Of lrgb: the brightest colour that the scales can say becomes 1, the luminance takes the
+/// rest. Writers differ in which of the two is large.
+void bring_colours_to_one(ReflectanceModel& model) {
+  if (model.colour != ReflectanceColour::lrgb) {
+    return;
+  }
+  const auto colours = model.scales.begin() + model.n_terms;
+  double largest = 0.0;
+  for (auto plane = colours; plane != model.scales.end(); ++plane) {
+    largest = std::max({largest, plane->offset, plane->offset + kWhite * plane->scale});
+  }
+  if (largest <= 0.0 || largest == 1.0) {
+    return;
+  }
+  for (auto plane = model.scales.begin(); plane != model.scales.end(); ++plane) {
+    const double factor = plane < colours ? largest : 1.0 / largest;
+    plane->scale *= factor;
+    plane->offset *= factor;
+  }
+}
+
 /// Everything but the planes.
 ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
   if (root.has("format") && root["format"].text() != "jpg") {
@@ -241,11 +262,13 @@ ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
   }
   read_lights(root, model);
   read_scales(materials[0], info, model);
+  bring_colours_to_one(model);
+  model.least_elevation = model.basis == ReflectanceBasis::hsh ? kWebLeastElevation : 0.0;
   if (is_pca) {
     if (model.basis == ReflectanceBasis::bilinear) {
       model.resolution = static_cast<int>(root["resolution"].integer(2, 1024));
     } else if (root.has("sigma")) {
-      model.rbf_sigma = root["sigma"].number(0.0, 1e3);
+      (void)root["sigma"].number(0.0, 1e3);  // viewers pass over it
     }
     read_axes(root, materials[0], space, info, model);
   }
@@ -300,6 +323,11 @@ void require_writable(const fs::path& folder, const ReflectanceModel& model) {
   if (model.transfer != Transfer::srgb) {
     throw Error("viewers show a web folder as sRGB, and these colours are not", where,
                 "fit it to sRGB first: haarlight convert does");
+  }
+  if (model.basis == ReflectanceBasis::rbf) {
+    throw Error("viewers light rbf by rules of their own, which are not those of the fit",
+                where,
+                "fit the same capture with --basis bilinear, or write hsh: haarlight convert");
   }
   HAARLIGHT_EXPECTS(obeys(ScaleRule::any, model), "scales above 0");
 }
@@ -363,18 +391,18 @@ Json info_json(const ReflectanceModel& model, int n_planes, int quality) {
     const PlaneScale plane =
         is_padding ? PlaneScale{}
                    : model.scales[static_cast<std::size_t>(plane_of_file(model, k))];
+    // By the file's order: lrgb's colours are the first picture.
+    const double raised = model.colour != ReflectanceColour::lrgb ? 1.0
+                          : k < 3                                 ? 1.0 / kWebLuminance
+                                                                  : kWebLuminance;
     const double factor = plane.scale * kWhite;
-    scale.push_back(factor);
+    scale.push_back(factor * raised);
     bias.push_back(plane.offset == 0.0 ? 0.0 : -plane.offset / factor);
   }
   material["scale"] = std::move(scale);
   material["bias"] = std::move(bias);
   if (model.colour == ReflectanceColour::pca) {
-    if (model.basis == ReflectanceBasis::rbf) {
-      root["sigma"] = model.rbf_sigma > 0.0 ? model.rbf_sigma : kDefaultRbfSigma;
-    } else {
-      root["resolution"] = model.resolution;
-    }
+    root["resolution"] = model.resolution;
     add_axes(model, n_planes, root, material);
   }
   root["materials"] = Json::array({std::move(material)});

@@ -20,7 +20,9 @@ namespace haarlight {
 using OpenPart = std::function<std::string(const std::string& name)>;
 
 /// Basis ptm or hsh in rgb or lrgb; rbf or bilinear in mrgb or mycc, which becomes pca. Tiles
-/// are not read, nor folders of several materials.
+/// are not read, nor folders of several materials. Lit as OpenLIME 1.2.6 lights it: rbf without
+/// sigma, hsh no lower than kWebLeastElevation; lrgb's colours are brought to 0..1 and the
+/// luminance with them.
 /// @param where       the folder's name, for messages
 /// @param most_bytes  of planes
 /// @throws Error  naming the field of info.json, or the picture
@@ -30,6 +32,10 @@ using OpenPart = std::function<std::string(const std::string& name)>;
 [[nodiscard]] ReflectanceModel read_web_folder(const std::filesystem::path& folder,
                                                std::uint64_t most_bytes = kMostPlaneBytes);
 
+/// OpenLIME 1.2.6 takes lrgb's luminance as the picture's opacity. This many times the factor
+/// of colours in 0..1, it is 1 or more (opaque) wherever a picture of 8 bits is not black.
+inline constexpr double kWebLuminance = 255.0;
+
 struct WebOptions {
   int quality = 95;  ///< of the JPEG pictures, 1 to 100
 };
@@ -37,8 +43,10 @@ struct WebOptions {
 /// Writes the pictures, then info.json; the folder is made where it is not there. Scales obey
 /// ScaleRule::any. Axes of pca become bytes, each row with its own range, as the format has it;
 /// the mean is clipped to 0..1.
-/// @throws Error  16 terms of hsh in lrgb or another model that the format has no word for; not
-///                srgb; unwritable
+/// Of lrgb the luminance is written kWebLuminance times, the colours as much less.
+/// @throws Error  16 terms of hsh, rbf (viewers have rules of their own for it), or another
+/// model
+///                that the format has no word for; not srgb; unwritable
 void write_web_folder(const std::filesystem::path& folder, const ReflectanceModel& model,
                       const WebOptions& options = {});
 
