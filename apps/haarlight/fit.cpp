@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/fit_output.h"
 #include "apps/haarlight/picture_options.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -20,6 +21,7 @@
 #include "relight/fit/light_haar.h"
 #include "relight/fit/near_fit.h"
 #include "relight/fit/recipe_choice.h"
+#include "relight/formats/refit.h"
 #include "relight/formats/reflectance_file.h"
 #include "relight/light/near_light.h"
 #include "session/session.h"
@@ -46,6 +48,8 @@ struct FitArguments {
   int max_planes = 27;
   int resolution = 24;
   std::optional<double> ridge;
+  FitSize size;
+  std::string bytes;
 };
 
 /// A capture opened: its rows and where its lights are.
@@ -175,8 +179,25 @@ struct Fitted {
   FormScore score;
   FitResult result;
   double seconds = 0.0;  ///< of the processor, reading included
-  std::optional<FitError> error;
+  std::optional<FitFile> file;
+  std::vector<double> psnr_db;  ///< of the file, or of the planes: a light, or one for all
 };
+
+/// What a file's pictures are held against.
+enum class Against { held, fitted, planes };
+const char* words_of(Against against) {
+  switch (against) {
+    case Against::held:
+      return "photographs that were held out";
+    case Against::fitted:
+      return "the photographs it was fitted to";
+    case Against::planes:
+      break;
+  }
+  return "those of its planes before they were coded";
+}
+
+double mean_of(const std::vector<double>& values) { return FitError{values}.mean_psnr_db(); }
 
 class Fitter {
  public:
@@ -239,12 +260,35 @@ class Fitter {
     Fitted fitted{score,
                   arguments_.near == "off" ? fit_far(*kept_, fit, far_) : fit_nearby(fit),
                   0.0,
+                  {},
                   {}};
     fitted.seconds = processor_seconds() - start;
-    if (!lights_.held.empty() && arguments_.near == "off") {
-      fitted.error = measure_fit(fitted.result.model, *held_, lights_.held_directions);
-    }
     return fitted;
+  }
+
+  [[nodiscard]] Against against() const {
+    return arguments_.near != "off" ? Against::planes
+           : lights_.held.empty()   ? Against::fitted
+                                    : Against::held;
+  }
+
+  /// PSNR of a decoded file's pictures, a light. Large captures are compared on bands of rows.
+  [[nodiscard]] std::vector<double> measure(const ReflectanceModel& decoded,
+                                            const ReflectanceModel& planes) {
+    constexpr std::uint64_t kMost = 200'000'000;  // pixels times lights
+    switch (against()) {
+      case Against::held:
+        return measure_fit(decoded, *held_, lights_.held_directions, kMost).psnr_db;
+      case Against::fitted:
+        return measure_fit(decoded, *kept_, lights_.kept_directions, kMost).psnr_db;
+      case Against::planes:
+        break;
+    }
+    constexpr int kCompared = 25;
+    const PictureDifference found =
+        compare_pictures(planes, decoded, spread_over_hemisphere(kCompared));
+    constexpr double kSame = 100.0;  // no byte differs
+    return {found.is_same ? kSame : found.mean_db};
   }
 
  private:
@@ -278,10 +322,28 @@ class Fitter {
   LightSample sample_;
 };
 
-void print_head(bool has_held) {
-  fmt::print("{:<9} {:>6} {:>12} {:>9} {:>9}  {}\n", "basis", "planes", "bytes", "CPU s/MP",
-             has_held ? "held dB" : "left dB",
-             "recipe (left dB: mean of lights left out in turn)");
+/// Writes the fit where it is asked for, else where it is removed again, and measures it.
+void write_and_measure(Fitter& fitter, const FitArguments& arguments, Fitted& fitted) {
+  const ReflectanceModel& planes = fitted.result.model;
+  const auto measure = [&](const ReflectanceModel& decoded) {
+    fitted.psnr_db = fitter.measure(decoded, planes);
+    return mean_of(fitted.psnr_db);
+  };
+  fitted.file = arguments.out.empty()
+                    ? try_fit_file(planes, measure)
+                    : write_fit(arguments.out, planes, arguments.size, measure);
+  if (!fitted.file) {
+    (void)measure(planes);
+  }
+}
+
+void print_head(Against against) {
+  fmt::print(
+      "file dB: the file's pictures, read again, against {}; left dB: of lights left out "
+      "in turn\n",
+      words_of(against));
+  fmt::print("{:<9} {:>6} {:>10} {:>9} {:>9} {:>8} {:>8}  {}\n", "basis", "planes", "bytes",
+             "bit/pixel", "CPU s/MP", "file dB", "left dB", "recipe");
 }
 
 double megapixels(const ReflectanceModel& model) {
@@ -289,29 +351,41 @@ double megapixels(const ReflectanceModel& model) {
          static_cast<double>(model.planes.height());
 }
 
+std::string words_of(const std::optional<FitFile>& file) {
+  if (!file) {
+    return "; no file holds it: dB of the planes";
+  }
+  return file->quality ? fmt::format("; folder, quality {:.4g}", *file->quality)
+                       : "; " + file->name;
+}
+
 void print_row(const Fitted& fitted) {
   const ReflectanceModel& model = fitted.result.model;
-  fmt::print("{:<9} {:>6} {:>12} {:>9.3f} {:>9.2f}  {}{}\n", to_string(fitted.score.form),
-             model.n_planes(), model.planes.pixels().size(), fitted.seconds / megapixels(model),
-             fitted.error ? fitted.error->mean_psnr_db() : fitted.score.psnr_db,
-             to_string(fitted.score.recipe),
-             fitted.error ? fmt::format("; left out {:.2f} dB", fitted.score.psnr_db) : "");
+  const double n_pixels = 1e6 * megapixels(model);
+  const auto bytes = fitted.file ? static_cast<double>(fitted.file->bytes) : 0.0;
+  fmt::print("{:<9} {:>6} {:>10} {:>9} {:>9.3f} {:>8.2f} {:>8.2f}  {}{}\n",
+             to_string(fitted.score.form), model.n_planes(),
+             fitted.file ? fmt::format("{}", fitted.file->bytes) : "-",
+             fitted.file ? fmt::format("{:.2f}", 8.0 * bytes / n_pixels) : "-",
+             fitted.seconds / megapixels(model), mean_of(fitted.psnr_db), fitted.score.psnr_db,
+             to_string(fitted.score.recipe), words_of(fitted.file));
 }
 
 TradeoffRecord record_of(const Fitted& fitted, const FitArguments& arguments,
-                         const CommonOptions& common, std::size_t n_lights) {
+                         const CommonOptions& common, std::size_t n_lights, Against against) {
   TradeoffRecord record;
   const ReflectanceModel& model = fitted.result.model;
   record.algorithm = "haarlight";
   record.mode =
       fmt::format("fit {}: {}", to_string(fitted.score.form), to_string(fitted.score.recipe));
-  record.error_norm = fitted.error ? "mean PSNR at held-out lights, dB"
-                                   : "mean PSNR at lights left out in turn, dB";
-  record.error = fitted.error ? fitted.error->mean_psnr_db() : fitted.score.psnr_db;
+  record.error_norm =
+      fmt::format("mean PSNR of the file's pictures against {}, dB", words_of(against));
+  record.error = mean_of(fitted.psnr_db);
   record.seconds = fitted.seconds;
   record.seconds_least = fitted.seconds;
   record.seconds_most = fitted.seconds;
-  record.bytes = static_cast<double>(model.planes.pixels().size());
+  record.bytes =
+      static_cast<double>(fitted.file ? fitted.file->bytes : model.planes.pixels().size());
   record.conditions.threads = std::max(1, common.threads);
   record.conditions.lights = static_cast<int>(n_lights);
   record.conditions.pixels =
@@ -319,8 +393,9 @@ TradeoffRecord record_of(const Fitted& fitted, const FitArguments& arguments,
   record.conditions.repeats = 1;
   record.conditions.command = fmt::format("haarlight fit {} --compare --hold-out {}",
                                           arguments.capture, arguments.hold_out);
-  record.conditions.more = {{"bytes_are", std::string("the planes, 8 bits each")},
-                            {"seconds_are", std::string("of the processor, reading included")}};
+  record.conditions.more = {
+      {"bytes_are", fitted.file ? "on disk: " + fitted.file->name : "the planes, 8 bits each"},
+      {"seconds_are", std::string("of the processor, reading included")}};
   return record;
 }
 
@@ -328,19 +403,23 @@ TradeoffRecord record_of(const Fitted& fitted, const FitArguments& arguments,
 ExitCode compare(Fitter& fitter, const FitArguments& arguments, const CommonOptions& common,
                  Report& report) {
   std::vector<TradeoffRecord> records;
-  print_head(!fitter.lights().held.empty());
+  print_head(fitter.against());
   for (const FormScore& score : fitter.scores(all_fit_forms())) {
-    const Fitted fitted = fitter.fit(score);
+    Fitted fitted = fitter.fit(score);
+    write_and_measure(fitter, arguments, fitted);
     print_row(fitted);
-    report.add_reached(fmt::format("{} dB", to_string(score.form)),
-                       fitted.error ? fitted.error->mean_psnr_db() : score.psnr_db);
-    records.push_back(record_of(fitted, arguments, common, fitter.lights().kept.size()));
+    report.add_reached(fmt::format("{} dB", to_string(score.form)), mean_of(fitted.psnr_db));
+    if (fitted.file) {
+      report.add_reached(fmt::format("{} bytes", to_string(score.form)),
+                         static_cast<std::int64_t>(fitted.file->bytes));
+    }
+    records.push_back(
+        record_of(fitted, arguments, common, fitter.lights().kept.size(), fitter.against()));
   }
   if (const std::optional<HaarSize> haar = fitter.haar()) {
     fmt::print(
-        "{:<9} {:>6} {:>10.0f} {:>9} {:>9.2f}  at its own lights (none between); bytes a "
-        "pixel\n",
-        "haar", "-", haar->bytes_a_pixel, "-", haar->psnr_db);
+        "{:<9} {:>6} {:>10} {:>9.2f} {:>9} {:>8.2f} {:>8}  at its own lights (none between)\n",
+        "haar", "-", "-", 8.0 * haar->bytes_a_pixel, "-", haar->psnr_db, "-");
     report.add_reached("haar dB at its own lights", haar->psnr_db);
   }
   if (!arguments.records.empty()) {
@@ -373,6 +452,7 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
                 ExitCode::usage);
   }
   const Format format = format_of(arguments.out);
+  require_one_size(arguments.size, format);
   if (format) {
     require_absent(arguments.out, common.force);
   }
@@ -395,19 +475,25 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
     throw Error("no basis fits so few planes", "--planes",
                 "9 planes hold lptm, 12 hsh4, and 3 or more bilinear", ExitCode::usage);
   }
-  const Fitted fitted = fitter.fit(scores.front());
+  Fitted fitted = fitter.fit(scores.front());
+  write_and_measure(fitter, arguments, fitted);
   if (format) {
-    write_reflectance(arguments.out, fitted.result.model);
     report.set_bytes(bytes_on_disk(arguments.out));
   }
-  print_head(fitted.error.has_value());
+  print_head(fitter.against());
   print_row(fitted);
   report.add_detail("basis", std::string(to_string(fitted.score.form)));
   report.add_detail("recipe", to_string(fitted.score.recipe));
   report.add_reached("left out dB", fitted.score.psnr_db);
-  if (fitted.error) {
-    report.add_reached("held out dB", fitted.error->mean_psnr_db());
-    report.add_detail("held out dB each", fitted.error->psnr_db);
+  const double psnr_db = mean_of(fitted.psnr_db);
+  report.add_reached("file dB", psnr_db);
+  report.add_detail("file dB against", std::string(words_of(fitter.against())));
+  report.add_detail("file dB each", fitted.psnr_db);
+  if (fitter.against() == Against::held) {
+    report.add_reached("held out dB", psnr_db);
+  }
+  if (fitted.file && fitted.file->quality) {
+    report.add_reached("quality", *fitted.file->quality);
   }
   report.add_detail("quantisation rms", fitted.result.quantisation_rms);
   report.add_detail("clipped share", fitted.result.clipped);
@@ -448,6 +534,18 @@ void add_fit(Command root, Invocation& invocation) {
               {.bounds = Bounds{0.0, 1e6}});
   verb.flag("--extremes", &arguments->extremes,
             "Keep the planes' extreme values instead of the least error");
+  verb.option(
+      "--quality", &arguments->size.quality,
+      "Of a folder's pictures (default: 97); every plane is rounded as the lit pictures "
+      "need it",
+      {.bounds = Bounds{1.0, 100.0}});
+  verb.option("--bytes", &arguments->bytes,
+              "The most bytes of a folder: the best quality that they hold",
+              {.type = "BYTES|800k|2M"});
+  verb.option("--psnr", &arguments->size.psnr_db,
+              "The least mean PSNR of a folder's pictures, read again: the fewest bytes that "
+              "reach it",
+              {.type = "DB", .bounds = Bounds{1.0, 100.0}});
   verb.option("--transfer", &arguments->transfer,
               "What the fit's numbers are coded with; viewers expect srgb",
               {.choices = {"srgb", "linear"}, .shows_default = true});
@@ -468,10 +566,14 @@ void add_fit(Command root, Invocation& invocation) {
       "What is fitted and how it is chosen: docs/numerics/reflectance-fits.md.\n"
       "Examples:\n"
       "  haarlight fit door.session -o door-web\n"
+      "  haarlight fit door.session -o door-small --bytes 400k\n"
       "  haarlight fit door.session --basis hsh9 -o door.rti\n"
       "  haarlight fit cube.session --basis ptm --near exact -o cube.ptm\n"
       "  haarlight fit door.session --compare --hold-out 6:2");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    if (!arguments->bytes.empty()) {
+      arguments->size.bytes = parse_bytes(arguments->bytes, "--bytes");
+    }
     return run_fit(*arguments, common, report);
   });
 }
