@@ -20,6 +20,7 @@
 #include "relight/fit/fit_check.h"
 #include "relight/fit/light_haar.h"
 #include "relight/fit/near_fit.h"
+#include "relight/fit/picture_files.h"
 #include "relight/fit/recipe_choice.h"
 #include "relight/formats/refit.h"
 #include "relight/formats/reflectance_file.h"
@@ -64,7 +65,6 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   const std::vector<LightPicture> pictures =
       match_pictures(arguments.capture, arguments.lights, list, match_options(arguments.list));
   (void)hashes_of_different(pictures, pictures.size());
-  tell_match(list.notes, list.disagreements, common);
   OpenCapture capture;
   std::vector<fs::path> files;
   int n_turned = 0;
@@ -73,12 +73,26 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
     capture.directions.push_back(list.lights[k].place.normalized());
     n_turned += is_picture_turned(pictures[k].path) ? 1 : 0;
   }
-  if (n_turned > 0) {
-    log_warning(fmt::format(
-        "{} of {} pictures carry an EXIF rotation: ignored, pixels are taken as stored",
-        n_turned, pictures.size()));
+  if (n_turned > 0) {  // of all: that is how the camera stood; of some: the pictures differ
+    const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
+    (are_all ? list.notes : list.disagreements)
+        .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
+                               "taken as stored",
+                               n_turned, pictures.size()));
   }
-  capture.rows = jpeg_rows(std::move(files));
+  PictureFilesOptions options;
+  options.memory_bytes = common.memory_bytes / 4;
+  if (!arguments.out.empty()) {
+    options.work_folder = fs::absolute(arguments.out).parent_path();
+  }
+  PictureFiles opened = picture_rows(std::move(files), options);
+  if (!opened.profile.empty()) {
+    list.notes.push_back(fmt::format(
+        "the pictures' colour profile (\"{}\") is applied: the fit's colours are sRGB's",
+        opened.profile));
+  }
+  tell_match(list.notes, list.disagreements, common);
+  capture.rows = std::move(opened.rows);
   return capture;
 }
 
@@ -179,6 +193,7 @@ struct Fitted {
   FormScore score;
   FitResult result;
   double seconds = 0.0;  ///< of the processor, reading included
+  long long n_pixels = 0;
   std::optional<FitFile> file;
   std::vector<double> psnr_db;  ///< of the file, or of the planes: a light, or one for all
 };
@@ -257,12 +272,13 @@ class Fitter {
     ridge_ = score.recipe.ridge;
     const FarFit fit =
         make_far_fit(score.form, score.recipe, lights_.kept_directions, sample_, form_);
-    Fitted fitted{score,
-                  arguments_.near == "off" ? fit_far(*kept_, fit, far_) : fit_nearby(fit),
-                  0.0,
-                  {},
-                  {}};
+    Fitted fitted{
+        score, arguments_.near == "off" ? fit_far(*kept_, fit, far_) : fit_nearby(fit),
+        0.0,   0,
+        {},    {}};
     fitted.seconds = processor_seconds() - start;
+    const PictureShape shape = kept_->shape();
+    fitted.n_pixels = static_cast<long long>(shape.width) * shape.height;
     return fitted;
   }
 
@@ -322,16 +338,18 @@ class Fitter {
   LightSample sample_;
 };
 
-/// Writes the fit where it is asked for, else where it is removed again, and measures it.
+/// Writes the fit where it is asked for, else where it is removed again, and measures it. Its
+/// planes are let go where nothing needs them any more.
 void write_and_measure(Fitter& fitter, const FitArguments& arguments, Fitted& fitted) {
-  const ReflectanceModel& planes = fitted.result.model;
+  ReflectanceModel& planes = fitted.result.model;
+  const bool keeps_planes = fitter.against() == Against::planes;
   const auto measure = [&](const ReflectanceModel& decoded) {
     fitted.psnr_db = fitter.measure(decoded, planes);
     return mean_of(fitted.psnr_db);
   };
   fitted.file = arguments.out.empty()
-                    ? try_fit_file(planes, measure)
-                    : write_fit(arguments.out, planes, arguments.size, measure);
+                    ? try_fit_file(planes, measure, keeps_planes)
+                    : write_fit(arguments.out, planes, arguments.size, measure, keeps_planes);
   if (!fitted.file) {
     (void)measure(planes);
   }
@@ -346,11 +364,6 @@ void print_head(Against against) {
              "bit/pixel", "CPU s/MP", "file dB", "left dB", "recipe");
 }
 
-double megapixels(const ReflectanceModel& model) {
-  return 1e-6 * static_cast<double>(model.planes.width()) *
-         static_cast<double>(model.planes.height());
-}
-
 std::string words_of(const std::optional<FitFile>& file) {
   if (!file) {
     return "; no file holds it: dB of the planes";
@@ -361,13 +374,13 @@ std::string words_of(const std::optional<FitFile>& file) {
 
 void print_row(const Fitted& fitted) {
   const ReflectanceModel& model = fitted.result.model;
-  const double n_pixels = 1e6 * megapixels(model);
+  const auto n_pixels = static_cast<double>(fitted.n_pixels);
   const auto bytes = fitted.file ? static_cast<double>(fitted.file->bytes) : 0.0;
   fmt::print("{:<9} {:>6} {:>10} {:>9} {:>9.3f} {:>8.2f} {:>8.2f}  {}{}\n",
              to_string(fitted.score.form), model.n_planes(),
              fitted.file ? fmt::format("{}", fitted.file->bytes) : "-",
              fitted.file ? fmt::format("{:.2f}", 8.0 * bytes / n_pixels) : "-",
-             fitted.seconds / megapixels(model), mean_of(fitted.psnr_db), fitted.score.psnr_db,
+             1e6 * fitted.seconds / n_pixels, mean_of(fitted.psnr_db), fitted.score.psnr_db,
              to_string(fitted.score.recipe), words_of(fitted.file));
 }
 
@@ -384,12 +397,11 @@ TradeoffRecord record_of(const Fitted& fitted, const FitArguments& arguments,
   record.seconds = fitted.seconds;
   record.seconds_least = fitted.seconds;
   record.seconds_most = fitted.seconds;
-  record.bytes =
-      static_cast<double>(fitted.file ? fitted.file->bytes : model.planes.pixels().size());
+  record.bytes = fitted.file ? static_cast<double>(fitted.file->bytes)
+                             : static_cast<double>(fitted.n_pixels * model.n_planes());
   record.conditions.threads = std::max(1, common.threads);
   record.conditions.lights = static_cast<int>(n_lights);
-  record.conditions.pixels =
-      static_cast<long long>(model.planes.width()) * model.planes.height();
+  record.conditions.pixels = fitted.n_pixels;
   record.conditions.repeats = 1;
   record.conditions.command = fmt::format("haarlight fit {} --compare --hold-out {}",
                                           arguments.capture, arguments.hold_out);
@@ -447,6 +459,15 @@ void require_near_makes_sense(const FitArguments& arguments, const OpenCapture& 
 
 ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Report& report) {
   report.add_input(arguments.capture);
+  if (arguments.size.quality) {
+    report.add_asked("quality", *arguments.size.quality);
+  }
+  if (arguments.size.bytes) {
+    report.add_asked("bytes", static_cast<std::int64_t>(*arguments.size.bytes));
+  }
+  if (arguments.size.psnr_db) {
+    report.add_asked("file dB", *arguments.size.psnr_db);
+  }
   if (arguments.out.empty() && !arguments.compare && arguments.hold_out.empty()) {
     throw Error("nothing to do", "", "name a file: -o FILE, or ask for --compare",
                 ExitCode::usage);
@@ -510,7 +531,7 @@ void add_fit(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<FitArguments>();
   Command verb = root.add_verb("fit", "Make a picture that can be lit from any direction");
   verb.option("CAPTURE", &arguments->capture,
-              "Session folder, or with --lights a folder of JPEG pictures",
+              "Session folder, or with --lights a folder of pictures",
               {.type = "SESSION|FOLDER", .is_required = true});
   verb.option("-o,--output", &arguments->out,
               "What to write: .ptm, .rti, or a name without ending for a web folder",
@@ -522,7 +543,7 @@ void add_fit(Command root, Invocation& invocation) {
   verb.option("--basis", &arguments->basis,
               "The basis; auto: the one that predicts each light best from the others",
               {.choices = names, .shows_default = true});
-  verb.option("--lights", &arguments->lights, "List of lights of a folder of JPEGs",
+  verb.option("--lights", &arguments->lights, "List of lights of a folder of pictures",
               {.type = "FILE.lp"});
   add_picture_list_options(verb, arguments->list);
   verb.option("--planes", &arguments->max_planes, "The most planes of 8 bits that auto may use",

@@ -63,8 +63,8 @@ void require_one_size(const FitSize& size, std::optional<ReflectanceFormat> form
   }
 }
 
-FitFile write_fit(const fs::path& path, const ReflectanceModel& model, const FitSize& size,
-                  const MeasurePictures& measure) {
+FitFile write_fit(const fs::path& path, ReflectanceModel& model, const FitSize& size,
+                  const MeasurePictures& measure, bool keeps_planes) {
   const ReflectanceFormat format = reflectance_format_of_name(path);
   FitFile file;
   if (format == ReflectanceFormat::web) {
@@ -78,18 +78,21 @@ FitFile write_fit(const fs::path& path, const ReflectanceModel& model, const Fit
     file.name = to_string(format);
     file.bytes = bytes_on_disk(path);
   }
+  if (!keeps_planes) {
+    model.planes = {};
+  }
   file.psnr_db = measure(read_reflectance(path, {.most_bytes = ~std::uint64_t{0}}));
   return file;
 }
 
-std::optional<FitFile> try_fit_file(const ReflectanceModel& model,
-                                    const MeasurePictures& measure) {
+std::optional<FitFile> try_fit_file(ReflectanceModel& model, const MeasurePictures& measure,
+                                    bool keeps_planes) {
   const OwnFolder folder;
   if (can_hold(ReflectanceFormat::web, model)) {
-    return write_fit(folder.path() / "web", model, {}, measure);
+    return write_fit(folder.path() / "web", model, {}, measure, keeps_planes);
   }
   if (can_hold(ReflectanceFormat::rti, model)) {
-    return write_fit(folder.path() / "fit.rti", model, {}, measure);
+    return write_fit(folder.path() / "fit.rti", model, {}, measure, keeps_planes);
   }
   return {};
 }

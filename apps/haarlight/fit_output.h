@@ -34,16 +34,18 @@ struct FitFile {
 };
 
 /// Writes the model and reads it again.
-/// @param measure  what its pictures are worth; also what FitSize::psnr_db is
+/// @param model         its planes are let go once they are written, unless keeps_planes
+/// @param measure       what its pictures are worth; also what FitSize::psnr_db is
 /// @throws Error  the size cannot be reached; nothing is written then
-[[nodiscard]] FitFile write_fit(const std::filesystem::path& path,
-                                const ReflectanceModel& model, const FitSize& size,
-                                const MeasurePictures& measure);
+[[nodiscard]] FitFile write_fit(const std::filesystem::path& path, ReflectanceModel& model,
+                                const FitSize& size, const MeasurePictures& measure,
+                                bool keeps_planes);
 
 /// The same into a folder for temporary files, which is removed again: as a web folder, or as
 /// .rti where no folder holds the model. Nothing: no file holds it.
-[[nodiscard]] std::optional<FitFile> try_fit_file(const ReflectanceModel& model,
-                                                  const MeasurePictures& measure);
+[[nodiscard]] std::optional<FitFile> try_fit_file(ReflectanceModel& model,
+                                                  const MeasurePictures& measure,
+                                                  bool keeps_planes);
 
 /// "500k", "2M" or "2500000": bytes, the letters for 10^3, 10^6, 10^9.
 /// @throws Error(usage)

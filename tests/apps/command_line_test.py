@@ -551,6 +551,13 @@ class CommandLine(unittest.TestCase):
         self.assertLessEqual(report["bytes"], asked)
         row, report = fit(f"-o coded-web --psnr {low + 0.5:.3f}")
         self.assertGreaterEqual(report["reached"]["file dB"], low + 0.5)
+        # The same pictures straight from their folder, PNGs, and whatever else is in it.
+        done = self.run_line("fit coded --lights coded/dirs.lp --basis hsh4 -o coded-pictures")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        fit("-o coded-web")
+        for name in ("info.json", "plane_0.jpg", "plane_3.jpg"):
+            self.assertEqual((self.folder / "coded-pictures" / name).read_bytes(),
+                             (self.folder / "coded-web" / name).read_bytes(), name)
         for words, code, said in (("-o none --bytes 100", BAD_INPUT, "100 bytes do not hold"),
                                   ("-o none --psnr 90", BAD_INPUT, "cannot be reached"),
                                   ("-o none --psnr 30 --bytes 1M", USAGE, "each decide the others"),

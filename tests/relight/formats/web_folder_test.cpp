@@ -96,9 +96,9 @@ TEST(WebFolder, ALuminanceIsOpaqueInOpenLime) {
   write_web_folder(folder / "web", model, {.quality = 100});
   const auto info = nlohmann::json::parse(read_file(folder / "web/info.json", 1U << 20U));
   const auto& scale = info["materials"][0]["scale"];
-  for (int c = 0; c < 3; ++c) {  // how much larger the file's luminance is
-    EXPECT_NEAR(scale[c].get<double>() * kWebLuminance,
-                255.0 * model.scales[6 + static_cast<std::size_t>(c)].scale, 1e-12);
+  for (std::size_t c = 0; c < 3; ++c) {  // how much larger the file's luminance is
+    EXPECT_NEAR(scale[c].get<double>() * kWebLuminance, 255.0 * model.scales[6 + c].scale,
+                1e-12);
   }
   const ReflectanceModel found = read_web_folder(folder / "web");
   ReflectanceModel luminance = found;  // with colours of 1: the luminance alone
