@@ -105,7 +105,8 @@ TEST(PictureFiles, ProfilesAreApplied) {
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       for (int c = 0; c < 3; ++c) {
-        const auto i = static_cast<std::size_t>(3 * x + c);
+        const int column = 3 * x + c;
+        const auto i = static_cast<std::size_t>(column);
         const float code = srgb_from_linear(std::clamp(a(y, x, c), 0.0F, 1.0F));
         ASSERT_NEAR(row_of(all, y, 0, 2)[i], 65535.0F * code, 0.51F);
         ASSERT_EQ(row_of(all, y, 1, 2)[i],
