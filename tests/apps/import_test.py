@@ -136,8 +136,8 @@ class FolderAndList(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
     def test_refused(self):
-        for verb, cases in (("import", {**REFUSED, **DAMAGED}), ("fit", REFUSED)):
-            for name, (change, text, word) in cases.items():
+        for verb in ("import", "fit"):
+            for name, (change, text, word) in {**REFUSED, **DAMAGED}.items():
                 with self.subTest(verb=verb, case=name):
                     self.renew(change, text)
                     done = self.run_verb(verb)
@@ -154,6 +154,10 @@ class FolderAndList(unittest.TestCase):
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertIn(word, done.stderr)
                 self.check_pictures(wanted)
+                shutil.rmtree(self.folder / "new")
+                done = self.run_verb("fit")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                self.assertIn(word, done.stderr)
                 shutil.rmtree(self.folder / "new")
                 done = self.run_verb("import", "--strict")
                 self.assertEqual(done.returncode, BAD_INPUT, done.stderr)
