@@ -104,7 +104,8 @@ std::vector<int> order_of(const std::vector<int>& row, const std::vector<int>& c
                           int n_cols) {
   std::vector<int> order(row.size(), -1);
   for (std::size_t i = 0; i < row.size(); ++i) {
-    int& at = order[static_cast<std::size_t>(row[i] * n_cols + col[i])];
+    int& at = order[static_cast<std::size_t>(row[i]) * static_cast<std::size_t>(n_cols) +
+                    static_cast<std::size_t>(col[i])];
     if (at >= 0) {
       return {};
     }
@@ -120,8 +121,8 @@ std::vector<int> reversed(const std::vector<int>& index, int n) {
 }
 
 /// The eight ways to count a grid. @return  as listed if one of them is; else by the frame
-PositionGrid count_grid(std::vector<int> along_u, int n_u, std::vector<int> along_v, int n_v,
-                        Vector3d u, Vector3d v) {
+PositionGrid count_grid(const std::vector<int>& along_u, int n_u,
+                        const std::vector<int>& along_v, int n_v, Vector3d u, Vector3d v) {
   std::vector<PositionGrid> ways;
   for (const bool is_turned : {false, true}) {
     const auto& [row, n_row] = is_turned ? std::pair(along_u, n_u) : std::pair(along_v, n_v);
@@ -171,7 +172,7 @@ std::optional<PositionGrid> find_position_grid(std::span<const SessionLight> lig
     const double pitch = std::min(along_u.pitch, along_v.pitch);
     if (pitch > 0.0 && flat.off_mm < kTolerance * pitch &&
         !order_of(along_v.of, along_u.of, n_u).empty()) {
-      return count_grid(std::move(along_u.of), n_u, std::move(along_v.of), n / n_u,
+      return count_grid(along_u.of, n_u, along_v.of, n / n_u,
                         direction.x() * flat.u + direction.y() * flat.v,
                         direction.x() * flat.v - direction.y() * flat.u);
     }

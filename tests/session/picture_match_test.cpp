@@ -16,7 +16,6 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
-using testing::Not;
 
 /// A folder with files of these names (paths below it), each with bytes of its own.
 struct Files {
@@ -35,7 +34,7 @@ struct Match {
   std::string refusal;
 };
 
-Match match(const Files& files, const std::string& lp, MatchOptions options = {}) {
+Match match(const Files& files, const std::string& lp, const MatchOptions& options = {}) {
   test::write_text(files.folder.path() / "l.lp", lp);
   Match out;
   try {

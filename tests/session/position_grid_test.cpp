@@ -66,7 +66,7 @@ TEST(PositionGrid, ListedInAnyOrderIsPutInItsOwn) {
   for (int r = 0; r < 5; ++r) {
     for (int c = 0; c < 7; ++c) {
       // Unturned: the first row has the greatest y.
-      const int at = grid->order[static_cast<std::size_t>(r * 7 + c)];
+      const int at = grid->order[7 * static_cast<std::size_t>(r) + static_cast<std::size_t>(c)];
       EXPECT_EQ(lights[static_cast<std::size_t>(at)].name, std::to_string((4 - r) * 7 + c));
     }
   }
