@@ -14,8 +14,10 @@
 #include "apps/page_folder.h"
 #include "apps/viewer/publish_basis.h"
 #include "apps/viewer/publish_folder.h"
+#include "apps/viewer/publish_object.h"
 #include "core/log.h"
 #include "relight/formats/reflectance_file.h"
+#include "relight/formats/web_folder.h"
 
 namespace haarlight {
 
@@ -28,8 +30,14 @@ struct PublishArguments {
   std::vector<std::string> environments;
   std::optional<int> terms;
   std::optional<double> max_error;
+  std::optional<int> quality;
   PublishNotes notes;
 };
+
+/// Of a file or folder, also where a slash ends it.
+std::string last_name(const std::filesystem::path& path) {
+  return (path.has_filename() ? path : path.parent_path()).filename().string();
+}
 
 ExitCode publish_basis_file(const PublishArguments& arguments, const CommonOptions& common,
                             PublishFolder& folder, Report& report) {
@@ -62,6 +70,54 @@ ExitCode publish_basis_file(const PublishArguments& arguments, const CommonOptio
   return ExitCode::done;
 }
 
+ExitCode publish_object_file(const PublishArguments& arguments, const CommonOptions& common,
+                             PublishFolder& folder, Report& report) {
+  const std::filesystem::path file = arguments.file;
+  PublishNotes notes = arguments.notes;
+  if (!notes.mm_per_pixel && is_web_folder(file)) {
+    notes.mm_per_pixel = web_mm_per_pixel(file);
+  }
+  // A third of the planes' memory goes to the coarser levels, and some to tiles under work.
+  const ReflectanceModel model =
+      read_reflectance(file, {.most_bytes = common.memory_bytes / 3 * 2});
+  const PublishedObject found =
+      publish_object(model, last_name(file), folder,
+                     {.quality = arguments.quality, .progress = common.progress()}, notes);
+  fmt::print("{}: {:.1f} MB in {} files, {} x {} pixels in {} levels of tiles\n", arguments.out,
+             1e-6 * static_cast<double>(folder.bytes()), folder.files(), model.planes.width(),
+             model.planes.height(), found.levels);
+  if (found.psnr_db) {
+    fmt::print("  pictures are {:.1f} dB from the file's: JPEG tiles\n", *found.psnr_db);
+    report.add_reached("psnr_db", *found.psnr_db);
+  } else if (!arguments.quality) {
+    fmt::print("  nothing is lost: PNG tiles; --quality 90 makes smaller ones\n");
+  }
+  if (!found.has_info) {
+    fmt::print("  OpenLIME has no word for {} of {} terms: the page alone shows it\n",
+               to_string(model.basis), model.n_terms);
+  }
+  report.add_detail("peak memory bytes", static_cast<std::int64_t>(peak_memory_bytes()));
+  return ExitCode::done;
+}
+
+/// Options that the other kind of file takes.
+void require_matching_options(const PublishArguments& arguments, bool is_object) {
+  const auto refuse = [&](bool is_given, const char* option, const char* of) {
+    if (is_given) {
+      throw Error(fmt::format("an option of {}", of), option, "leave it out", ExitCode::usage);
+    }
+  };
+  if (is_object) {
+    refuse(!arguments.environments.empty(), "--environment", "a basis file");
+    refuse(arguments.terms.has_value(), "--terms", "a basis file");
+    refuse(arguments.max_error.has_value(), "--max-error", "a basis file");
+  } else {
+    refuse(arguments.quality.has_value(), "--quality", "a picture lit by direction");
+    refuse(arguments.notes.mm_per_pixel.has_value(), "--mm-per-pixel",
+           "a picture lit by direction");
+  }
+}
+
 ExitCode run_publish(const PublishArguments& arguments, const CommonOptions& common,
                      Report& report) {
   report.add_input(arguments.file);
@@ -78,8 +134,10 @@ ExitCode run_publish(const PublishArguments& arguments, const CommonOptions& com
   if (!is_object) {
     refuse_step_before(arguments.file, "publish");
   }
+  require_matching_options(arguments, is_object);
   PublishFolder folder(arguments.out, web, common.force);
-  const ExitCode code = publish_basis_file(arguments, common, folder, report);
+  const ExitCode code = is_object ? publish_object_file(arguments, common, folder, report)
+                                  : publish_basis_file(arguments, common, folder, report);
   report.set_bytes(folder.bytes());
   report.add_detail("files", static_cast<std::int64_t>(folder.files()));
   if (!common.quiet) {
@@ -111,6 +169,14 @@ void add_publish(Command root, Invocation& invocation) {
   verb.option("--max-error", &arguments->max_error,
               "Of a basis file: keep as few terms as this relative error allows",
               {.bounds = Bounds{0.0, 1.0}});
+  verb.option(
+      "--quality", &arguments->quality,
+      "Of a picture lit by direction: JPEG tiles of this quality (default: PNG, nothing "
+      "is lost)",
+      {.bounds = Bounds{1.0, 100.0}});
+  verb.option("--mm-per-pixel", &arguments->notes.mm_per_pixel,
+              "Of a picture lit by direction: for its scale bar",
+              {.bounds = Bounds{1e-9, 1e9}});
   verb.option("--title", &arguments->notes.title, "What the page is called");
   verb.option("--description", &arguments->notes.description, "A few words on the object");
   verb.option("--author", &arguments->notes.author, "Who made it");

@@ -287,8 +287,7 @@ void read_planes(const WebInfo& info, const OpenPart& open, const std::string& w
   }
 }
 
-void require_writable(const fs::path& folder, const ReflectanceModel& model) {
-  const std::string where = folder.string();
+void require_writable(const std::string& where, const ReflectanceModel& model) {
   require_consistent(model, where);
   if (model.basis == ReflectanceBasis::hsh &&
       (model.n_terms > 9 || (model.colour == ReflectanceColour::lrgb && model.n_terms != 9))) {
@@ -334,18 +333,21 @@ void add_axes(const ReflectanceModel& model, int n_planes, Json& root, Json& mat
   root["basis"] = std::move(basis);
 }
 
-Json info_json(const ReflectanceModel& model, int n_planes, int quality) {
+Json info_json(const ReflectanceModel& model, int n_planes, const WebInfoWords& words) {
   Json root;
   root["width"] = model.planes.width();
   root["height"] = model.planes.height();
-  root["format"] = "jpg";
+  root["format"] = words.format;
   root["type"] = to_string(model.basis);
   root["colorspace"] = model.colour == ReflectanceColour::pca    ? "mrgb"
                        : model.colour == ReflectanceColour::lrgb ? "lrgb"
                                                                  : "rgb";
   root["nplanes"] = n_planes;
-  root["quality"] = quality;
+  root["quality"] = words.quality;
   root["colorprofile"] = "sRGB";
+  if (words.mm_per_pixel) {
+    root["pixelSizeInMM"] = *words.mm_per_pixel;
+  }
   if (!model.lights.empty()) {
     Json lights = Json::array();
     for (const Eigen::Vector3d& light : model.lights) {
@@ -411,9 +413,33 @@ ReflectanceModel read_web_folder(const fs::path& folder, std::uint64_t most_byte
                           most_bytes);
 }
 
+std::array<int, 3> planes_of_picture(const ReflectanceModel& model, int picture) {
+  std::array<int, 3> planes{-1, -1, -1};
+  for (int c = 0; c < 3 && 3 * picture + c < model.n_planes(); ++c) {
+    planes[static_cast<std::size_t>(c)] = plane_of_file(model, 3 * picture + c);
+  }
+  return planes;
+}
+
+std::string web_info_text(const ReflectanceModel& model, const std::string& where,
+                          const WebInfoWords& words) {
+  require_writable(where, model);
+  return info_json(model, (model.n_planes() + 2) / 3 * 3, words).dump() + "\n";
+}
+
+std::optional<double> web_mm_per_pixel(const fs::path& folder) {
+  const fs::path path = folder / "info.json";
+  const JsonValue root = JsonValue::parse(read_file(path, kMaxInfo), path.string());
+  if (!root.has("pixelSizeInMM")) {
+    return {};
+  }
+  const double mm = root["pixelSizeInMM"].number(0.0, kLargestNumber);
+  return mm > 0.0 ? std::optional(mm) : std::nullopt;
+}
+
 void write_web_folder(const fs::path& folder, const ReflectanceModel& model,
                       const WebOptions& options) {
-  require_writable(folder, model);
+  require_writable(folder.string(), model);
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) {
@@ -425,16 +451,16 @@ void write_web_folder(const fs::path& folder, const ReflectanceModel& model,
   const JpegShape shape{model.planes.height(), model.planes.width()};
   remove_former(folder);
   for (int i = 0; i < n_pictures; ++i) {
+    const std::array<int, 3> planes = planes_of_picture(model, i);
     const auto give = [&](int y, std::span<std::uint8_t> samples) {
       const auto row = model.planes.view().row(y);
-      for (int c = 0; c < 3; ++c) {
-        const int k = 3 * i + c;
-        if (k >= model.n_planes()) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        if (planes[c] < 0) {
           break;  // of zeros: the row is made anew for each picture
         }
-        const auto p = static_cast<std::size_t>(plane_of_file(model, k));
+        const auto p = static_cast<std::size_t>(planes[c]);
         for (std::size_t x = 0; x < samples.size() / 3; ++x) {
-          samples[3 * x + static_cast<std::size_t>(c)] = row[x * n_planes + p];
+          samples[3 * x + c] = row[x * n_planes + p];
         }
       }
     };
@@ -442,7 +468,7 @@ void write_web_folder(const fs::path& folder, const ReflectanceModel& model,
     write_file_atomically(path, encode_jpeg(shape, 3, options.quality, path.string(), give));
   }
   write_file_atomically(folder / "info.json",
-                        info_json(model, 3 * n_pictures, options.quality).dump() + "\n");
+                        web_info_text(model, folder.string(), {.quality = options.quality}));
 }
 
 }  // namespace haarlight

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -29,6 +31,26 @@ using OpenPart = std::function<std::string(const std::string& name)>;
                                                 std::uint64_t most_bytes = kMostPlaneBytes);
 [[nodiscard]] ReflectanceModel read_web_folder(const std::filesystem::path& folder,
                                                std::uint64_t most_bytes = kMostPlaneBytes);
+
+/// Which planes of the model picture i of the folder holds in its R, G and B; -1: none, zeros.
+[[nodiscard]] std::array<int, 3> planes_of_picture(const ReflectanceModel& model, int picture);
+
+/// What info.json says beside the model.
+struct WebInfoWords {
+  std::string format = "jpg";  ///< ending of the pictures
+  int quality = 95;            ///< of JPEG pictures
+  std::optional<double> mm_per_pixel;
+};
+
+/// The text of info.json. Scales, axes: as write_web_folder.
+/// @param where  for errors
+/// @throws Error  a model that the format has no word for
+[[nodiscard]] std::string web_info_text(const ReflectanceModel& model, const std::string& where,
+                                        const WebInfoWords& words);
+
+/// The field pixelSizeInMM of a folder's info.json, which OpenLIME reads; nothing where it has
+/// none. @throws Error  info.json is not readable
+[[nodiscard]] std::optional<double> web_mm_per_pixel(const std::filesystem::path& folder);
 
 struct WebOptions {
   int quality = 95;  ///< of the JPEG pictures, 1 to 100

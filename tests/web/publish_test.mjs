@@ -9,6 +9,7 @@ import {fileURLToPath} from 'node:url';
 import {Browser, Suite, expect, until} from './harness.mjs';
 import {contrast, fitsThePhone, namesAndRoles} from './page_rules.mjs';
 import {StaticServer, pythonServer} from './static_server.mjs';
+import {compareFullPixels} from './tiles_harness.mjs';
 import {compareWithPng, relight, settled} from './view_harness.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
@@ -110,16 +111,16 @@ for (const [name, words] of Object.entries(kBases)) {
 
 await suite.test('fewer terms: the page and the command say what it costs, and the bound holds', async () => {
   const file = made('cut', ...kBases.haar);
-  const {site, said} = publish(file, 'cut-site', '--terms', 40, '--title', 'Cut');
+  const {site, said} = publish(file, 'cut-site', '--terms', 36, '--title', 'Cut');
   const error = Number(/at most (\S+) \(/.exec(said)[1]);
-  expect(/40 of 64 terms/.test(said) && error > 0.01 && error < 1, said);
+  expect(/36 of 64 terms/.test(said) && error > 0.01 && error < 1, said);
   return showing(site, async page => {
     await setLights(page, {27: 1});
     const facts = await until(async () => /^.*error at most.*$/m.exec(await textOf(page, '#picture-facts'))?.[0], 'the bound');
     const bound = Number(/error at most (\S+) %/.exec(facts)?.[1]) / 100;
-    expect(bound > error, `one light may be worse than all together: ${facts}`);
+    expect(bound > 0.01 && bound < 1, `what is left out counts in the page's bound: ${facts}`);
     expect(await page.evaluate(() => window.haarlightView.basis.isComplete), 'all that is published is loaded');
-    expect(/40 of 64 terms are published/.test(await textOf(page, '#loading')), await textOf(page, '#loading'));
+    expect(/36 of 64 terms are published/.test(await textOf(page, '#loading')), await textOf(page, '#loading'));
     expect(/Error\s+at most/.test(await textOf(page, '#notes')), await textOf(page, '#notes'));
     // The linear picture, before exposure, against the command's floats of the whole file.
     const {worst} = await compareWithPng(page, relight(haarlight, file, ['--light', '27'], folder).url);
@@ -200,7 +201,253 @@ await suite.test('the command refuses what cannot be shown, and other people\'s 
   expect(!fs.existsSync(path.join(folder, 'new')), 'nothing was written');
 });
 
-//OBJECTS
+// ---- pictures lit by direction --------------------------------------------------------------
+
+/** Numbers that repeat from run to run. */
+function dice(seed) {
+  let state = seed;
+  return () => (state = (Math.imul(state, 1664525) + 1013904223) >>> 0) / 2 ** 32;
+}
+
+/** Coefficients of a wavy surface with grain, in three colours: a PTM of any size. */
+function writeWaves(file, width, height) {
+  const header = `PTM_1.2\nPTM_FORMAT_RGB\n${width}\n${height}\n0.5 0.5 0.5 0.5 0.5 1 \n128 128 128 128 128 0 \n`;
+  const draw = dice(3);
+  const n = width * height;
+  const bytes = Buffer.alloc(18 * n);
+  for (let c = 0; c < 3; ++c) {
+    for (let p = 0; p < n; ++p) {
+      const [x, y] = [p % width, Math.floor(p / width)];
+      const at = 6 * (c * n + p);
+      const grain = 30 * draw();
+      bytes[at] = 110 + 20 * Math.sin(x / 9);
+      bytes[at + 1] = 110 + 20 * Math.cos(y / 7);
+      bytes[at + 2] = 128 + grain / 3;
+      bytes[at + 3] = 128 + 90 * Math.sin(x / 31 + c);
+      bytes[at + 4] = 128 + 90 * Math.cos(y / 23);
+      bytes[at + 5] = 110 + 20 * c + grain + (x + y) % 17;
+    }
+  }
+  fs.writeFileSync(file, Buffer.concat([Buffer.from(header, 'latin1'), bytes]));
+  return file;
+}
+
+const convert = (input, output, ...words) =>
+  execFileSync(haarlight, ['convert', input, output, '--force', '--quiet', ...words.map(String)]);
+
+const kShared = path.join(source, '../shared/data/formats');
+const kObjects = {
+  ptm: () => writeWaves(path.join(folder, 'waves.ptm'), 1300, 700),
+  hsh9: () => {
+    convert(kObjects.ptm(), path.join(folder, 'waves.rti'));
+    return path.join(folder, 'waves.rti');
+  },
+  web: () => {
+    convert(writeWaves(path.join(folder, 'small.ptm'), 300, 200), path.join(folder, 'waves-web'));
+    return path.join(folder, 'waves-web');
+  },
+};
+for (const name of fs.existsSync(kShared) ? fs.readdirSync(kShared) : []) {
+  if (/\.(ptm|rti)$/.test(name)) {
+    kObjects[name] = () => path.join(kShared, name);
+  }
+}
+if (!fs.existsSync(kShared)) {
+  console.log('note: no ../shared/data/formats here: made pictures alone');
+}
+
+const lightFrom = (page, x, y) => page.evaluate(async ([u, v]) => {
+  window.haarlightView.ball.put(u, v, performance.now());
+  await window.haarlightView.engine.settled();
+}, [x, y]);
+
+/** At 100 % the canvas against `haarlight convert FILE --light`. */
+async function sameAsConverted(page, file, words = []) {
+  await page.locator('#zoom').selectOption('1');
+  await settled(page);
+  const light = await page.evaluate(() => window.haarlightView.shown.light);
+  const png = path.join(folder, 'relit.png');
+  convert(file, png, '--light', light.join(','), ...words);
+  return compareFullPixels(page, `data:image/png;base64,${fs.readFileSync(png).toString('base64')}`);
+}
+
+for (const [name, make] of Object.entries(kObjects)) {
+  await suite.test(`${name}: tiles at full size are the command's picture, wherever the light stands`, async () => {
+    const file = make();
+    const {site} = publish(file, `${name}-tiles`);
+    return showing(site, async page => {
+      let pixels = 0;
+      for (const [x, y] of [[0, 0], [0.6, 0.2], [-0.4, -0.7]]) {
+        await lightFrom(page, x, y);
+        const found = await sameAsConverted(page, file);
+        expect(found.worst <= 1, `light ${x}, ${y}: differs by ${found.worst} of 255`);
+        pixels = found.pixels;
+      }
+      return `${pixels} pixels compared`;
+    }, {at: '/museum/'});
+  });
+}
+
+await suite.test('it pans and zooms to every full pixel, and loads what is seen alone', async () => {
+  const file = writeWaves(path.join(folder, 'large.ptm'), 3000, 1700);
+  const {site} = publish(file, 'large-tiles', '--mm-per-pixel', 0.02);
+  return showing(site, async (page, server) => {
+    const tiles = () => server.asked.filter(({name}) => /plane_0_files/.test(name)).map(({name}) => name);
+    expect(tiles().every(name => !/_files\/3\//.test(name)), `the finest level at first: ${tiles()}`);
+    await lightFrom(page, 0.3, 0.3);
+    await page.locator('#zoom').selectOption('1');
+    await settled(page);
+    const finest = () => tiles().filter(name => /_files\/3\//.test(name));
+    expect(finest().length > 0 && finest().length < 24, `${finest().length} of 24 tiles of the finest level`);
+    const before = finest().length;
+    const canvas = await page.locator('#picture').boundingBox();
+    for (let i = 0; i < 8; ++i) {  // to the lower right corner
+      await page.mouse.move(canvas.x + canvas.width - 30, canvas.y + canvas.height - 30);
+      await page.mouse.down();
+      await page.mouse.move(canvas.x + 30, canvas.y + 30, {steps: 3});
+      await page.mouse.up();
+    }
+    await settled(page);
+    const {worst, pixels} = await sameAsConverted(page, file);
+    expect(worst <= 1, `differs by ${worst}`);
+    expect(finest().length > before, 'more tiles came with the movement');
+    expect(await page.evaluate(() => {
+      const {renderer} = window.haarlightView;
+      const [x, y] = renderer.pictureAt([renderer.half[0], renderer.half[1]]);
+      return x >= renderer.width - 2 && y >= renderer.height - 2;
+    }), 'the last pixel is in the middle');
+    await page.locator('#stage').focus();
+    await page.keyboard.press('0');
+    await settled(page);
+    expect(await page.locator('#zoom').inputValue() === 'fit', 'fit');
+    const bar = await page.evaluate(() => {
+      const {renderer} = window.haarlightView;
+      const box = document.getElementById('scale-bar').getBoundingClientRect();
+      return {width: box.width, mm: box.width * renderer.canvas.width / renderer.canvas.clientWidth / renderer.scale * 0.02,
+              words: document.getElementById('scale-bar').innerText.trim()};
+    });
+    const told = Number(bar.words.split(' ')[0]) * {'µm': 0.001, mm: 1, cm: 10}[bar.words.split(' ')[1]];
+    expect(Math.abs(bar.mm / told - 1) < 0.02, `the bar says ${bar.words} and is ${bar.mm} mm`);
+    await page.mouse.move(canvas.x + canvas.width / 3, canvas.y + canvas.height / 3);
+    const fixed = () => page.evaluate(([u, v]) => {
+      const {renderer} = window.haarlightView;
+      return renderer.pictureAt([u * renderer.canvas.width, v * renderer.canvas.height]);
+    }, [1 / 3, 1 / 3]);
+    const was = await fixed();
+    await page.mouse.wheel(0, -600);
+    await settled(page);
+    const is = await fixed();
+    expect(Math.hypot(is[0] - was[0], is[1] - was[1]) < 6, `what is under the pointer stays: ${was}, ${is}`);
+    return `${pixels} pixels compared, ${tiles().length} tiles of 36 asked for`;
+  });
+});
+
+await suite.test('normals and gloss go across tiles without a seam', async () => {
+  const {site} = publish(kObjects.ptm(), 'normals-tiles');
+  await showing(site, async page => {
+    await page.locator('#zoom').selectOption('1');
+    await page.locator('#mode').selectOption('normals');
+    await settled(page);
+    // The same columns of two rows of waves: beside the seam at 512 the change is not larger than elsewhere.
+    const steps = await page.evaluate(() => {
+      const {renderer} = window.haarlightView;
+      const {width, data} = renderer.pixels();
+      const [left, top] = renderer.origin;
+      const change = x => {
+        let sum = 0;
+        for (let y = 60; y < 200; ++y) {
+          const at = 4 * ((top + y) * width + left + x);
+          sum += Math.abs(data[at] - data[at + 4]);
+        }
+        return sum / 140;
+      };
+      return {seam: change(511), near: Math.max(...[480, 490, 500, 520, 530, 540].map(change))};
+    });
+    expect(steps.near > 0 && steps.seam < 2 * steps.near, `a seam: ${JSON.stringify(steps)}`);
+  });
+});
+
+await suite.test('JPEG tiles: smaller, and their error is said on the page', async () => {
+  const file = kObjects.ptm();
+  const {said} = publish(file, 'jpeg-tiles', '--quality', 90);
+  const {said: exact} = publish(file, 'ptm-tiles');
+  const megabytes = text => Number(/: ([\d.]+) MB/.exec(text)[1]);
+  const psnr = Number(/are ([\d.]+) dB/.exec(said)[1]);
+  expect(megabytes(said) < megabytes(exact) && psnr > 25, said);
+  return showing(path.join(folder, 'jpeg-tiles'), async page => {
+    expect((await textOf(page, '#notes')).includes(`${psnr.toFixed(1)} dB`), await textOf(page, '#notes'));
+    const {worst} = await sameAsConverted(page, file);
+    expect(worst > 1, 'it is not exact');
+    return `${psnr} dB, ${megabytes(said)} instead of ${megabytes(exact)} MB`;
+  });
+});
+
+await suite.test('a lying server of tiles: the file is named, a wrong picture never shown', async () => {
+  const file = kObjects.ptm();
+  const {site} = publish(file, 'lies-tiles');
+  const finest = /plane_0_files\/2\/1_0\.png$/;
+  const html = Buffer.from('<!doctype html><title>Not here</title>');
+  const lies = {
+    missing: [() => ({status: 404}), /is missing/],
+    'a page of its own': [() => ({type: 'text/html', bytes: html}), /a page of its own/],
+    torn: [bytes => ({bytes: bytes.subarray(0, 1000)}), /belong there/],
+    damaged: [bytes => {
+      const other = Buffer.from(bytes);
+      other[other.length >> 1] ^= 1;
+      return {bytes: other};
+    }, /is damaged/],
+    'another tile': [() => ({bytes: fs.readFileSync(path.join(site, 'plane_0_files/2/0_0.png'))}), /belong there|is damaged/],
+  };
+  for (const [name, [lie, words]] of Object.entries(lies)) {
+    await showing(site, async page => {
+      await settled(page);
+      await page.locator('#zoom').selectOption('1');
+      await until(() => page.locator('#problem').isVisible(), `the words about a tile that is ${name}`, 10);
+      const problem = await textOf(page, '#problem');
+      expect(words.test(problem) && finest.test(problem.split('\n')[1]) && /Cure: /.test(problem), `${name}: ${problem}`);
+    }, {allowed: [/Failed to load resource/], lie: (asked, bytes) => finest.test(asked) ? lie(bytes) : null});
+  }
+});
+
+await suite.test('others read the folder: deep zoom of OpenLIME, PNG and info.json', async () => {
+  const {site} = publish(kObjects.ptm(), 'others-tiles', '--mm-per-pixel', 0.5);
+  const info = JSON.parse(fs.readFileSync(path.join(site, 'info.json'), 'utf8'));
+  expect(info.format === 'png' && info.pixelSizeInMM === 0.5 && info.nplanes === 18, JSON.stringify(info));
+  const dzi = fs.readFileSync(path.join(site, 'plane_5.dzi'), 'utf8');
+  const value = name => Number(new RegExp(`${name}="(\\d+)"`).exec(dzi)[1]);
+  const [width, height, side] = [value('Width'), value('Height'), value('TileSize')];
+  expect(width === 1300 && height === 700 && value('Overlap') === 0, dzi);
+  const levels = Math.ceil(Math.log2(Math.max(width, height) / side)) + 1;  // OpenLIME's LayoutTiles.js
+  let [w, h] = [width, height];
+  for (let level = levels - 1; level >= 0; --level) {
+    for (let y = 0; y < Math.ceil(h / side); ++y) {
+      for (let x = 0; x < Math.ceil(w / side); ++x) {
+        const tile = fs.readFileSync(path.join(site, `plane_5_files/${level}/${x}_${y}.png`));
+        expect(tile.readUInt32BE(16) === Math.min(side, w - x * side) && tile.readUInt32BE(20) === Math.min(side, h - y * side),
+               `level ${level}, tile ${x}, ${y}`);
+      }
+    }
+    [w, h] = [Math.ceil(w / 2), Math.ceil(h / 2)];
+  }
+  expect(!fs.existsSync(path.join(site, `plane_5_files/${levels}`)), 'no level more');
+});
+
+await suite.test('the page of tiles: names, roles, contrast, and a phone', async () => {
+  const {site} = publish(kObjects.ptm(), 'rules-tiles', '--mm-per-pixel', 0.02, '--title', 'Waves',
+                         '--description', 'A wavy surface', '--author', 'Lab', '--licence', 'CC0');
+  await showing(site, async page => {
+    for (const theme of ['dark', 'light']) {
+      await page.evaluate(name => (document.documentElement.dataset.theme = name), theme);
+      const problems = [...await namesAndRoles(page), ...await contrast(page)];
+      expect(problems.length === 0, `${theme}: ${problems.join('; ')}`);
+    }
+    await page.screenshot({path: path.join(folder, 'tiles.png')});
+  });
+  await showing(site, async page => {
+    const problems = await fitsThePhone(page);
+    expect(problems.length === 0, problems.join('; '));
+  });
+});
 
 await suite.test('names, roles, contrast, and a phone', async () => {
   const {site} = publish(made('rules', ...kBases.haar), 'rules-site', '--environment', kRoom, '--title', 'A ball',

@@ -27,7 +27,8 @@ export function crc32(bytes) {
   return ((sum ^ 0xffffffff) >>> 0).toString(16).padStart(8, '0');
 }
 
-function refuse(what, name, status = 0) {
+/** @throws ServerError  naming one of the folder's files */
+export function refuse(what, name, status = 0) {
   throw new ServerError(status, {what, where: new URL(name, document.baseURI).href, cure: kCure});
 }
 
@@ -69,6 +70,9 @@ export async function fileBytes(name, bytes, checksum, options = {}, version = '
   }
   return found;
 }
+
+/** What keeps a browser from taking an older folder's file for this one's. */
+export const versionOf = () => `?${mark[0]}`;
 
 let aboutFound = null;
 
