@@ -9,7 +9,7 @@ import {fileURLToPath} from 'node:url';
 import {Browser, Suite, expect, until} from './harness.mjs';
 import {contrast, fitsThePhone, namesAndRoles} from './page_rules.mjs';
 import {StaticServer, pythonServer} from './static_server.mjs';
-import {compareFullPixels} from './tiles_harness.mjs';
+import {compareFullPixels, writeWaves} from './tiles_harness.mjs';
 import {compareWithPng, relight, settled} from './view_harness.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
@@ -202,35 +202,6 @@ await suite.test('the command refuses what cannot be shown, and other people\'s 
 });
 
 // ---- pictures lit by direction --------------------------------------------------------------
-
-/** Numbers that repeat from run to run. */
-function dice(seed) {
-  let state = seed;
-  return () => (state = (Math.imul(state, 1664525) + 1013904223) >>> 0) / 2 ** 32;
-}
-
-/** Coefficients of a wavy surface with grain, in three colours: a PTM of any size. */
-function writeWaves(file, width, height) {
-  const header = `PTM_1.2\nPTM_FORMAT_RGB\n${width}\n${height}\n0.5 0.5 0.5 0.5 0.5 1 \n128 128 128 128 128 0 \n`;
-  const draw = dice(3);
-  const n = width * height;
-  const bytes = Buffer.alloc(18 * n);
-  for (let c = 0; c < 3; ++c) {
-    for (let p = 0; p < n; ++p) {
-      const [x, y] = [p % width, Math.floor(p / width)];
-      const at = 6 * (c * n + p);
-      const grain = 30 * draw();
-      bytes[at] = 110 + 20 * Math.sin(x / 9);
-      bytes[at + 1] = 110 + 20 * Math.cos(y / 7);
-      bytes[at + 2] = 128 + grain / 3;
-      bytes[at + 3] = 128 + 90 * Math.sin(x / 31 + c);
-      bytes[at + 4] = 128 + 90 * Math.cos(y / 23);
-      bytes[at + 5] = 110 + 20 * c + grain + (x + y) % 17;
-    }
-  }
-  fs.writeFileSync(file, Buffer.concat([Buffer.from(header, 'latin1'), bytes]));
-  return file;
-}
 
 const convert = (input, output, ...words) =>
   execFileSync(haarlight, ['convert', input, output, '--force', '--quiet', ...words.map(String)]);

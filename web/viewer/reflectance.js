@@ -63,6 +63,9 @@ function draw() {
     return;
   }
   renderer.show(shown.map, shown.light, look());
+  if (!page.firstAt && (renderer.found?.size ?? 1) > 0) {
+    page.firstAt = performance.now();
+  }
   const [x, y, z] = shown.light;
   const height = Math.round(Math.asin(z) * 180 / Math.PI);
   const numbers = shown.light.map(v => Number(v.toFixed(4)));
