@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/fit_page.h"
 #include "apps/haarlight/picture_options.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -393,6 +394,7 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   const Fitted fitted = fitter.fit(scores.front());
   if (format) {
     write_reflectance(arguments.out, fitted.result.model);
+    add_page_to_fit(arguments.out, fitted.result.model, common);
     report.set_bytes(bytes_on_disk(arguments.out));
   }
   print_head(fitted.error.has_value());

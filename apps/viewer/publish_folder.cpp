@@ -152,19 +152,19 @@ CopiedFiles copy_page_files(const fs::path& web_folder, const fs::path& to) {
   if (error) {
     throw_io("make the folder", to / "viewer", error.value());
   }
-  const auto copy = [&](const fs::path& name) {
-    const std::string bytes = read_file(web_folder / name);
-    write_plain_file(to / name, bytes);
+  const auto copy = [&](const fs::path& from) {
+    const std::string bytes = read_file(from);
+    write_plain_file(to / "viewer" / from.filename(), bytes);
     copied.bytes += bytes.size();
     ++copied.files;
   };
   for (const char* name : kShared) {
-    copy(name);
+    copy(web_folder / name);
   }
   for (const auto& entry : fs::directory_iterator(web_folder / "viewer")) {
     const std::string ending = entry.path().extension().string();
     if (ending == ".js" || ending == ".css") {
-      copy(fs::path("viewer") / entry.path().filename());
+      copy(entry.path());
     }
   }
   return copied;
@@ -173,7 +173,7 @@ CopiedFiles copy_page_files(const fs::path& web_folder, const fs::path& to) {
 std::string published_page(std::string page, const std::string& data,
                            const PublishNotes& notes) {
   const char* const where = "the viewer's page";
-  replace_all(page, "\"../", "\"", where);
+  replace_all(page, "\"../", "\"viewer/", where);
   replace_all(page, "href=\"viewer.css\"", "href=\"viewer/viewer.css\"", where);
   replace_all(page, "<script type=\"module\" src=\"", "<script type=\"module\" src=\"viewer/",
               where);

@@ -77,12 +77,11 @@ class PublishFolder {
 [[nodiscard]] std::string published_page(std::string page, const std::string& data,
                                          const PublishNotes& notes);
 
-/// Copies what a published page loads, but for the page itself: style.css, icon.svg, viewer/.
-/// @return  bytes and number of files
 struct CopiedFiles {
   std::uint64_t bytes = 0;
   std::uint64_t files = 0;
 };
+/// Copies what a published page loads to the folder viewer/ beside it.
 CopiedFiles copy_page_files(const std::filesystem::path& web_folder,
                             const std::filesystem::path& to);
 

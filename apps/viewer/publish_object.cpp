@@ -315,4 +315,50 @@ PublishedObject publish_object(const ReflectanceModel& model, const std::string&
   return told;
 }
 
+bool add_page_to_web_folder(const fs::path& folder, const ReflectanceModel& model,
+                            const fs::path& web_folder) {
+  std::error_code ignored;
+  fs::remove(folder / "index.html", ignored);
+  const int width = model.planes.width();
+  const int height = model.planes.height();
+  constexpr int kLongestSide = 8192;  // of textures, on every graphics processor of today
+  // Planes with their coarser levels, a third more, and normals.
+  const double texel_bytes = 16.0 / 3.0 * n_pictures(model) + 8.0;
+  if (std::max(width, height) > kLongestSide ||
+      double(width) * height * texel_bytes > double(kPageBytes)) {
+    return false;
+  }
+  // As others read it: axes are bytes there.
+  const ReflectanceModel written = read_web_folder(folder);
+  Json files = Json::array();
+  Json planes = Json::array();
+  for (int i = 0; i < n_pictures(written); ++i) {
+    const std::string bytes = read_file(folder / fmt::format("plane_{}.jpg", i));
+    files.push_back(Json::array({Json::array({bytes.size(), crc32_of(bytes)})}));
+    planes.push_back(planes_of_picture(written, i));
+  }
+  PublishNotes notes;
+  notes.mm_per_pixel = web_mm_per_pixel(folder);
+  Json about = Json::parse(
+      reflectance_description(written, content_hash(std::as_bytes(written.planes.pixels())),
+                              (folder.has_filename() ? folder : folder.parent_path()).filename().string(),
+                              {.texture_bytes = kPageBytes}));
+  about["model"] = model_json(written);
+  about["tiles"] = {{"size", std::max(width, height)},
+                    {"format", "jpg"},
+                    {"isWhole", true},
+                    {"planes", planes},
+                    {"levels", {{{"width", width}, {"height", height}, {"files", files}}}}};
+  about["published"] = Json::object();
+  about["notes"] = notes_json(notes);
+  const std::string text = about.dump();
+  (void)copy_page_files(web_folder, folder);
+  write_file_atomically(folder / "viewer/about.json", text);
+  write_file_atomically(
+      folder / "index.html",
+      published_page(read_file(web_folder / "viewer/reflectance.html"),
+                     fmt::format("viewer {} {}", text.size(), crc32_of(text)), notes));
+  return true;
+}
+
 }  // namespace haarlight

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
 
@@ -39,5 +40,13 @@ struct PublishedObject {
                                              const std::string& name, PublishFolder& folder,
                                              const PublishObjectOptions& options,
                                              const PublishNotes& notes);
+
+/// Adds index.html and viewer/ to a web folder just written (web_folder.h): it then opens from
+/// any web server, without tiles. Its readers do not see them. A page that stood there before
+/// goes, also where none is written.
+/// @return  false: nothing is written, the picture is too large for one texture
+[[nodiscard]] bool add_page_to_web_folder(const std::filesystem::path& folder,
+                                          const ReflectanceModel& model,
+                                          const std::filesystem::path& web_folder);
 
 }  // namespace haarlight

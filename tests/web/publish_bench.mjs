@@ -86,8 +86,12 @@ await measure(site, () => window.haarlightView?.firstAt > 0, async page => {
   const light = await page.evaluate(() => window.haarlightView.shown.light);
   const png = path.join(site, 'relit.png');
   execFileSync(haarlight, ['convert', large, png, '--light', light.join(','), '--force', '--quiet']);
-  await page.evaluate(() => window.haarlightView.renderer.pan([-1500, -900]));
   await page.locator('#zoom').selectOption('1');
+  await page.evaluate(() => {
+    window.haarlightView.renderer.pan([-3000, -1800]);
+    window.haarlightView.panZoom.moved();
+  });
+
   await settled(page);
   const {worst, pixels} = await compareFullPixels(page, 'relit.png');
   console.log(`  at 100 %: ${pixels} pixels, at most ${worst} of 255 from the command's picture`);

@@ -72,7 +72,7 @@ export async function fileBytes(name, bytes, checksum, options = {}, version = '
 }
 
 /** What keeps a browser from taking an older folder's file for this one's. */
-export const versionOf = () => `?${mark[0]}`;
+export const versionOf = () => `?${mark[2]}`;
 
 let aboutFound = null;
 
@@ -80,7 +80,7 @@ let aboutFound = null;
 export function publishedAbout() {
   aboutFound ??= (async () => {
     const [folder, bytes, checksum] = mark;
-    const text = await fileBytes(`${folder}/about.json`, Number(bytes), checksum);
+    const text = await fileBytes(`${folder}/about.json`, Number(bytes), checksum, {}, versionOf());
     return JSON.parse(new TextDecoder().decode(text));
   })();
   return aboutFound;

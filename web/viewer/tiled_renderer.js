@@ -83,7 +83,10 @@ export class TiledRenderer extends RelitPainter {
 
   clampView() {
     const size = [this.width, this.height];
-    this.centre = this.centre.map((v, i) => Math.min(size[i], Math.max(0, v)));
+    this.centre = this.centre.map((v, i) => {
+      const margin = Math.min(size[i] / 2, this.half[i] / this.scale);
+      return Math.min(size[i] - margin, Math.max(margin, v));
+    });
   }
 
   get half() {
