@@ -189,7 +189,7 @@ void add_publish(Command root, Invocation& invocation) {
       "file it stays empty.\n"
       "--force replaces a folder that publish made.\n"
       "Examples:\n"
-      "  haarlight publish airplane.hlb -o airplane-site --environment room.hdr\n"
+      "  haarlight publish airplane.hlb -o airplane-site --environment apartment.hdr\n"
       "  haarlight publish airplane.hlb -o airplane-small --max-error 0.1 --title 'Airplane'\n"
       "  haarlight publish coin.ptm -o coin-site --title 'Coin' --mm-per-pixel 0.02");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
