@@ -13,6 +13,7 @@
 #include "apps/viewer/viewer_site.h"
 #include "core/error.h"
 #include "core/rig.h"
+#include "core/text_limits.h"
 #include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
 #include "relight/view/gpu_pages.h"
@@ -233,7 +234,7 @@ PublishedBasis publish_basis(const BasisFile& basis, PublishFolder& folder,
                     options.progress);
   PageWriter writer(basis, folder, choice, progress);
   writer.write();
-  Json about = Json::parse(basis_description(basis, ViewerConfig{}));
+  Json about = parse_json<Json>(basis_description(basis, ViewerConfig{}), basis.name());
   Json groups = Json::array();
   for (int g = 0; g < basis.n_groups(); ++g) {
     if (writer.has_kept(g)) {
@@ -256,7 +257,7 @@ PublishedBasis publish_basis(const BasisFile& basis, PublishFolder& folder,
         write_environment(basis, options.environments[i], i, folder, progress));
   }
   about["environments"] = environments;
-  folder.commit("index.html", std::move(about), notes);
+  folder.commit("index.html", about.dump(), notes);
   return choice.told;
 }
 

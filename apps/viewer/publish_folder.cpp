@@ -17,6 +17,7 @@
 #include "core/files.h"
 #include "core/markup.h"
 #include "core/report.h"
+#include "core/text_limits.h"
 
 namespace haarlight {
 
@@ -86,19 +87,18 @@ void replace_all(std::string& text, std::string_view from, std::string_view to,
 
 }  // namespace
 
-Json notes_json(const PublishNotes& notes) {
-  Json json = {{"title", notes.title},
-               {"description", notes.description},
-               {"author", notes.author},
-               {"licence", notes.licence},
-               {"mm_per_pixel", notes.mm_per_pixel ? Json(*notes.mm_per_pixel) : Json()}};
+std::string notes_text(const PublishNotes& notes) {
+  const Json json = {{"title", notes.title},
+                     {"description", notes.description},
+                     {"author", notes.author},
+                     {"licence", notes.licence},
+                     {"mm_per_pixel", notes.mm_per_pixel ? Json(*notes.mm_per_pixel) : Json()}};
   try {
-    (void)json.dump();
+    return json.dump();
   } catch (const Json::exception&) {
     throw Error("a text that is not UTF-8", "--title, --description, --author, --licence",
                 "set the terminal to UTF-8", ExitCode::usage);
   }
-  return json;
 }
 
 std::string gzipped(std::string_view bytes) {
@@ -255,9 +255,11 @@ std::uint64_t PublishFolder::add_data(const std::string& name, std::string_view 
   return packed.size();
 }
 
-void PublishFolder::commit(const std::string& page, Json about, const PublishNotes& notes) {
-  about["notes"] = notes_json(notes);
-  about["files"] = Json::parse("{" + listed_ + "}");
+void PublishFolder::commit(const std::string& page, const std::string& about_given,
+                           const PublishNotes& notes) {
+  Json about = parse_json<Json>(about_given, "about.json");
+  about["notes"] = parse_json<Json>(notes_text(notes), "the notes");
+  about["files"] = parse_json<Json>("{" + listed_ + "}", "the files");
   const std::string text = about.dump();
   // The data's folder is named by what it says: a browser that keeps files never mixes two.
   const std::string folder = content_hash(text).substr(0, 16);

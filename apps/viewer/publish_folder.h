@@ -6,8 +6,6 @@
 #include <string>
 #include <string_view>
 
-#include <nlohmann/json_fwd.hpp>
-
 /// @file
 /// A folder that any web server shows: the viewer's own page, and files in the place of the
 /// viewer's server. Layout: docs/http-api.md, "A published folder".
@@ -23,9 +21,9 @@ struct PublishNotes {
   std::optional<double> mm_per_pixel;
 };
 
-/// The notes as the page reads them.
+/// The notes as the page reads them, JSON.
 /// @throws Error(usage)  a text that is not UTF-8
-[[nodiscard]] nlohmann::json notes_json(const PublishNotes& notes);
+[[nodiscard]] std::string notes_text(const PublishNotes& notes);
 
 /// The bytes as gzip, whose checksum the browser tests. The same bytes give the same file.
 [[nodiscard]] std::string gzipped(std::string_view bytes);
@@ -55,9 +53,10 @@ class PublishFolder {
 
   /// Adds the page and what tells it about the data, and gives the folder its name.
   /// @param page   "index.html" or "reflectance.html" of the viewer
-  /// @param about  what the page asks first; `files` is added: bytes of each add_data()
+  /// @param about  what the page asks first, JSON; `notes` and `files` are added: bytes of each
+  /// add_data()
   /// @throws Error(io), Error  the pages are of another version
-  void commit(const std::string& page, nlohmann::json about, const PublishNotes& notes);
+  void commit(const std::string& page, const std::string& about, const PublishNotes& notes);
 
   [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
   [[nodiscard]] std::uint64_t files() const noexcept { return n_files_; }

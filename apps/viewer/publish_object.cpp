@@ -15,6 +15,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
+#include "core/text_limits.h"
 #include "relight/formats/jpeg.h"
 #include "relight/formats/refit.h"
 #include "relight/formats/web_folder.h"
@@ -256,8 +257,7 @@ bool has_words(const ReflectanceModel& model) {
   }
 }
 
-}  // namespace
-
+/// The model as the page reads it, without its planes.
 Json model_json(const ReflectanceModel& model) {
   constexpr std::array<const char*, 3> kColours{"rgb", "lrgb", "pca"};
   Json scales = Json::array();
@@ -287,6 +287,17 @@ Json model_json(const ReflectanceModel& model) {
           {"axes", axes}};
 }
 
+/// What the page asks first, but for its tiles.
+Json about_json(const ReflectanceModel& model, const std::string& name) {
+  const std::string hash = content_hash(std::as_bytes(model.planes.pixels()));
+  auto about = parse_json<Json>(
+      reflectance_description(model, hash, name, {.texture_bytes = kPageBytes}), name);
+  about["model"] = model_json(model);
+  return about;
+}
+
+}  // namespace
+
 PublishedObject publish_object(const ReflectanceModel& model, const std::string& name,
                                PublishFolder& folder, const PublishObjectOptions& options,
                                const PublishNotes& notes) {
@@ -301,17 +312,14 @@ PublishedObject publish_object(const ReflectanceModel& model, const std::string&
     words.mm_per_pixel = notes.mm_per_pixel;
     folder.add("info.json", web_info_text(model, name, words));
   }
-  Json about = Json::parse(
-      reflectance_description(model, content_hash(std::as_bytes(model.planes.pixels())), name,
-                              {.texture_bytes = kPageBytes}));
-  about["model"] = model_json(model);
+  Json about = about_json(model, name);
   about["tiles"] = pyramid.json();
   about["published"] = {
       {"words", !options.quality ? "as the file has them, nothing lost"
                 : told.psnr_db   ? fmt::format("JPEG of quality {}: {:.1f} dB from the file's",
                                                *options.quality, *told.psnr_db)
                                  : fmt::format("JPEG of quality {}", *options.quality)}};
-  folder.commit("reflectance.html", std::move(about), notes);
+  folder.commit("reflectance.html", about.dump(), notes);
   return told;
 }
 
@@ -339,18 +347,15 @@ bool add_page_to_web_folder(const fs::path& folder, const ReflectanceModel& mode
   }
   PublishNotes notes;
   notes.mm_per_pixel = web_mm_per_pixel(folder);
-  Json about = Json::parse(
-      reflectance_description(written, content_hash(std::as_bytes(written.planes.pixels())),
-                              (folder.has_filename() ? folder : folder.parent_path()).filename().string(),
-                              {.texture_bytes = kPageBytes}));
-  about["model"] = model_json(written);
+  Json about = about_json(
+      written, (folder.has_filename() ? folder : folder.parent_path()).filename().string());
   about["tiles"] = {{"size", std::max(width, height)},
                     {"format", "jpg"},
                     {"isWhole", true},
                     {"planes", planes},
                     {"levels", {{{"width", width}, {"height", height}, {"files", files}}}}};
   about["published"] = Json::object();
-  about["notes"] = notes_json(notes);
+  about["notes"] = parse_json<Json>(notes_text(notes), "the notes");
   const std::string text = about.dump();
   (void)copy_page_files(web_folder, folder);
   write_file_atomically(folder / "viewer/about.json", text);

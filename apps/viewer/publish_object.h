@@ -5,8 +5,6 @@
 #include <optional>
 #include <string>
 
-#include <nlohmann/json_fwd.hpp>
-
 #include "apps/viewer/publish_folder.h"
 #include "core/progress.h"
 #include "relight/formats/reflectance.h"
@@ -30,9 +28,6 @@ struct PublishedObject {
   /// JPEG: how far the pictures are from the file's, dB, over some of the tiles.
   std::optional<double> psnr_db;
 };
-
-/// The model as the page reads it, without its planes.
-[[nodiscard]] nlohmann::json model_json(const ReflectanceModel& model);
 
 /// Takes the planes level by level: needs a third of their memory more.
 /// @param name  the file's, for people

@@ -137,7 +137,7 @@ TEST(PublishedPage, EscapesWhatPeopleSayOfIt) {
     EXPECT_EQ(page.find("\"../"), std::string::npos);
   }
   EXPECT_THROW((void)published_page("<html></html>", "", {}), Error);
-  EXPECT_THROW((void)notes_json({.title = "\xff",
+  EXPECT_THROW((void)notes_text({.title = "\xff",
                                  .description = "",
                                  .author = "",
                                  .licence = "",
