@@ -25,7 +25,7 @@ const page = {
   basis: null, renderer: null, engine: null, maps: [],
   columns: null,        // drives: one or three arrays
   mode: 'move',
-  environment: null,    // {name, degrees, isExact, turntable, weights}
+  environment: null,    // {id of the server's, name, degrees, isExact, turntable, weights}
   source: 'light',      // or environment, painted: what the drives are
   level: 1,             // the drive of the brush's full strength
   strokes: 0,           // by the person: weights that were asked for before one come too late
@@ -154,8 +154,10 @@ async function loadEnvironment(file) {
   environmentMessage(`reading ${file.name} …`);
   try {
     const id = await sendEnvironment(file);
-    await showEnvironment(file.name, new Turntable(degrees => askWeights(id, degrees, 'quick')),
-                          (degrees, quality) => askWeights(id, degrees, quality));
+    await showEnvironment({
+      id, name: file.name, turntable: new Turntable(degrees => askWeights(id, degrees, 'quick')),
+      weights: (degrees, quality) => askWeights(id, degrees, quality),
+    });
   } catch (error) {
     tellEnvironment(error);
   }
@@ -167,7 +169,7 @@ async function choosePublished(environment) {
   try {
     const turns = await PublishedTurns.open(environment, page.basis.nLights);
     byId('turn').step = turns.step;
-    await showEnvironment(environment.name, turns, async degrees => turns.at(degrees));
+    await showEnvironment({name: environment.name, turntable: turns, weights: async degrees => turns.at(degrees)});
   } catch (error) {
     tellEnvironment(error);
   }
@@ -180,10 +182,11 @@ function tellEnvironment(error) {
   }
 }
 
-/** @param weights  (degrees, quality) → its weights there */
-async function showEnvironment(name, turntable, weights) {
+/** @param environment  {name, turntable, weights: (degrees, quality) → its weights there} */
+async function showEnvironment(environment) {
+  const {name, turntable} = environment;
   page.environment?.turntable.end();
-  page.environment = {name, degrees: 0, turntable, weights};
+  page.environment = {...environment, degrees: 0};
   byId('environment-name').textContent = isPublished ? '' : name;
   byId('turn').value = 0;
   byId('turn-text').textContent = '0°';
