@@ -83,9 +83,10 @@ ExitCode publish_object_file(const PublishArguments& arguments, const CommonOpti
   const PublishedObject found =
       publish_object(model, last_name(file), folder,
                      {.quality = arguments.quality, .progress = common.progress()}, notes);
-  fmt::print("{}: {:.1f} MB in {} files, {} x {} pixels in {} levels of tiles\n", arguments.out,
-             1e-6 * static_cast<double>(folder.bytes()), folder.files(), model.planes.width(),
-             model.planes.height(), found.levels);
+  fmt::print("{}: {:.1f} MB in {} files, {} x {} pixels in {} level{} of tiles\n",
+             arguments.out, 1e-6 * static_cast<double>(folder.bytes()), folder.files(),
+             model.planes.width(), model.planes.height(), found.levels,
+             found.levels == 1 ? "" : "s");
   if (found.psnr_db) {
     fmt::print("  pictures are {:.1f} dB from the file's: JPEG tiles\n", *found.psnr_db);
     report.add_reached("psnr_db", *found.psnr_db);
