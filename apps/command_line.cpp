@@ -62,6 +62,40 @@ std::string help_entry(const std::string& name, const std::string& description) 
   return out + "\n";
 }
 
+/// Prose in lines of at most kHelpWidth; examples, which begin with blanks, and headings as
+/// they are.
+std::string help_footer(const std::string& text) {
+  std::string out;
+  std::size_t column = 0;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const bool is_kept =
+        line.empty() || line.front() == ' ' || line == "Example:" || line == "Examples:";
+    if (is_kept && column > 0) {
+      out += "\n";
+      column = 0;
+    }
+    if (is_kept) {
+      out += line + "\n";
+      continue;
+    }
+    std::istringstream words(line);
+    for (std::string word; words >> word;) {
+      if (column > 0) {
+        const bool fits = column + 1 + word.size() <= kHelpWidth;
+        out += fits ? " " : "\n";
+        column = fits ? column + 1 : 0;
+      }
+      out += word;
+      column += word.size();
+    }
+  }
+  while (!out.empty() && out.back() == '\n') {
+    out.pop_back();
+  }
+  return out;
+}
+
 /// CLI11's help at the width of a terminal. What it would say of types, ranges and defaults
 /// stands in the descriptions (Command::option).
 class HelpFormat : public CLI::Formatter {
@@ -204,7 +238,7 @@ void Command::flag(const std::string& names, bool* target, const std::string& he
   app_->add_flag(names, *target, help);
 }
 
-void Command::footer(const std::string& text) { app_->footer(text); }
+void Command::footer(const std::string& text) { app_->footer(help_footer(text)); }
 
 Command Command::add_verb(const std::string& name, const std::string& help) {
   return Command(app_->add_subcommand(name, help));

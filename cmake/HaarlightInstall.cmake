@@ -5,7 +5,8 @@ include(GNUInstallDirs)
 install(TARGETS haarlight haarlightd haarlight-sim RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(DIRECTORY web/ DESTINATION ${CMAKE_INSTALL_DATADIR}/haarlight/web
         PATTERN "README.md" EXCLUDE)
-install(DIRECTORY configs/rigs configs/plans DESTINATION ${CMAKE_INSTALL_DATADIR}/haarlight)
+install(DIRECTORY configs/rigs configs/plans configs/scenes configs/environments
+        DESTINATION ${CMAKE_INSTALL_DATADIR}/haarlight)
 file(GLOB profiles CONFIGURE_DEPENDS configs/profiles/*.toml)
 install(FILES ${profiles} DESTINATION ${CMAKE_INSTALL_DATADIR}/haarlight/profiles)
 # The unit names the folder of the programs, known only when it is installed.
@@ -18,3 +19,16 @@ install(FILES configs/systemd/haarlight.sysusers DESTINATION lib/sysusers.d
         RENAME haarlight.conf)
 file(GLOB rules CONFIGURE_DEPENDS configs/udev/*.rules)
 install(FILES ${rules} DESTINATION lib/udev/rules.d)
+# The man pages say what the programs' --help says.
+install(CODE "
+  execute_process(
+    COMMAND python3 \"${PROJECT_SOURCE_DIR}/scripts/make_man\" \"${PROJECT_BINARY_DIR}/man\"
+            \"$<TARGET_FILE:haarlight>\" \"$<TARGET_FILE:haarlightd>\" \"$<TARGET_FILE:haarlight-sim>\"
+    RESULT_VARIABLE failed ERROR_VARIABLE why OUTPUT_QUIET)
+  if(failed)
+    message(FATAL_ERROR \"the man pages were not made: \${why}\")
+  endif()
+  file(GLOB pages1 \"${PROJECT_BINARY_DIR}/man/*.1\")
+  file(GLOB pages8 \"${PROJECT_BINARY_DIR}/man/*.8\")
+  file(INSTALL \${pages1} DESTINATION \"\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_MANDIR}/man1\")
+  file(INSTALL \${pages8} DESTINATION \"\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_MANDIR}/man8\")")

@@ -601,8 +601,8 @@ Rig read_rig(const std::filesystem::path& path) {
   text.measured = read_file(measured, kMaxRigText);
   const std::string joined = join_rig_text(text, measured.string());
   Rig rig = parse_parts(split_rig_text(joined), path.string(), measured.string());
-  log_info(fmt::format("{} of {} wins over the rig file (rig doctor shows where)", measured.string(),
-                       rig.measured->date));
+  log_info(fmt::format("{} of {} wins over the rig file (rig doctor shows where)",
+                       measured.string(), rig.measured->date));
   if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
     log_warning(fmt::format("{}: {}. Cure: {}", measured.string(), gap.problem, gap.cure));
   }

@@ -10,16 +10,21 @@ import pathlib
 import sys
 
 STYLE = """
-body { font: 16px/1.5 sans-serif; max-width: 70rem; margin: 2rem auto; padding: 0 1rem;
+body { font: 16px/1.5 sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem;
        color: #222; background: #fafafa; }
 h1 { margin-bottom: 0; }
-.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: 1rem; }
+.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(15rem, 100%), 1fr)); gap: 1rem;
+       margin: 1rem 0; }
+.row.large { grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)); }
 figure { margin: 0; background: #fff; border: 1px solid #ddd; padding: .5rem; }
-figure img { width: 100%; image-rendering: auto; background: #000; display: block; }
+figure img { width: 100%; background: #000; display: block; }
 figcaption { font-size: .9rem; margin-top: .4rem; }
+.scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 1rem 0; }
 th, td { text-align: left; padding: .25rem .8rem .25rem 0; border-bottom: 1px solid #ddd; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+code { background: #eee; padding: .1rem .3rem; }
+summary { cursor: pointer; font-weight: bold; }
 """
 
 
@@ -42,8 +47,11 @@ class Page:
     def heading(self, text: str, note: str) -> None:
         self.parts.append(f"<h2>{html.escape(text)}</h2>\n<p>{html.escape(note)}</p>")
 
-    def pictures(self, rows: list[tuple[str, str]]) -> None:
-        self.parts.append('<div class="row">')
+    def command(self, text: str) -> None:
+        self.parts.append(f"<p><code>{html.escape(text)}</code></p>")
+
+    def pictures(self, rows: list[tuple[str, str]], kind: str = "row") -> None:
+        self.parts.append(f'<div class="{kind}">')
         for name, caption in rows:
             if not (self.folder / name).is_file():
                 raise FileNotFoundError(self.folder / name)
@@ -53,12 +61,12 @@ class Page:
 
     def table(self, head: list[str], rows: list[list[str]]) -> None:
         cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-        self.parts.append(f"<table><tr>{cells}</tr>")
+        self.parts.append(f'<div class="scroll"><table><tr>{cells}</tr>')
         for row in rows:
             first, rest = row[0], row[1:]
             self.parts.append("<tr><td>" + html.escape(first) + "</td>" + "".join(
                 f'<td class="number">{html.escape(cell)}</td>' for cell in rest) + "</tr>")
-        self.parts.append("</table>")
+        self.parts.append("</table></div>")
 
     def write(self) -> None:
         body = "\n".join(self.parts)
@@ -87,17 +95,40 @@ def shadow_row(page: Page, name: str, caption: str) -> list[str]:
         "relative_l2_where_known", "shadow_wrong_share_where_known")]
 
 
-def main() -> int:
-    if len(sys.argv) != 2:
-        print("usage: demo_page.py FOLDER", file=sys.stderr)
-        return 2
-    page = Page(pathlib.Path(sys.argv[1]))
-    page.parts.append("<h1>haarlight</h1><p>One virtual capture, made and judged on this machine. "
-                      "Every figure comes from the reports beside this page.</p>")
+LIGHTINGS = [("painted", "painted light, in colour"), ("room", "a room, as a high-dynamic-range environment"),
+             ("one", "one light"), ("four", "four lights"), ("nine", "nine lights")]
+SHADOWS = [("shadow_four", "four lights"), ("shadow_room", "the room")]
+
+
+def show_pictures(page: Page) -> None:
+    page.pictures([(f"{name}.png", caption) for name, caption in LIGHTINGS[:2]], "row large")
+    page.pictures([(f"{name}.png", caption) for name, caption in LIGHTINGS[2:]])
+    page.parts.append("<p>One capture of a virtual rig, an airplane under each of 32 × 32 lights: all these "
+                      "lights were never lit together. Drag, paint and turn the light yourself:</p>")
+    page.command(f"./haarlight view out/{page.folder.name}/airplane.hlb")
+    page.heading("The airplane's shadow on stairs", "The captured shadow on steps below, on and above the "
+                 "plane where it was captured, beside the ray-traced truth. What the object hid from "
+                 "the camera is unknown and drawn as the middle of dark and lit.")
+    for name, caption in SHADOWS:
+        page.pictures([
+            (f"{name}.png", f"{caption}: from the capture, no geometry of the object used"),
+            (f"{name}_truth.png", f"{caption}: ray-traced with the object's geometry"),
+            (f"{name}_difference.png", "absolute difference, four times brighter")])
+    if (page.folder / "door.hlb").exists():
+        page.heading("A real object", "A painted wooden door, photographed under 60 single lights (Accademia "
+                     "di Belle Arti di Verona; RealRTI, github.com/Univr-RTI/RealRTI), under two skies "
+                     "(Poly Haven).")
+        page.pictures([("door_photo.jpg", "one of the photographs"),
+                       ("door_apartment.png", "in an apartment"),
+                       ("door_venice.png", "in Venice, at sunset")], "row large")
+
+
+def show_figures(page: Page) -> None:
+    page.parts.append("<h2>Figures</h2><p>Every one comes from the reports beside this page.</p>")
     capture, verify = page.report("capture"), page.report("verify")
     compress = page.report("compress")
-    page.heading("Captured", "A 32 × 32 LED array, one picture a light, by the real daemon over "
-                 "Modbus TCP and a camera socket. Every frame carries the controller's tag.")
+    page.heading("Captured", "One picture per light, by the daemon over Modbus TCP and a camera socket. Every "
+                 "frame carries the controller's tag.")
     page.table(["", "figure"], [
         ["lights captured, each frame with its own light's tag", f'{verify["reached"]["good_frames"]} of {verify["reached"]["shots"]}'],
         ["problems found when all evidence was checked again",
@@ -118,26 +149,26 @@ def main() -> int:
         ["bytes", number(compress["bytes"])],
         ["seconds", number(compress["seconds"])],
     ])
-    page.heading("Relit", "The same capture under lights that were never lit together.")
-    names = [("one", "one light"), ("four", "four lights"), ("nine", "nine lights"),
-             ("room", "a room, as a high-dynamic-range environment")]
-    page.pictures([(f"{name}.png", caption) for name, caption in names])
+    page.heading("Relit", "The airplane's pictures.")
     page.table(["", "terms used", "of", "error at most", "error against the raw capture",
                 "share of the values clipped", "ms"],
-               [relit_row(page, name, caption) for name, caption in names])
-    page.heading("Its shadow on stairs", "The captured shadow on steps below, on and above the "
-                 "plane where it was captured, beside the ray-traced truth. What the object hid from "
-                 "the camera is unknown and drawn as the middle of dark and lit.")
-    shadows = [("shadow_four", "four lights"), ("shadow_room", "the room")]
-    for name, caption in shadows:
-        page.pictures([
-            (f"{name}.png", f"{caption}: from the capture, no geometry of the object used"),
-            (f"{name}_truth.png", f"{caption}: ray-traced with the object's geometry"),
-            (f"{name}_difference.png", "absolute difference, four times brighter")])
+               [relit_row(page, name, caption) for name, caption in LIGHTINGS])
+    page.heading("Shadows", "Against the ray-traced pictures.")
     page.table(["", "relative error", "PSNR, dB", "share of the shadow that is wrong",
                 "receivers that look at known places only", "relative error there",
                 "share of the shadow that is wrong there"],
-               [shadow_row(page, name, caption) for name, caption in shadows])
+               [shadow_row(page, name, caption) for name, caption in SHADOWS])
+
+
+def main() -> int:
+    if len(sys.argv) != 2:
+        print("usage: demo_page.py FOLDER", file=sys.stderr)
+        return 2
+    page = Page(pathlib.Path(sys.argv[1]).resolve())
+    page.parts.append("<h1>haarlight</h1><p>Photograph an object under every light of a rig, then show it under "
+                      "any light.</p>")
+    show_pictures(page)
+    show_figures(page)
     page.write()
     return 0
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "session/transforms_file.h"
 
 namespace haarlight {
 
@@ -85,6 +86,20 @@ std::string export_dome(const Session& session, ExportedPictures pictures) {
     }
   }
   return format_dome(lights, {session.info().id, "exported by haarlight; lengths in mm", 0.0});
+}
+
+std::string export_transforms(const Session& session,
+                              const std::vector<std::string>& pictures) {
+  const SessionInfo& info = session.info();
+  const Rig* rig = session.rig() ? &*session.rig() : nullptr;
+  if (rig == nullptr || rig->cameras.empty() ||
+      rig->cameras.front().model.width != info.form.width ||
+      rig->cameras.front().model.height != info.form.height) {
+    throw Error("the camera's place and lens are not known: no rig file",
+                session.folder().string(), "give --lp or --dome, which need none");
+  }
+  return format_transforms(rig->cameras.front().model, rig->object_centre, info.lights,
+                           pictures);
 }
 
 std::string find_lp_problem(const std::vector<std::string>& pictures) {

@@ -8,7 +8,7 @@
 #include "session/session.h"
 
 /// @file
-/// What other programs read of a session: `.lp` and Relight's `.dome`. Pure.
+/// What other programs read of a session: `.lp`, Relight's `.dome`, transforms.json. Pure.
 
 namespace haarlight {
 
@@ -32,6 +32,11 @@ enum class ExportedPictures {
   developed,  ///< the LEDs' powers are divided out: ledAdjust is 1
 };
 [[nodiscard]] std::string export_dome(const Session& session, ExportedPictures pictures);
+
+/// Pictures must be developed: no light's power is written.
+/// @throws Error  lights without places, or no camera of the pictures' size: an import
+[[nodiscard]] std::string export_transforms(const Session& session,
+                                            const std::vector<std::string>& pictures);
 
 /// What other readers of such a list will not take, in words; empty: nothing known. Relight's
 /// reader of .lp stops at 1000 lights, and everybody's splits lines at blanks.

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <limits>
 #include <utility>
 
 #include <fcntl.h>
@@ -140,6 +141,21 @@ void check_same_form(const FrameForm& form, const FrameForm& first, const fs::pa
         fmt::format("{}; {} is {}", words(form), first_path.filename().string(), words(first)),
         path.string(), "all pictures of a session have one size and kind");
   }
+}
+
+/// Floating-point values have no white of their own: those of raw developers end at 1, those of
+/// renderers and merged exposures nowhere. @return  the largest of all lights' values
+float largest_value(const std::vector<LightPicture>& pictures, std::size_t n_lights,
+                    const ImportOptions& options) {
+  std::vector<float> largest(n_lights, 0.0F);
+  parallel_for(n_lights, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const PictureFile picture = read_for_session(pictures[i].path, options);
+      largest[i] =
+          *std::max_element(picture.pixels.pixels().begin(), picture.pixels.pixels().end());
+    }
+  });
+  return *std::max_element(largest.begin(), largest.end());
 }
 
 template <class T>
@@ -308,6 +324,14 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
 
   info.evidence = EvidenceKind::asserted;
   info.form = form_of(first, options);
+  if (first.is_floating) {
+    const float most = largest_value(pictures, n_lights, options);
+    if (most > 1.0F) {
+      info.form.clip_level = static_cast<double>(std::numeric_limits<float>::max());
+      list.notes.push_back(fmt::format(
+          "floating-point values up to {:.4g}, above 1: none counts as clipped", most));
+    }
+  }
   info.lights = list.lights;
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     Shot shot;
@@ -336,7 +360,9 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const PictureFile picture = read_for_session(pictures[i].path, options);
-      check_same_form(form_of(picture, options), info.form, pictures[i].path, pictures[0].path);
+      FrameForm form = form_of(picture, options);
+      form.clip_level = info.form.clip_level;
+      check_same_form(form, info.form, pictures[i].path, pictures[0].path);
       check_finite(picture.pixels, pictures[i].path);
       n_turned += picture.is_turned ? 1 : 0;
       FrameEvidence evidence;

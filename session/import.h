@@ -39,8 +39,9 @@ struct ImportResult {
 
 /// Reads the pictures that match_pictures() finds in the order of the light list and writes the
 /// session `target`, which appears whole or not at all. 8-bit pictures stay as coded with their
-/// transfer named; those with a colour profile that is neither sRGB nor linear become linear floats
-/// (unless `transfer` is given) and the notes name it; EXIF rotation is ignored and noted.
+/// transfer named; those with a colour profile that is neither sRGB nor linear become linear
+/// floats (unless `transfer` is given) and the notes name it; EXIF rotation is ignored and
+/// noted.
 /// @throws Error  naming picture and pixel: a picture missing, of another size or kind, with a
 ///                number that is none; a wrong count; a target that exists
 [[nodiscard]] ImportResult import_pictures(const std::filesystem::path& folder,

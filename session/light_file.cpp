@@ -13,6 +13,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "session/json_value.h"
+#include "session/transforms_file.h"
 
 namespace haarlight {
 
@@ -129,20 +130,40 @@ LpLine parse_lp_line(const Line& line, const std::string& where) {
   return result;
 }
 
-/// Whether the numbers are positions; refuses what could be either.
+/// Whether the numbers are positions; refuses what could be either. Published lists have
+/// directions from balls that are short by a fifth, and single mistyped ones: those are told.
 bool decide_positions(const std::vector<LpLine>& lines, LightPlaces places,
-                      const std::string& where) {
+                      const std::string& where, LightList& list) {
   if (places != LightPlaces::automatic) {
     return places == LightPlaces::positions;
   }
+  constexpr double kLongest = 2.0;          // nobody's lights stand this near, in mm
+  constexpr std::size_t kFewestOthers = 9;  // for each line that may be longer or shorter
+  std::vector<const LpLine*> off;
+  const LpLine* far = nullptr;
+  std::size_t n_far = 0;
   for (const LpLine& line : lines) {
     const double length = line.numbers.norm();
     if (length >= 1e-12 && std::abs(length - 1.0) > kUnitSlack) {
-      refuse(fmt::format("({}, {}, {}) has length {:.3g}: a position, or a direction not of "
-                         "length 1?",
-                         line.numbers.x(), line.numbers.y(), line.numbers.z(), length),
-             where, line.line, "say which: --places positions (in mm) or --places directions");
+      off.push_back(&line);
+      if (length > kLongest || length < 1.0 / kLongest) {
+        far = far == nullptr ? &line : far;
+        ++n_far;
+      }
     }
+  }
+  const auto numbers_of = [](const LpLine& line) {
+    return fmt::format("({}, {}, {}) has length {:.3g}", line.numbers.x(), line.numbers.y(),
+                       line.numbers.z(), line.numbers.norm());
+  };
+  if (n_far * (kFewestOthers + 1) > lines.size()) {
+    refuse(numbers_of(*far) + ": a position, or a direction not of length 1?", where, far->line,
+           "say which: --places positions (in mm) or --places directions");
+  }
+  if (!off.empty()) {
+    list.disagreements.push_back(fmt::format(
+        "{}:{}: {}, as {} of {} are not of length 1: taken as directions; mistyped?", where,
+        off.front()->line, numbers_of(*off.front()), off.size(), lines.size()));
   }
   return false;
 }
@@ -199,8 +220,9 @@ LightList parse_lp(std::string_view text, const std::string& where, LightPlaces 
              "list each picture once");
     }
   }
-  const bool is_position = decide_positions(parsed, places, where);
   LightList list;
+  list.announced = static_cast<std::size_t>(*count);
+  const bool is_position = decide_positions(parsed, places, where, list);
   if (static_cast<double>(lines.size() - 1) != *count) {
     list.disagreements.push_back(fmt::format("{}:{}: {} lights announced, {} lines follow",
                                              where, lines[0].number, *count, lines.size() - 1));
@@ -330,6 +352,9 @@ LightList read_light_file(const std::filesystem::path& path, LightPlaces places)
     return parse_lp(text, path.string(), places);
   }
   const JsonValue root = JsonValue::parse(std::string_view(text).substr(first), path.string());
+  if (root.has("frames") && !root.has("lights")) {
+    return parse_transforms(root, places);
+  }
   return root.has("lights")
              ? parse_light_json(std::string_view(text).substr(first), path.string())
              : parse_dome(std::string_view(text).substr(first), path.string());

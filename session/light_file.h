@@ -20,7 +20,9 @@ class JsonValue;
 
 /// How the three numbers of a `.lp` line are meant; the file itself does not say.
 enum class LightPlaces {
-  automatic,   ///< directions when every length is 1 to 10 %, else refused
+  /// Directions, each that is not of length 1 to 10 % told; refused when more than one in ten
+  /// lengths are not within 0.5 and 2.
+  automatic,
   directions,  ///< scaled to length 1
   positions,   ///< mm
 };
@@ -28,6 +30,7 @@ enum class LightPlaces {
 struct LightList {
   /// `name` is the picture's, as written; empty where the file names none (`.dome`).
   std::vector<SessionLight> lights;
+  std::size_t announced = 0;       ///< lights that the list says it has; 0: it does not say
   std::vector<std::string> notes;  ///< what was passed over, for people
   /// Where the list contradicts itself or, after match_pictures(), its folder: each a warning.
   std::vector<std::string> disagreements;
@@ -56,7 +59,8 @@ struct LightList {
 /// @throws Error  naming the field: one without the other, no unit vector, no position_mm
 [[nodiscard]] std::optional<LightLobe> lobe_of_json(const JsonValue& light);
 
-/// Any of the three, told apart by content, not by name. At least one light.
+/// Any of the three, or a transforms.json (transforms_file.h), told apart by content, not by
+/// name. At least one light.
 [[nodiscard]] LightList read_light_file(const std::filesystem::path& path,
                                         LightPlaces places = LightPlaces::automatic);
 

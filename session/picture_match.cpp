@@ -125,7 +125,8 @@ class PictureFinder {
 
   [[nodiscard]] const std::vector<std::string>& present() const { return present_; }
 
-  [[nodiscard]] fs::path find(const std::string& name, MatchNotes& notes) const {
+  /// Nothing: no such picture.
+  [[nodiscard]] std::optional<fs::path> seek(const std::string& name, MatchNotes& notes) const {
     const std::optional<fs::path> within = path_within(name);
     if (within && is_file(folder_ / *within)) {
       return folder_ / *within;
@@ -153,7 +154,14 @@ class PictureFinder {
         }
       }
     }
-    const std::string nearest = nearest_word(bare, present_);
+    return std::nullopt;
+  }
+
+  [[nodiscard]] fs::path find(const std::string& name, MatchNotes& notes) const {
+    if (const std::optional<fs::path> found = seek(name, notes)) {
+      return *found;
+    }
+    const std::string nearest = nearest_word(last_part(name), present_);
     throw Error(fmt::format("the picture \"{}\" is missing", name), folder_.string(),
                 nearest.empty()
                     ? "put it there, take its line out of the list of lights, or say where it "
@@ -235,6 +243,27 @@ std::vector<LightPicture> match_in_order(const fs::path& folder, const fs::path&
   return pictures;
 }
 
+/// Takes lines off the list's end that its own count leaves out and whose pictures are not
+/// there.
+void drop_uncounted(const PictureFinder& finder, LightList& list) {
+  std::vector<std::string> dropped;
+  while (list.announced > 0 && list.lights.size() > list.announced) {
+    MatchNotes ignored;
+    const std::string& name = list.lights.back().name;
+    if (finder.seek(name, ignored)) {
+      break;
+    }
+    dropped.push_back(name);
+    list.lights.pop_back();
+  }
+  if (!dropped.empty()) {
+    list.disagreements.push_back(
+        fmt::format("{}: left out, being behind the number of lights announced and without a "
+                    "picture",
+                    names_of(dropped)));
+  }
+}
+
 void add_notes(const MatchNotes& found, const fs::path& folder, const MatchOptions& options,
                LightList& list) {
   if (!found.bare.empty()) {
@@ -278,6 +307,7 @@ std::vector<LightPicture> match_pictures(const fs::path& folder, const fs::path&
   if (list.lights[0].name.empty()) {
     pictures = match_in_order(folder, light_file, present, list);
   } else {
+    drop_uncounted(finder, list);
     MatchNotes notes;
     for (const SessionLight& light : list.lights) {
       pictures.push_back({light.name, finder.find(light.name, notes)});

@@ -36,12 +36,12 @@ struct LightPicture {
 /// One picture for each light, in the list's order. A name is looked for in `folder` as written
 /// (with / or \), then by its last part alone (lists carry another machine's folders), then
 /// likewise whatever the case of its letters; last in `pictures_from`. Each step but the first
-/// leaves a note in `list`, as do pictures of the folder that no light has. A list without
+/// leaves a note in `list`, as do pictures of the folder that no light has, and lines that the
+/// list's own count leaves out and that have no picture: they are taken off it. A list without
 /// names takes the folder's pictures in natural order, which must be as many, and its lights
 /// get their names.
 /// @throws Error  naming the picture: missing, meant twice, two that differ only in case; a
-/// wrong
-///                count; with is_strict whatever is noted
+///                wrong count; with is_strict whatever is noted
 [[nodiscard]] std::vector<LightPicture> match_pictures(const std::filesystem::path& folder,
                                                        const std::filesystem::path& light_file,
                                                        LightList& list,

@@ -121,7 +121,7 @@ std::vector<int> reversed(const std::vector<int>& index, int n) {
 
 /// The eight ways to count a grid. @return  as listed if one of them is; else by the frame
 PositionGrid count_grid(std::vector<int> along_u, int n_u, std::vector<int> along_v, int n_v,
-                     Vector3d u, Vector3d v) {
+                        Vector3d u, Vector3d v) {
   std::vector<PositionGrid> ways;
   for (const bool is_turned : {false, true}) {
     const auto& [row, n_row] = is_turned ? std::pair(along_u, n_u) : std::pair(along_v, n_v);

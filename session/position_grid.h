@@ -24,6 +24,7 @@ struct PositionGrid {
 /// The grid of at least 2 x 2 that the positions form: rows and columns at right angles, evenly
 /// spaced to a quarter of their pitch, flat to the same, one light at each place. Nothing: they
 /// form none, they are directions, or more than 16384.
-[[nodiscard]] std::optional<PositionGrid> find_position_grid(std::span<const SessionLight> lights);
+[[nodiscard]] std::optional<PositionGrid> find_position_grid(
+    std::span<const SessionLight> lights);
 
 }  // namespace haarlight

@@ -53,7 +53,7 @@ SensorResponse sensor_response(const Session& session) {
   SensorResponse response;
   response.black_dn = form.black_level;
   response.white_dn = form.white_level;
-  response.clip_dn = form.white_level;
+  response.clip_dn = form.saturation_dn();
   if (!(form.white_level > form.black_level)) {
     throw Error(fmt::format("white level {} is not above black level {}", form.white_level,
                             form.black_level),

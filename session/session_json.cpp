@@ -76,7 +76,11 @@ FrameForm form_from_json(const JsonValue& value) {
                                 "write the sensor's levels");
   }
   if (value.has("clip_level")) {
-    form.clip_level = value["clip_level"].number(form.black_level, form.white_level);
+    // Floating-point values may have no end.
+    form.clip_level = value["clip_level"].number(
+        form.black_level, form.sample == SampleType::f32
+                              ? static_cast<double>(std::numeric_limits<float>::max())
+                              : form.white_level);
   }
   return form;
 }

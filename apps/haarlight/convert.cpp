@@ -36,7 +36,7 @@ struct ConvertArguments {
   std::optional<int> terms;
   std::vector<double> light;
   bool is_jpeg = false;
-  int quality = 95;
+  std::optional<double> quality;
 };
 
 [[noreturn]] void refuse_options(const std::string& what, const std::string& cure) {
@@ -239,8 +239,8 @@ void add_convert(Command root, Invocation& invocation) {
               "Write one picture (.png, .exr), lit from here: x right, y up, z to the camera",
               {.type = "X,Y,Z", .delimiter = ',', .count = 3});
   verb.flag("--jpeg", &arguments->is_jpeg, "Write the .ptm with JPEG pictures");
-  verb.option("--quality", &arguments->quality, "Of JPEG pictures",
-              {.bounds = Bounds{1.0, 100.0}, .shows_default = true});
+  verb.option("--quality", &arguments->quality,
+              "Of JPEG pictures (default: 95, of a folder 97)", {.bounds = Bounds{1.0, 100.0}});
   verb.option("--basis", &arguments->basis, "Basis of a web folder (default: as IN)",
               {.choices = {"ptm", "hsh"}});
   verb.option("--terms", &arguments->terms, "Terms of hsh: 4, 9 or 16 (default: as IN, else 9)",

@@ -1,5 +1,5 @@
 /// @file
-/// `haarlight export SESSION --lp|--dome -o FILE`: what other programs read.
+/// `haarlight export SESSION --lp|--dome|--transforms -o FILE`: what other programs read.
 
 #include "session/export.h"
 
@@ -27,6 +27,7 @@ struct ExportArguments {
   std::string session;
   bool lp = false;
   bool dome = false;
+  bool transforms = false;
   std::string out;
   std::string png;
   std::string exr;
@@ -46,7 +47,7 @@ double choose_exposure(const LightStack& stack) {
   return display_exposure(std::move(sample), 0.999);
 }
 
-/// Develops and writes one picture a light; their names relative to the list's folder. Dark,
+/// Develops and writes one picture per light; their names relative to the list's folder. Dark,
 /// drift, flat field and exposures are in them.
 std::vector<std::string> write_pictures(const Session& session,
                                         const ExportArguments& arguments,
@@ -79,13 +80,20 @@ std::vector<std::string> write_pictures(const Session& session,
 ExitCode run_export(const ExportArguments& arguments, const CommonOptions& common,
                     Report& report) {
   report.add_input(arguments.session);
-  if (arguments.lp == arguments.dome) {
-    throw Error("give one of --lp and --dome", "", "for example: --lp -o lights.lp",
+  if (int{arguments.lp} + int{arguments.dome} + int{arguments.transforms} != 1) {
+    throw Error("give one of --lp, --dome and --transforms", "",
+                "for example: --lp -o lights.lp", ExitCode::usage);
+  }
+  if (arguments.transforms && !arguments.is_developed()) {
+    throw Error("--transforms names developed pictures", "", "add --exr DIR or --png DIR",
                 ExitCode::usage);
   }
   require_absent(arguments.out, common.force);
   const Session session = Session::open(arguments.session);
   std::string text;
+  if (arguments.transforms) {  // what it lacks is told before pictures are written
+    (void)export_transforms(session, std::vector<std::string>(session.info().lights.size()));
+  }
   std::vector<std::string> pictures;
   if (arguments.is_developed()) {
     pictures = write_pictures(session, arguments, common);
@@ -98,6 +106,8 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
     if (const std::string problem = find_lp_problem(pictures); !problem.empty()) {
       log_warning(problem);
     }
+  } else if (arguments.transforms) {
+    text = export_transforms(session, pictures);
   } else {
     text = export_dome(session, arguments.is_developed() ? ExportedPictures::developed
                                                          : ExportedPictures::raw);
@@ -117,20 +127,25 @@ void add_export(Command root, Invocation& invocation) {
   verb.option("SESSION", &arguments->session, "Session folder", {.is_required = true});
   verb.flag("--lp", &arguments->lp, "RTI's list: picture and unit direction a line");
   verb.flag("--dome", &arguments->dome, "Relight's .dome: positions and LED factors");
+  verb.flag(
+      "--transforms", &arguments->transforms,
+      "transforms.json of NeRF and relighting: camera, and each picture's light (pl_pos)");
   verb.option("-o,--output", &arguments->out, "File to write",
               {.type = "FILE", .is_required = true});
   verb.option("--png", &arguments->png,
-              "Also develop one sRGB PNG a light here, and name these in the .lp",
+              "Also develop one sRGB PNG per light here, and name these in the list",
               {.type = "DIR"});
-  verb.option("--exr", &arguments->exr,
-              "Also develop one linear EXR a light here (all exposures merged), and name these "
-              "in the .lp",
-              {.type = "DIR", .excludes = "--png"});
+  verb.option(
+      "--exr", &arguments->exr,
+      "Also develop one linear EXR per light here (all exposures merged), and name these "
+      "in the list",
+      {.type = "DIR", .excludes = "--png"});
   verb.footer(
       "Directions are seen from the rig's object_centre.\n"
       "Examples:\n"
       "  haarlight export cube.session --lp -o cube.lp --png cube.png/\n"
-      "  haarlight export cube.session --dome -o cube.dome --exr cube.exr/");
+      "  haarlight export cube.session --dome -o cube.dome --exr cube.exr/\n"
+      "  haarlight export cube.session --transforms -o transforms.json --exr olat/");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_export(*arguments, common, report);
   });

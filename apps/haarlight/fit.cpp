@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/haarlight/fit_output.h"
 #include "apps/haarlight/fit_page.h"
 #include "apps/haarlight/picture_options.h"
 #include "core/error.h"
@@ -20,7 +21,9 @@
 #include "relight/fit/fit_check.h"
 #include "relight/fit/light_haar.h"
 #include "relight/fit/near_fit.h"
+#include "relight/fit/picture_files.h"
 #include "relight/fit/recipe_choice.h"
+#include "relight/formats/refit.h"
 #include "relight/formats/reflectance_file.h"
 #include "relight/light/near_light.h"
 #include "session/session.h"
@@ -47,6 +50,8 @@ struct FitArguments {
   int max_planes = 27;
   int resolution = 24;
   std::optional<double> ridge;
+  FitSize size;
+  std::string bytes;
 };
 
 /// A capture opened: its rows and where its lights are.
@@ -61,7 +66,6 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   const std::vector<LightPicture> pictures =
       match_pictures(arguments.capture, arguments.lights, list, match_options(arguments.list));
   (void)hashes_of_different(pictures, pictures.size());
-  tell_match(list.notes, list.disagreements, common);
   OpenCapture capture;
   std::vector<fs::path> files;
   int n_turned = 0;
@@ -70,12 +74,26 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
     capture.directions.push_back(list.lights[k].place.normalized());
     n_turned += is_picture_turned(pictures[k].path) ? 1 : 0;
   }
-  if (n_turned > 0) {
-    log_warning(fmt::format(
-        "{} of {} pictures carry an EXIF rotation: ignored, pixels are taken as stored",
-        n_turned, pictures.size()));
+  if (n_turned > 0) {  // of all: that is how the camera stood; of some: the pictures differ
+    const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
+    (are_all ? list.notes : list.disagreements)
+        .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
+                               "taken as stored",
+                               n_turned, pictures.size()));
   }
-  capture.rows = jpeg_rows(std::move(files));
+  PictureFilesOptions options;
+  options.memory_bytes = common.memory_bytes / 4;
+  if (!arguments.out.empty()) {
+    options.work_folder = fs::absolute(arguments.out).parent_path();
+  }
+  PictureFiles opened = picture_rows(std::move(files), options);
+  if (!opened.profile.empty()) {
+    list.notes.push_back(fmt::format(
+        "the pictures' colour profile (\"{}\") is applied: the fit's colours are sRGB's",
+        opened.profile));
+  }
+  tell_match(list.notes, list.disagreements, common);
+  capture.rows = std::move(opened.rows);
   return capture;
 }
 
@@ -154,14 +172,19 @@ std::vector<FitForm> forms_of(const FitArguments& arguments, const Format& forma
         form == FitForm::hsh4 || form == FitForm::hsh9 || form == FitForm::hsh16;
     const bool has_own_terms = form == FitForm::ptm || is_hsh;
     return (format == ReflectanceFormat::ptm && !is_ptm) ||
-           (format == ReflectanceFormat::rti && !is_hsh) || (is_near && !has_own_terms);
+           (format == ReflectanceFormat::rti && !is_hsh) ||
+           (format == ReflectanceFormat::web &&
+            (form == FitForm::rbf || form == FitForm::hsh16)) ||
+           (is_near && !has_own_terms);
   };
   forms.erase(std::remove_if(forms.begin(), forms.end(), is_left_out), forms.end());
   if (forms.empty()) {
-    throw Error(fmt::format("{} cannot be written there", arguments.basis), arguments.out,
-                ".ptm holds ptm and lptm, .rti holds hsh4, hsh9 and hsh16, a folder all but "
-                "hsh16; near lights are fitted by ptm and hsh",
-                ExitCode::usage);
+    throw Error(
+        fmt::format("{} cannot be written there", arguments.basis), arguments.out,
+        ".ptm holds ptm and lptm, .rti holds hsh4, hsh9 and hsh16, a folder all but "
+        "hsh16 and rbf (which viewers light by rules of their own: --basis bilinear); near "
+        "lights are fitted by ptm and hsh",
+        ExitCode::usage);
   }
   return forms;
 }
@@ -171,8 +194,26 @@ struct Fitted {
   FormScore score;
   FitResult result;
   double seconds = 0.0;  ///< of the processor, reading included
-  std::optional<FitError> error;
+  long long n_pixels = 0;
+  std::optional<FitFile> file;
+  std::vector<double> psnr_db;  ///< of the file, or of the planes: a light, or one for all
 };
+
+/// What a file's pictures are held against.
+enum class Against { held, fitted, planes };
+const char* words_of(Against against) {
+  switch (against) {
+    case Against::held:
+      return "photographs that were held out";
+    case Against::fitted:
+      return "the photographs it was fitted to";
+    case Against::planes:
+      break;
+  }
+  return "those of its planes before they were coded";
+}
+
+double mean_of(const std::vector<double>& values) { return FitError{values}.mean_psnr_db(); }
 
 class Fitter {
  public:
@@ -232,15 +273,39 @@ class Fitter {
     ridge_ = score.recipe.ridge;
     const FarFit fit =
         make_far_fit(score.form, score.recipe, lights_.kept_directions, sample_, form_);
-    Fitted fitted{score,
-                  arguments_.near == "off" ? fit_far(*kept_, fit, far_) : fit_nearby(fit),
-                  0.0,
-                  {}};
+    Fitted fitted{
+        score, arguments_.near == "off" ? fit_far(*kept_, fit, far_) : fit_nearby(fit),
+        0.0,   0,
+        {},    {}};
     fitted.seconds = processor_seconds() - start;
-    if (!lights_.held.empty() && arguments_.near == "off") {
-      fitted.error = measure_fit(fitted.result.model, *held_, lights_.held_directions);
-    }
+    const PictureShape shape = kept_->shape();
+    fitted.n_pixels = static_cast<long long>(shape.width) * shape.height;
     return fitted;
+  }
+
+  [[nodiscard]] Against against() const {
+    return arguments_.near != "off" ? Against::planes
+           : lights_.held.empty()   ? Against::fitted
+                                    : Against::held;
+  }
+
+  /// PSNR of a decoded file's pictures, a light. Large captures are compared on bands of rows.
+  [[nodiscard]] std::vector<double> measure(const ReflectanceModel& decoded,
+                                            const ReflectanceModel& planes) {
+    constexpr std::uint64_t kMost = 200'000'000;  // pixels times lights
+    switch (against()) {
+      case Against::held:
+        return measure_fit(decoded, *held_, lights_.held_directions, kMost).psnr_db;
+      case Against::fitted:
+        return measure_fit(decoded, *kept_, lights_.kept_directions, kMost).psnr_db;
+      case Against::planes:
+        break;
+    }
+    constexpr int kCompared = 25;
+    const PictureDifference found =
+        compare_pictures(planes, decoded, spread_over_hemisphere(kCompared));
+    constexpr double kSame = 100.0;  // no byte differs
+    return {found.is_same ? kSame : found.mean_db};
   }
 
  private:
@@ -274,49 +339,76 @@ class Fitter {
   LightSample sample_;
 };
 
-void print_head(bool has_held) {
-  fmt::print("{:<9} {:>6} {:>12} {:>9} {:>9}  {}\n", "basis", "planes", "bytes", "CPU s/MP",
-             has_held ? "held dB" : "left dB",
-             "recipe (left dB: mean of lights left out in turn)");
+/// Writes the fit where it is asked for, else where it is removed again, and measures it. Its
+/// planes are let go where nothing needs them any more.
+void write_and_measure(Fitter& fitter, const FitArguments& arguments, Fitted& fitted) {
+  ReflectanceModel& planes = fitted.result.model;
+  const bool keeps_planes = fitter.against() == Against::planes;
+  const auto measure = [&](const ReflectanceModel& decoded) {
+    fitted.psnr_db = fitter.measure(decoded, planes);
+    return mean_of(fitted.psnr_db);
+  };
+  fitted.file = arguments.out.empty()
+                    ? try_fit_file(planes, measure, keeps_planes)
+                    : write_fit(arguments.out, planes, arguments.size, measure, keeps_planes);
+  if (!fitted.file) {
+    (void)measure(planes);
+  }
 }
 
-double megapixels(const ReflectanceModel& model) {
-  return 1e-6 * static_cast<double>(model.planes.width()) *
-         static_cast<double>(model.planes.height());
+void print_head(Against against) {
+  fmt::print(
+      "file dB: the file's pictures, read again, against {}; left dB: of lights left out "
+      "in turn\n",
+      words_of(against));
+  fmt::print("{:<9} {:>6} {:>10} {:>9} {:>9} {:>8} {:>8}  {}\n", "basis", "planes", "bytes",
+             "bit/pixel", "CPU s/MP", "file dB", "left dB", "recipe");
+}
+
+std::string words_of(const std::optional<FitFile>& file) {
+  if (!file) {
+    return "; no file holds it: dB of the planes";
+  }
+  return file->quality ? fmt::format("; folder, quality {:.4g}", *file->quality)
+                       : "; " + file->name;
 }
 
 void print_row(const Fitted& fitted) {
   const ReflectanceModel& model = fitted.result.model;
-  fmt::print("{:<9} {:>6} {:>12} {:>9.3f} {:>9.2f}  {}{}\n", to_string(fitted.score.form),
-             model.n_planes(), model.planes.pixels().size(), fitted.seconds / megapixels(model),
-             fitted.error ? fitted.error->mean_psnr_db() : fitted.score.psnr_db,
-             to_string(fitted.score.recipe),
-             fitted.error ? fmt::format("; left out {:.2f} dB", fitted.score.psnr_db) : "");
+  const auto n_pixels = static_cast<double>(fitted.n_pixels);
+  const auto bytes = fitted.file ? static_cast<double>(fitted.file->bytes) : 0.0;
+  fmt::print("{:<9} {:>6} {:>10} {:>9} {:>9.3f} {:>8.2f} {:>8.2f}  {}{}\n",
+             to_string(fitted.score.form), model.n_planes(),
+             fitted.file ? fmt::format("{}", fitted.file->bytes) : "-",
+             fitted.file ? fmt::format("{:.2f}", 8.0 * bytes / n_pixels) : "-",
+             1e6 * fitted.seconds / n_pixels, mean_of(fitted.psnr_db), fitted.score.psnr_db,
+             to_string(fitted.score.recipe), words_of(fitted.file));
 }
 
 TradeoffRecord record_of(const Fitted& fitted, const FitArguments& arguments,
-                         const CommonOptions& common, std::size_t n_lights) {
+                         const CommonOptions& common, std::size_t n_lights, Against against) {
   TradeoffRecord record;
   const ReflectanceModel& model = fitted.result.model;
   record.algorithm = "haarlight";
   record.mode =
       fmt::format("fit {}: {}", to_string(fitted.score.form), to_string(fitted.score.recipe));
-  record.error_norm = fitted.error ? "mean PSNR at held-out lights, dB"
-                                   : "mean PSNR at lights left out in turn, dB";
-  record.error = fitted.error ? fitted.error->mean_psnr_db() : fitted.score.psnr_db;
+  record.error_norm =
+      fmt::format("mean PSNR of the file's pictures against {}, dB", words_of(against));
+  record.error = mean_of(fitted.psnr_db);
   record.seconds = fitted.seconds;
   record.seconds_least = fitted.seconds;
   record.seconds_most = fitted.seconds;
-  record.bytes = static_cast<double>(model.planes.pixels().size());
+  record.bytes = fitted.file ? static_cast<double>(fitted.file->bytes)
+                             : static_cast<double>(fitted.n_pixels * model.n_planes());
   record.conditions.threads = std::max(1, common.threads);
   record.conditions.lights = static_cast<int>(n_lights);
-  record.conditions.pixels =
-      static_cast<long long>(model.planes.width()) * model.planes.height();
+  record.conditions.pixels = fitted.n_pixels;
   record.conditions.repeats = 1;
   record.conditions.command = fmt::format("haarlight fit {} --compare --hold-out {}",
                                           arguments.capture, arguments.hold_out);
-  record.conditions.more = {{"bytes_are", std::string("the planes, 8 bits each")},
-                            {"seconds_are", std::string("of the processor, reading included")}};
+  record.conditions.more = {
+      {"bytes_are", fitted.file ? "on disk: " + fitted.file->name : "the planes, 8 bits each"},
+      {"seconds_are", std::string("of the processor, reading included")}};
   return record;
 }
 
@@ -324,19 +416,23 @@ TradeoffRecord record_of(const Fitted& fitted, const FitArguments& arguments,
 ExitCode compare(Fitter& fitter, const FitArguments& arguments, const CommonOptions& common,
                  Report& report) {
   std::vector<TradeoffRecord> records;
-  print_head(!fitter.lights().held.empty());
+  print_head(fitter.against());
   for (const FormScore& score : fitter.scores(all_fit_forms())) {
-    const Fitted fitted = fitter.fit(score);
+    Fitted fitted = fitter.fit(score);
+    write_and_measure(fitter, arguments, fitted);
     print_row(fitted);
-    report.add_reached(fmt::format("{} dB", to_string(score.form)),
-                       fitted.error ? fitted.error->mean_psnr_db() : score.psnr_db);
-    records.push_back(record_of(fitted, arguments, common, fitter.lights().kept.size()));
+    report.add_reached(fmt::format("{} dB", to_string(score.form)), mean_of(fitted.psnr_db));
+    if (fitted.file) {
+      report.add_reached(fmt::format("{} bytes", to_string(score.form)),
+                         static_cast<std::int64_t>(fitted.file->bytes));
+    }
+    records.push_back(
+        record_of(fitted, arguments, common, fitter.lights().kept.size(), fitter.against()));
   }
   if (const std::optional<HaarSize> haar = fitter.haar()) {
     fmt::print(
-        "{:<9} {:>6} {:>10.0f} {:>9} {:>9.2f}  at its own lights (none between); bytes a "
-        "pixel\n",
-        "haar", "-", haar->bytes_a_pixel, "-", haar->psnr_db);
+        "{:<9} {:>6} {:>10} {:>9.2f} {:>9} {:>8.2f} {:>8}  at its own lights (none between)\n",
+        "haar", "-", "-", 8.0 * haar->bytes_a_pixel, "-", haar->psnr_db, "-");
     report.add_reached("haar dB at its own lights", haar->psnr_db);
   }
   if (!arguments.records.empty()) {
@@ -364,11 +460,21 @@ void require_near_makes_sense(const FitArguments& arguments, const OpenCapture& 
 
 ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Report& report) {
   report.add_input(arguments.capture);
+  if (arguments.size.quality) {
+    report.add_asked("quality", *arguments.size.quality);
+  }
+  if (arguments.size.bytes) {
+    report.add_asked("bytes", static_cast<std::int64_t>(*arguments.size.bytes));
+  }
+  if (arguments.size.psnr_db) {
+    report.add_asked("file dB", *arguments.size.psnr_db);
+  }
   if (arguments.out.empty() && !arguments.compare && arguments.hold_out.empty()) {
     throw Error("nothing to do", "", "name a file: -o FILE, or ask for --compare",
                 ExitCode::usage);
   }
   const Format format = format_of(arguments.out);
+  require_one_size(arguments.size, format);
   if (format) {
     require_absent(arguments.out, common.force);
   }
@@ -389,22 +495,28 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   }
   if (scores.empty()) {
     throw Error("no basis fits so few planes", "--planes",
-                "9 planes hold lptm, 12 hsh4, and 3 or more rbf and bilinear", ExitCode::usage);
+                "9 planes hold lptm, 12 hsh4, and 3 or more bilinear", ExitCode::usage);
   }
-  const Fitted fitted = fitter.fit(scores.front());
+  Fitted fitted = fitter.fit(scores.front());
+  write_and_measure(fitter, arguments, fitted);
   if (format) {
-    write_reflectance(arguments.out, fitted.result.model);
-    add_page_to_fit(arguments.out, fitted.result.model, common);
+    add_page_to_fit(arguments.out, common);
     report.set_bytes(bytes_on_disk(arguments.out));
   }
-  print_head(fitted.error.has_value());
+  print_head(fitter.against());
   print_row(fitted);
   report.add_detail("basis", std::string(to_string(fitted.score.form)));
   report.add_detail("recipe", to_string(fitted.score.recipe));
   report.add_reached("left out dB", fitted.score.psnr_db);
-  if (fitted.error) {
-    report.add_reached("held out dB", fitted.error->mean_psnr_db());
-    report.add_detail("held out dB each", fitted.error->psnr_db);
+  const double psnr_db = mean_of(fitted.psnr_db);
+  report.add_reached("file dB", psnr_db);
+  report.add_detail("file dB against", std::string(words_of(fitter.against())));
+  report.add_detail("file dB each", fitted.psnr_db);
+  if (fitter.against() == Against::held) {
+    report.add_reached("held out dB", psnr_db);
+  }
+  if (fitted.file && fitted.file->quality) {
+    report.add_reached("quality", *fitted.file->quality);
   }
   report.add_detail("quantisation rms", fitted.result.quantisation_rms);
   report.add_detail("clipped share", fitted.result.clipped);
@@ -421,7 +533,7 @@ void add_fit(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<FitArguments>();
   Command verb = root.add_verb("fit", "Make a picture that can be lit from any direction");
   verb.option("CAPTURE", &arguments->capture,
-              "Session folder, or with --lights a folder of JPEG pictures",
+              "Session folder, or with --lights a folder of pictures",
               {.type = "SESSION|FOLDER", .is_required = true});
   verb.option("-o,--output", &arguments->out,
               "What to write: .ptm, .rti, or a name without ending for a web folder",
@@ -433,7 +545,7 @@ void add_fit(Command root, Invocation& invocation) {
   verb.option("--basis", &arguments->basis,
               "The basis; auto: the one that predicts each light best from the others",
               {.choices = names, .shows_default = true});
-  verb.option("--lights", &arguments->lights, "List of lights of a folder of JPEGs",
+  verb.option("--lights", &arguments->lights, "List of lights of a folder of pictures",
               {.type = "FILE.lp"});
   add_picture_list_options(verb, arguments->list);
   verb.option("--planes", &arguments->max_planes, "The most planes of 8 bits that auto may use",
@@ -445,6 +557,18 @@ void add_fit(Command root, Invocation& invocation) {
               {.bounds = Bounds{0.0, 1e6}});
   verb.flag("--extremes", &arguments->extremes,
             "Keep the planes' extreme values instead of the least error");
+  verb.option(
+      "--quality", &arguments->size.quality,
+      "Of a folder's pictures (default: 97); every plane is rounded as the lit pictures "
+      "need it",
+      {.bounds = Bounds{1.0, 100.0}});
+  verb.option("--bytes", &arguments->bytes,
+              "The most bytes of a folder: the best quality that they hold",
+              {.type = "BYTES|800k|2M"});
+  verb.option("--psnr", &arguments->size.psnr_db,
+              "The least mean PSNR of a folder's pictures, read again: the fewest bytes that "
+              "reach it",
+              {.type = "DB", .bounds = Bounds{1.0, 100.0}});
   verb.option("--transfer", &arguments->transfer,
               "What the fit's numbers are coded with; viewers expect srgb",
               {.choices = {"srgb", "linear"}, .shows_default = true});
@@ -465,10 +589,14 @@ void add_fit(Command root, Invocation& invocation) {
       "What is fitted and how it is chosen: docs/numerics/reflectance-fits.md.\n"
       "Examples:\n"
       "  haarlight fit door.session -o door-web\n"
+      "  haarlight fit door.session -o door-small --bytes 400k\n"
       "  haarlight fit door.session --basis hsh9 -o door.rti\n"
       "  haarlight fit cube.session --basis ptm --near exact -o cube.ptm\n"
       "  haarlight fit door.session --compare --hold-out 6:2");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
+    if (!arguments->bytes.empty()) {
+      arguments->size.bytes = parse_bytes(arguments->bytes, "--bytes");
+    }
     return run_fit(*arguments, common, report);
   });
 }

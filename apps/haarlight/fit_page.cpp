@@ -8,13 +8,12 @@
 
 namespace haarlight {
 
-void add_page_to_fit(const std::filesystem::path& out, const ReflectanceModel& model,
-                     const CommonOptions& common) {
+void add_page_to_fit(const std::filesystem::path& out, const CommonOptions& common) {
   const std::filesystem::path web = find_page_folder();
   if (web.empty() || !is_web_folder(out)) {
     return;
   }
-  const bool has_page = add_page_to_web_folder(out, model, web);
+  const bool has_page = add_page_to_web_folder(out, web);
   if (!common.quiet) {
     fmt::print("{}\n",
                has_page

@@ -3,7 +3,6 @@
 #include <filesystem>
 
 #include "apps/haarlight/verb.h"
-#include "relight/formats/reflectance.h"
 
 /// @file
 /// The page that a fit's web folder opens with.
@@ -12,7 +11,6 @@ namespace haarlight {
 
 /// Adds it where the fit wrote a web folder and the program's pages are installed, and says how
 /// to open it, or why there is none.
-void add_page_to_fit(const std::filesystem::path& out, const ReflectanceModel& model,
-                     const CommonOptions& common);
+void add_page_to_fit(const std::filesystem::path& out, const CommonOptions& common);
 
 }  // namespace haarlight

@@ -77,9 +77,9 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
 void add_import(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<ImportArguments>();
   Command verb = root.add_verb("import", "Make a session of other programs' pictures");
-  verb.option("DIR", &arguments->folder, "Folder with one picture a light",
+  verb.option("DIR", &arguments->folder, "Folder with one picture per light",
               {.is_required = true});
-  verb.option("--lights", &arguments->lights, "List of lights: .lp, .dome or .json",
+  verb.option("--lights", &arguments->lights, "List of lights: .lp, .dome, .json or transforms.json",
               {.type = "FILE", .is_required = true});
   verb.option("-o,--output", &arguments->target, "Session folder to make",
               {.type = "SESSION", .is_required = true});
@@ -96,7 +96,7 @@ void add_import(Command root, Invocation& invocation) {
   verb.footer(
       "Examples:\n"
       "  haarlight import door/ --lights door/dirs.lp -o door.session\n"
-      "  haarlight import rig/ --lights rig.lp --places positions --grid 32x32 -o rig.session\n"
+      "  haarlight import rig/ --lights rig.lp --places positions --grid 8x8 -o rig.session\n"
       "  haarlight import ball/ --lights lights.txt --exclude mask -o ball.session");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_import(*arguments, common, report);

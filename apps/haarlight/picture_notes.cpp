@@ -58,6 +58,12 @@ void add_light(const SessionInfo& info, int light, PictureNotes& notes) {
   const auto k = static_cast<std::size_t>(light);
   add(notes, "haarlightLight",
       fmt::format("{} {}", light, k < info.lights.size() ? info.lights[k].name : ""));
+  if (k < info.lights.size()) {
+    const Eigen::Vector3d& place = info.lights[k].place;
+    add(notes,
+        info.lights[k].is_position ? "haarlightLightPosition" : "haarlightLightDirection",
+        fmt::format("{:.9g} {:.9g} {:.9g}", place.x(), place.y(), place.z()));
+  }
 }
 
 }  // namespace haarlight

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <numbers>
 #include <optional>
 
@@ -41,6 +42,7 @@ struct RelightArguments {
   std::optional<int> terms;
   std::string order = "transport";
   std::optional<double> exposure;
+  double stops = 0.0;
   std::string against;
   std::optional<int> frames;
 };
@@ -136,11 +138,13 @@ RelightOptions relight_options(const RelightArguments& arguments, Report& report
 
 double picture_exposure(const RelightArguments& arguments, const Image<float>& picture) {
   const bool is_display = std::filesystem::path(arguments.output).extension() == ".png";
+  const double factor = std::exp2(arguments.stops);
   if (!is_display || arguments.exposure) {
-    return arguments.exposure.value_or(1.0);
+    return factor * arguments.exposure.value_or(1.0);
   }
-  const double exposure = display_exposure(
-      std::vector<float>(picture.pixels().begin(), picture.pixels().end()), kDisplayShare);
+  const double exposure = factor * display_exposure(std::vector<float>(picture.pixels().begin(),
+                                                                       picture.pixels().end()),
+                                                    kDisplayShare);
   fmt::print("  exposure {:.6g} for display\n", exposure);
   return exposure;
 }
@@ -353,6 +357,8 @@ void add_relight(Command root, Invocation& invocation) {
               {.choices = {"transport", "light"}, .shows_default = true});
   verb.option("--exposure", &arguments->exposure,
               "Factor before display (default for .png: 99.5th percentile to white)");
+  verb.option("--stops", &arguments->stops, "That factor, so many stops brighter or darker",
+              {.bounds = Bounds{-60.0, 60.0}});
   verb.option("--against", &arguments->against,
               "Session of the same capture: measures the error instead of bounding it",
               {.type = "SESSION"});

@@ -229,6 +229,7 @@ class Pyramid {
     model.colour = model_.colour;
     model.transfer = model_.transfer;
     model.order4 = model_.order4;
+    model.least_elevation = model_.least_elevation;
     model.n_terms = model_.n_terms;
     model.scales = model_.scales;
     model.lights = model_.lights;
@@ -280,7 +281,8 @@ Json model_json(const ReflectanceModel& model) {
           {"colour", kColours[static_cast<std::size_t>(model.colour)]},
           {"terms", model.n_terms},
           {"order4", model.order4 == HshOrder4::exact ? "exact" : "rounded"},
-          {"sigma", model.rbf_sigma > 0.0 ? model.rbf_sigma : kDefaultRbfSigma},
+          {"least_elevation", model.least_elevation},
+          {"sigma", model.rbf_sigma},
           {"resolution", model.resolution},
           {"scales", scales},
           {"lights", lights},
@@ -323,15 +325,13 @@ PublishedObject publish_object(const ReflectanceModel& model, const std::string&
   return told;
 }
 
-bool add_page_to_web_folder(const fs::path& folder, const ReflectanceModel& model,
-                            const fs::path& web_folder) {
+bool add_page_to_web_folder(const fs::path& folder, const fs::path& web_folder) {
   std::error_code ignored;
   fs::remove(folder / "index.html", ignored);
-  const int width = model.planes.width();
-  const int height = model.planes.height();
+  const auto [width, height, n_planes] = web_folder_size(folder);
   constexpr int kLongestSide = 8192;  // of textures, on every graphics processor of today
   // Planes with their coarser levels, a third more, and normals.
-  const double texel_bytes = 16.0 / 3.0 * n_pictures(model) + 8.0;
+  const double texel_bytes = 16.0 / 9.0 * n_planes + 8.0;
   if (std::max(width, height) > kLongestSide ||
       double(width) * height * texel_bytes > double(kPageBytes)) {
     return false;

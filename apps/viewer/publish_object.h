@@ -41,7 +41,6 @@ struct PublishedObject {
 /// goes, also where none is written.
 /// @return  false: nothing is written, the picture is too large for one texture
 [[nodiscard]] bool add_page_to_web_folder(const std::filesystem::path& folder,
-                                          const ReflectanceModel& model,
                                           const std::filesystem::path& web_folder);
 
 }  // namespace haarlight

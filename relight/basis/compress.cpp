@@ -81,7 +81,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
     throw Error(
         "the Haar basis needs lights in square grids of 2, 4, 8, ... a side; these do not "
         "form one",
-        source.name, "use --basis direct, which takes any lights");
+        source.place, "use --basis direct, which takes any lights");
   }
   const StackDims& dims = header.dims;
   if (source.plate != nullptr) {
@@ -99,7 +99,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   }
   if (options.is_integer) {
     if (source.units.size() != static_cast<std::size_t>(dims.n_lights)) {
-      throw Error("the values are no whole steps of a camera", source.name,
+      throw Error("the values are no whole steps of a camera", source.place,
                   "use --max-error 0, which keeps every float");
     }
     header.coding = BasisCoding::integers;
@@ -118,7 +118,7 @@ TileCoding first_coding(const CompressSource& source, const CompressOptions& opt
   coding.header = first_header(source, options);
   coding.plate = source.plate;
   coding.worst_pixel = options.worst_pixel;
-  coding.source = source.name;
+  coding.source = source.place;
   return coding;
 }
 

@@ -255,7 +255,8 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
           {light.name, light.is_position, light.place, light.relative_power});
     }
   }
-  source.name = session.info().id.empty() ? session.folder().string() : session.info().id;
+  source.place = session.folder().string();
+  source.name = session.info().id.empty() ? source.place : session.info().id;
   source.hash = session.info().plan_hash;
   source.root = session.info().root;
   if (rest.relative_l2 == 0.0 && !rest.is_integer && !source.units.empty()) {
@@ -279,6 +280,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   source.rig_toml = rig.text;
   source.rig_hash = rig.hash;
   source.name = rig.name;
+  source.place = "rig " + rig.name;
   source.hash = rig.hash;
   source.kind = "plate";
   source.key = rig.hash;

@@ -47,7 +47,7 @@ double FitError::mean_psnr_db() const {
 }
 
 FitError measure_fit(const ReflectanceModel& model, PictureRows& rows,
-                     const std::vector<Eigen::Vector3d>& directions) {
+                     const std::vector<Eigen::Vector3d>& directions, std::uint64_t most) {
   const PictureShape shape = rows.shape();
   HAARLIGHT_EXPECTS(shape.n_lights == static_cast<int>(directions.size()) &&
                         model.planes.width() == shape.width &&
@@ -55,21 +55,31 @@ FitError measure_fit(const ReflectanceModel& model, PictureRows& rows,
                     "the model's own capture");
   const std::size_t n_lights = directions.size();
   const std::size_t n_row = static_cast<std::size_t>(shape.width) * 3;
-  constexpr int kBandRows = 64;
+  constexpr int kBandRows = 16;
+  const std::uint64_t n_all = static_cast<std::uint64_t>(shape.height) *
+                              static_cast<std::uint64_t>(shape.width) * n_lights;
+  const auto n_apart = static_cast<int>(std::min<std::uint64_t>(
+      (n_all - 1) / most + 1, static_cast<std::uint64_t>(shape.height / kBandRows + 1)));
   std::vector<std::uint16_t> band(kBandRows * n_lights * n_row);
   std::vector<double> sums(n_lights);
   rows.rewind();
-  for (int y0 = 0; y0 < shape.height; y0 += kBandRows) {
+  int n_rows = 0;
+  for (int y0 = 0; y0 < shape.height; y0 += kBandRows * n_apart) {
     const int n = std::min(kBandRows, shape.height - y0);
+    n_rows += n;
     const auto values = std::span(band).first(static_cast<std::size_t>(n) * n_lights * n_row);
     rows.read(n, values);
     const ReflectanceModel part = cut_rows(model, y0, n);
     for (std::size_t k = 0; k < n_lights; ++k) {
       sums[k] += square_error(relit(part, directions[k]), values, n_lights, k);
     }
+    const int left = shape.height - y0 - n;
+    if (n_apart > 1 && left > 0) {
+      rows.skip(std::min(left, kBandRows * (n_apart - 1)));
+    }
   }
   FitError error;
-  const double n_values = static_cast<double>(shape.height) * static_cast<double>(n_row);
+  const double n_values = static_cast<double>(n_rows) * static_cast<double>(n_row);
   for (const double sum : sums) {
     // An exact picture counts as one of a single value that is off by one.
     error.psnr_db.push_back(10.0 * std::log10(255.0 * 255.0 * n_values / std::max(sum, 1.0)));

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include <Eigen/Core>
@@ -26,7 +27,9 @@ struct FitError {
 
 /// The model's pictures at `directions` against the rows' own, band by band.
 /// @param rows  one light a direction, coded as the model is
+/// @param most  pixels times lights; of more, bands of rows are taken that lie evenly
 [[nodiscard]] FitError measure_fit(const ReflectanceModel& model, PictureRows& rows,
-                                   const std::vector<Eigen::Vector3d>& directions);
+                                   const std::vector<Eigen::Vector3d>& directions,
+                                   std::uint64_t most = ~std::uint64_t{0});
 
 }  // namespace haarlight

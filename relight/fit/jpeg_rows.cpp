@@ -181,6 +181,26 @@ class JpegRows final : public PictureRows {
 
 }  // namespace
 
+bool is_line_jpeg(const fs::path& path) {
+  const MappedFile file(path);
+  jpeg_decompress_struct info{};
+  ErrorJump jump;
+  info.err = jpeg_std_error(&jump.manager);
+  jump.manager.error_exit = jump_back;
+  jump.manager.output_message = keep_quiet;
+  bool is_by_lines = true;
+  if (setjmp(jump.back) == 0) {  // NOLINT(cert-err52-cpp): libjpeg's way
+    jpeg_create_decompress(&info);
+    jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(file.bytes().data()),
+                 static_cast<unsigned long>(file.bytes().size()));
+    jpeg_read_header(&info, TRUE);
+    // A local that changes after setjmp and is read after a jump would be lost: there is none.
+    is_by_lines = jpeg_has_multiple_scans(&info) == 0;
+  }
+  jpeg_destroy_decompress(&info);
+  return is_by_lines;
+}
+
 std::unique_ptr<PictureRows> jpeg_rows(std::vector<fs::path> pictures) {
   return std::make_unique<JpegRows>(std::move(pictures));
 }

@@ -64,6 +64,9 @@ struct SessionRowsOptions {
 [[nodiscard]] std::unique_ptr<PictureRows> jpeg_rows(
     std::vector<std::filesystem::path> pictures);
 
+/// Whether jpeg_rows can read a JPEG line by line; true of a broken one, which it refuses.
+[[nodiscard]] bool is_line_jpeg(const std::filesystem::path& path);
+
 /// Pictures in memory, for tests and small captures: (n_lights) of (height, width, 1 or 3),
 /// 0..1 in `transfer`; values outside are clipped.
 [[nodiscard]] std::unique_ptr<PictureRows> image_rows(std::vector<Image<float>> pictures,

@@ -22,6 +22,20 @@ namespace {
 
 }  // namespace
 
+Fd nameless_file(const std::filesystem::path& where) {
+  const std::filesystem::path folder = where.empty() ? std::filesystem::path(".") : where;
+  Fd file(::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600));
+  if (!file.is_open()) {  // file systems without nameless files
+    std::string name = (folder / ".haarlight-planes.XXXXXX").string();
+    file.reset(::mkostemp(name.data(), O_CLOEXEC));
+    if (!file.is_open()) {
+      fail_io("cannot make a work file", folder);
+    }
+    ::unlink(name.c_str());
+  }
+  return file;
+}
+
 PlaneStore::PlaneStore(std::uint64_t n_values, std::uint64_t memory_bytes,
                        const std::filesystem::path& folder)
     : folder_(folder.empty() ? std::filesystem::path(".") : folder), n_values_(n_values) {
@@ -29,15 +43,7 @@ PlaneStore::PlaneStore(std::uint64_t n_values, std::uint64_t memory_bytes,
     values_ = std::make_unique_for_overwrite<std::uint16_t[]>(n_values);
     return;
   }
-  file_.reset(::open(folder_.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600));
-  if (!file_.is_open()) {  // file systems without nameless files
-    std::string name = (folder_ / ".haarlight-planes.XXXXXX").string();
-    file_.reset(::mkostemp(name.data(), O_CLOEXEC));
-    if (!file_.is_open()) {
-      fail_io("cannot make a work file", folder_);
-    }
-    ::unlink(name.c_str());
-  }
+  file_ = nameless_file(folder_);
 }
 
 std::span<std::uint16_t> PlaneStore::room(std::size_t n_values) {

@@ -14,6 +14,9 @@
 
 namespace haarlight {
 
+/// A file for reading and writing that vanishes with the process. @throws Error(io)
+[[nodiscard]] Fd nameless_file(const std::filesystem::path& folder);
+
 class PlaneStore {
  public:
   /// @throws Error(io)  no file can be made in `folder`

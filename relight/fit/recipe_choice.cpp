@@ -224,6 +224,7 @@ AxesFit make_axes_fit(FitForm form, const LightRecipe& recipe, const Directions&
   } else {
     model.basis = ReflectanceBasis::bilinear;
     model.resolution = options.resolution;
+    model.lights = lights;
     knots = recipe_weights(recipe, lights, octahedral_directions(options.resolution));
   }
   // Errors count where lights are; a tenth is spread evenly, so that no knot is forgotten.
@@ -356,6 +357,7 @@ FarFit make_far_fit(FitForm form, const LightRecipe& recipe, const Directions& l
   fit.model.n_terms = recipe.n_terms;
   fit.matrix = term_matrix(recipe, lights);
   fit.added = VectorXd::Zero(recipe.n_terms);
+  fit.model.lights = lights;
   return fit;
 }
 

@@ -1,5 +1,6 @@
 #include "relight/formats/jpeg.h"
 
+#include <algorithm>
 #include <csetjmp>
 #include <cstdio>
 #include <cstdlib>
@@ -135,6 +136,38 @@ class Encoder {
   Encoder& operator=(const Encoder&) = delete;
 
   std::string encode(JpegShape shape, int channels, int quality, const GiveRow& give) {
+    start(shape, channels, [&] {
+      jpeg_set_quality(&info_, quality, TRUE);
+      for (int i = 0; i < channels; ++i) {  // 4:4:4
+        info_.comp_info[i].h_samp_factor = 1;
+        info_.comp_info[i].v_samp_factor = 1;
+      }
+    });
+    return rows(shape, channels, give);
+  }
+
+  std::string encode(JpegShape shape, const JpegSteps& steps, const GiveRow& give) {
+    start(shape, 3, [&] {
+      jpeg_set_colorspace(&info_, steps.is_ycc ? JCS_YCbCr : JCS_RGB);
+      for (int i = 0; i < 3; ++i) {
+        std::array<unsigned, DCTSIZE2> flat{};
+        flat.fill(static_cast<unsigned>(steps.step[static_cast<std::size_t>(i)]));
+        jpeg_add_quant_table(&info_, i, flat.data(), 100, TRUE);
+        jpeg_component_info& part = info_.comp_info[i];
+        part.h_samp_factor = 1;
+        part.v_samp_factor = 1;
+        part.quant_tbl_no = i;
+        // Two tables of codes are what every decoder has.
+        part.dc_tbl_no = i == 0 ? 0 : 1;
+        part.ac_tbl_no = i == 0 ? 0 : 1;
+      }
+    });
+    return rows(shape, 3, give);
+  }
+
+ private:
+  template <class Call>
+  void start(JpegShape shape, int channels, const Call& set_up_coding) {
     require(is_done(error_, [&] {
       jpeg_create_compress(&info_);
       jpeg_mem_dest(&info_, &data_, &size_);
@@ -143,14 +176,13 @@ class Encoder {
       info_.input_components = channels;
       info_.in_color_space = channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
       jpeg_set_defaults(&info_);
-      jpeg_set_quality(&info_, quality, TRUE);
-      for (int i = 0; i < channels; ++i) {  // 4:4:4
-        info_.comp_info[i].h_samp_factor = 1;
-        info_.comp_info[i].v_samp_factor = 1;
-      }
+      set_up_coding();
       info_.optimize_coding = TRUE;
       jpeg_start_compress(&info_, TRUE);
     }));
+  }
+
+  std::string rows(JpegShape shape, int channels, const GiveRow& give) {
     std::vector<std::uint8_t> row(static_cast<std::size_t>(shape.width) *
                                   static_cast<std::size_t>(channels));
     std::uint8_t* samples = row.data();
@@ -162,7 +194,6 @@ class Encoder {
     return {reinterpret_cast<const char*>(data_), size_};
   }
 
- private:
   void require(bool is_good) const {
     if (!is_good) {
       throw Error(fmt::format("the picture cannot be written as JPEG: {}", error_.message),
@@ -189,17 +220,34 @@ void decode_jpeg(std::string_view source, int channels, const std::string& where
   Decoder(source, where).decode(channels, take);
 }
 
-std::string encode_jpeg(JpegShape shape, int channels, int quality, const std::string& where,
-                        const GiveRow& give) {
-  HAARLIGHT_EXPECTS(channels == 1 || channels == 3, "grey or RGB");
-  HAARLIGHT_EXPECTS(quality >= 1 && quality <= 100, "quality 1 to 100");
+namespace {
+
+void require_shape(JpegShape shape, const std::string& where) {
   HAARLIGHT_EXPECTS(shape.width >= 1 && shape.height >= 1, "a picture");
   if (shape.width > kLongestSide || shape.height > kLongestSide) {
     throw Error(fmt::format("{} x {}: JPEG has at most {} pixels a side", shape.width,
                             shape.height, kLongestSide),
                 where, "write a .ptm without --jpeg, or a .rti");
   }
+}
+
+}  // namespace
+
+std::string encode_jpeg(JpegShape shape, int channels, int quality, const std::string& where,
+                        const GiveRow& give) {
+  HAARLIGHT_EXPECTS(channels == 1 || channels == 3, "grey or RGB");
+  HAARLIGHT_EXPECTS(quality >= 1 && quality <= 100, "quality 1 to 100");
+  require_shape(shape, where);
   return Encoder(where).encode(shape, channels, quality, give);
+}
+
+std::string encode_jpeg(JpegShape shape, const JpegSteps& steps, const std::string& where,
+                        const GiveRow& give) {
+  HAARLIGHT_EXPECTS(std::all_of(steps.step.begin(), steps.step.end(),
+                                [](int step) { return step >= 1 && step <= 255; }),
+                    "steps of 1 to 255");
+  require_shape(shape, where);
+  return Encoder(where).encode(shape, steps, give);
 }
 
 }  // namespace haarlight

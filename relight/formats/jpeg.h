@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -34,6 +35,17 @@ void decode_jpeg(std::string_view source, int channels, const std::string& where
 
 /// Fills one row: width * channels samples.
 using GiveRow = std::function<void(int y, std::span<std::uint8_t> samples)>;
+
+/// How a picture of three channels is coded whose values are not colours for the eye: one
+/// rounding step for all frequencies, the least squared error that JPEG offers for its bytes.
+struct JpegSteps {
+  bool is_ycc = false;               ///< Y, Cb, Cr are coded instead of R, G, B as they are
+  std::array<int, 3> step{1, 1, 1};  ///< of each of the three, 1 to 255
+};
+
+/// @throws Error  as below
+[[nodiscard]] std::string encode_jpeg(JpegShape shape, const JpegSteps& steps,
+                                      const std::string& where, const GiveRow& give);
 
 /// @param quality  1 to 100
 /// @param channels 1 (grey) or 3 (R, G, B; 4:4:4)

@@ -117,6 +117,7 @@ ReflectanceModel thin_rows(const ReflectanceModel& model, int step) {
       .scales = model.scales,
       .lights = model.lights,
       .rbf_sigma = model.rbf_sigma,
+      .least_elevation = model.least_elevation,
       .resolution = model.resolution,
       .axes = model.axes};
   for (int y = 0; y < height; ++y) {

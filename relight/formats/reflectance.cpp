@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <span>
 #include <string>
@@ -85,6 +86,24 @@ std::array<double, 16> hsh_terms(const Eigen::Vector3d& direction, int n_terms,
   return h;
 }
 
+namespace {
+
+/// The direction at its azimuth, at least so high.
+Eigen::Vector3d raised(const Eigen::Vector3d& direction, double least_elevation) {
+  const double z = std::sin(least_elevation);
+  if (least_elevation <= 0.0 || direction.z() >= z) {
+    return direction;
+  }
+  const double rho = std::hypot(direction.x(), direction.y());
+  if (rho == 0.0) {  // from straight below
+    return {std::cos(least_elevation), 0.0, z};
+  }
+  const double scale = std::cos(least_elevation) / rho;
+  return {scale * direction.x(), scale * direction.y(), z};
+}
+
+}  // namespace
+
 std::vector<double> basis_terms(const ReflectanceModel& model,
                                 const Eigen::Vector3d& direction) {
   if (model.basis == ReflectanceBasis::ptm) {
@@ -92,7 +111,8 @@ std::vector<double> basis_terms(const ReflectanceModel& model,
     return {terms.begin(), terms.end()};
   }
   HAARLIGHT_EXPECTS(model.basis == ReflectanceBasis::hsh, "a basis with fixed terms");
-  const auto terms = hsh_terms(direction, model.n_terms, model.order4);
+  const auto terms =
+      hsh_terms(raised(direction, model.least_elevation), model.n_terms, model.order4);
   return {terms.begin(), terms.begin() + model.n_terms};
 }
 
@@ -176,10 +196,43 @@ std::vector<KnotWeight> bilinear_weights(int resolution, const Eigen::Vector3d& 
           {at + resolution + 1, fx * fy}};
 }
 
+/// OpenLIME 1.2.6, which passes over sigma (its AdaptiveRBF).
+std::vector<KnotWeight> adaptive_weights(const ReflectanceModel& model,
+                                         const Eigen::Vector3d& direction) {
+  constexpr double kAlpha = 8.0;
+  constexpr double kBeta = 2.0;
+  double distances = 0.0;
+  double shares = 0.0;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const Eigen::Vector3d& light : model.lights) {
+    const double distance = (direction - light).norm();
+    const double share = std::exp(-kBeta * distance);
+    distances += share * distance;
+    shares += share;
+    nearest = std::min(nearest, distance);
+  }
+  // A single light that the direction meets: it counts alone whatever the width is.
+  const double factor = distances > 0.0 ? kAlpha * shares / distances : 0.0;
+  std::vector<KnotWeight> weights;
+  double sum = 0.0;
+  for (std::size_t i = 0; i < model.lights.size(); ++i) {
+    const double square = (direction - model.lights[i]).squaredNorm();
+    weights.push_back({static_cast<int>(i), std::exp(-factor * (square - nearest * nearest))});
+    sum += weights.back().weight;
+  }
+  for (KnotWeight& weight : weights) {
+    weight.weight /= sum;
+  }
+  return weights;
+}
+
 std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
                                     const Eigen::Vector3d& direction) {
+  if (model.rbf_sigma <= 0.0) {
+    return adaptive_weights(model, direction);
+  }
   constexpr double kLeast = 0.001;  // of the sum: Relight's
-  const double sigma = model.rbf_sigma > 0.0 ? model.rbf_sigma : kDefaultRbfSigma;
+  const double sigma = model.rbf_sigma;
   std::vector<double> squares;
   for (const Eigen::Vector3d& light : model.lights) {
     squares.push_back((direction - light).squaredNorm());

@@ -58,8 +58,11 @@ struct ReflectanceModel {
   Image<std::uint8_t> planes;           ///< (height, width, n_planes)
   std::vector<PlaneScale> scales;       ///< (n_planes)
   std::vector<Eigen::Vector3d> lights;  ///< rbf: its centres
-  double rbf_sigma = 0.0;               ///< rbf: width of a radial function; 0: not known
-  int resolution = 0;                   ///< bilinear: knots a side of the octahedral map
+  double rbf_sigma = 0.0;               ///< rbf: width of a radial function; 0: knot_weights()
+  /// hsh: lights lower than this count as this high, radians; of a web folder
+  /// kWebLeastElevation.
+  double least_elevation = 0.0;
+  int resolution = 0;  ///< bilinear: knots a side of the octahedral map
   /// pca: (n_terms + 1, n_knots * 3), knot by knot R, G, B; row 0 is the mean. A knot is a
   /// light (rbf) or a grid point, row by row (bilinear).
   Eigen::MatrixXf axes;
@@ -78,8 +81,8 @@ struct ReflectanceModel {
 [[nodiscard]] std::array<double, 16> hsh_terms(const Eigen::Vector3d& direction, int n_terms,
                                                HshOrder4 order4 = HshOrder4::exact) noexcept;
 
-/// The width of rbf's radial functions where a file does not say: Relight's own.
-inline constexpr double kDefaultRbfSigma = 1.0 / 7.0;
+/// How far above the horizon OpenLIME 1.2.6 keeps the light of a hsh folder, radians.
+inline constexpr double kWebLeastElevation = 0.15;
 
 /// How much a knot of a pca model counts at a direction.
 struct KnotWeight {
@@ -90,8 +93,10 @@ struct KnotWeight {
 /// The knots that count at a direction; the weights sum to 1. `bilinear`: s = |x| + |y| + |z|,
 /// column ((x + y) / s + 1) / 2 * (resolution - 1), row ((y - x) / s + 1) / 2 * (resolution -
 /// 1), and the four knots around it; a direction below the horizon counts as the horizon's.
-/// `rbf`: exp(-|d - l|^2 / sigma^2) around each light l, scaled to sum 1; those under 0.001 are
-/// left out and the others scaled again, as Relight does.
+/// `rbf` with a sigma: exp(-|d - l|^2 / sigma^2) around each light l, scaled to sum 1; those
+/// under 0.001 are left out and the others scaled again, as Relight does. Without one
+/// OpenLIME 1.2.6's rule: exp(-8 |d - l|^2 / m), scaled to sum 1, where m is the lights' mean
+/// distance |d - l|, each counting exp(-2 |d - l|).
 /// @param direction  unit vector
 [[nodiscard]] std::vector<KnotWeight> knot_weights(const ReflectanceModel& model,
                                                    const Eigen::Vector3d& direction);

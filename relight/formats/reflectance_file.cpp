@@ -1,6 +1,7 @@
 #include "relight/formats/reflectance_file.h"
 
 #include <array>
+#include <cmath>
 #include <string>
 
 #include <fmt/format.h>
@@ -38,8 +39,10 @@ bool is_rti_model(const ReflectanceModel& model) {
   return model.basis == ReflectanceBasis::hsh && model.colour == ReflectanceColour::rgb;
 }
 bool is_web_model(const ReflectanceModel& model) {
-  return model.basis != ReflectanceBasis::hsh || model.n_terms == 9 ||
-         (model.n_terms == 4 && model.colour == ReflectanceColour::rgb);
+  return model.basis == ReflectanceBasis::ptm || model.basis == ReflectanceBasis::bilinear ||
+         (model.basis == ReflectanceBasis::hsh &&
+          (model.n_terms == 9 ||
+           (model.n_terms == 4 && model.colour == ReflectanceColour::rgb)));
 }
 
 constexpr std::array<FormatEntry, 3> kFormats{{
@@ -49,7 +52,9 @@ constexpr std::array<FormatEntry, 3> kFormats{{
        return read_ptm(path, r.most_bytes);
      },
      [](const fs::path& path, const ReflectanceModel& model, const ReflectanceWriting& w) {
-       write_ptm(path, model, {.is_jpeg = w.is_jpeg, .quality = w.quality});
+       write_ptm(path, model,
+                 {.is_jpeg = w.is_jpeg,
+                  .quality = static_cast<int>(std::lround(w.quality.value_or(95.0)))});
      }},
     {ReflectanceFormat::rti, ".rti", ".rti", ScaleRule::rti,
      [](std::string_view head) { return is_rti(head); }, is_rti_model,
@@ -65,7 +70,7 @@ constexpr std::array<FormatEntry, 3> kFormats{{
        return read_web_folder(path, r.most_bytes);
      },
      [](const fs::path& path, const ReflectanceModel& model, const ReflectanceWriting& w) {
-       write_web_folder(path, model, {.quality = w.quality});
+       write_web_folder(path, model, {.quality = w.quality.value_or(kWebQuality)});
      }},
 }};
 

@@ -45,7 +45,9 @@ struct ReflectanceReading {
 
 struct ReflectanceWriting {
   bool is_jpeg = false;  ///< .ptm: the JPEG forms
-  int quality = 95;      ///< of JPEG pictures
+  /// Of JPEG pictures, 1 to 100; nothing: 95 of a .ptm, which takes whole numbers, kWebQuality
+  /// of a folder.
+  std::optional<double> quality;
 };
 
 /// Brings the scales to what the format can say (quantise.h), then writes.

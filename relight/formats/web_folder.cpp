@@ -11,7 +11,9 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/parallel.h"
 #include "relight/formats/jpeg.h"
+#include "relight/formats/plane_weights.h"
 #include "relight/formats/quantise.h"
 #include "session/json_value.h"
 
@@ -203,6 +205,27 @@ void read_scales(const JsonValue& material, const WebInfo& info, ReflectanceMode
   }
 }
 
+/// Of lrgb: the brightest colour that the scales can say becomes 1, the luminance takes the
+/// rest. Writers differ in which of the two is large.
+void bring_colours_to_one(ReflectanceModel& model) {
+  if (model.colour != ReflectanceColour::lrgb) {
+    return;
+  }
+  const auto colours = model.scales.begin() + model.n_terms;
+  double largest = 0.0;
+  for (auto plane = colours; plane != model.scales.end(); ++plane) {
+    largest = std::max({largest, plane->offset, plane->offset + kWhite * plane->scale});
+  }
+  if (largest <= 0.0 || largest == 1.0) {
+    return;
+  }
+  for (auto plane = model.scales.begin(); plane != model.scales.end(); ++plane) {
+    const double factor = plane < colours ? largest : 1.0 / largest;
+    plane->scale *= factor;
+    plane->offset *= factor;
+  }
+}
+
 /// Everything but the planes.
 ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
   if (root.has("format") && root["format"].text() != "jpg") {
@@ -241,11 +264,13 @@ ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
   }
   read_lights(root, model);
   read_scales(materials[0], info, model);
+  bring_colours_to_one(model);
+  model.least_elevation = model.basis == ReflectanceBasis::hsh ? kWebLeastElevation : 0.0;
   if (is_pca) {
     if (model.basis == ReflectanceBasis::bilinear) {
       model.resolution = static_cast<int>(root["resolution"].integer(2, 1024));
     } else if (root.has("sigma")) {
-      model.rbf_sigma = root["sigma"].number(0.0, 1e3);
+      (void)root["sigma"].number(0.0, 1e3);  // viewers pass over it
     }
     read_axes(root, materials[0], space, info, model);
   }
@@ -299,6 +324,11 @@ void require_writable(const std::string& where, const ReflectanceModel& model) {
   if (model.transfer != Transfer::srgb) {
     throw Error("viewers show a web folder as sRGB, and these colours are not", where,
                 "fit it to sRGB first: haarlight convert does");
+  }
+  if (model.basis == ReflectanceBasis::rbf) {
+    throw Error("viewers light rbf by rules of their own, which are not those of the fit",
+                where,
+                "fit the same capture with --basis bilinear, or write hsh: haarlight convert");
   }
   HAARLIGHT_EXPECTS(obeys(ScaleRule::any, model), "scales above 0");
 }
@@ -365,22 +395,66 @@ Json info_json(const ReflectanceModel& model, int n_planes, const WebInfoWords& 
     const PlaneScale plane =
         is_padding ? PlaneScale{}
                    : model.scales[static_cast<std::size_t>(plane_of_file(model, k))];
+    // By the file's order: lrgb's colours are the first picture.
+    const double raised = model.colour != ReflectanceColour::lrgb ? 1.0
+                          : k < 3                                 ? 1.0 / kWebLuminance
+                                                                  : kWebLuminance;
     const double factor = plane.scale * kWhite;
-    scale.push_back(factor);
+    scale.push_back(factor * raised);
     bias.push_back(plane.offset == 0.0 ? 0.0 : -plane.offset / factor);
   }
   material["scale"] = std::move(scale);
   material["bias"] = std::move(bias);
   if (model.colour == ReflectanceColour::pca) {
-    if (model.basis == ReflectanceBasis::rbf) {
-      root["sigma"] = model.rbf_sigma > 0.0 ? model.rbf_sigma : kDefaultRbfSigma;
-    } else {
-      root["resolution"] = model.resolution;
-    }
+    root["resolution"] = model.resolution;
     add_axes(model, n_planes, root, material);
   }
   root["materials"] = Json::array({std::move(material)});
   return root;
+}
+
+/// The rounding steps of a picture's three parts, in bytes, that move lit pictures by `step`.
+/// @param weights  of its planes: 0 where there is none
+JpegSteps picture_steps(const Eigen::Vector3d& weights, bool is_ycc, double step) {
+  // How much each part is of R, G, B: JFIF's conversion.
+  const Eigen::Matrix3d parts = is_ycc ? (Eigen::Matrix3d() << 1.0, 0.0, 1.402, 1.0, -0.344136,
+                                          -0.714136, 1.0, 1.772, 0.0)
+                                             .finished()
+                                       : Eigen::Matrix3d::Identity();
+  JpegSteps steps{.is_ycc = is_ycc};
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const double moved = parts.col(i).cwiseProduct(weights).norm();  // by a byte
+    const double wanted = moved > 0.0 ? step / moved : kWhite;
+    steps.step[static_cast<std::size_t>(i)] =
+        static_cast<int>(std::clamp(std::round(wanted), 1.0, kWhite));
+  }
+  return steps;
+}
+
+/// The file's i-th picture.
+std::string code_picture(const ReflectanceModel& model, int i,
+                         const std::vector<double>& weights, double step,
+                         const std::string& where) {
+  const auto n_planes = static_cast<std::size_t>(model.n_planes());
+  std::vector<std::size_t> planes;
+  Eigen::Vector3d of_planes = Eigen::Vector3d::Zero();
+  for (int k = 3 * i; k < std::min(3 * i + 3, model.n_planes()); ++k) {
+    planes.push_back(static_cast<std::size_t>(plane_of_file(model, k)));
+    of_planes[k - 3 * i] = weights[planes.back()];
+  }
+  const auto give = [&](int y, std::span<std::uint8_t> samples) {
+    const auto row = model.planes.view().row(y);
+    for (std::size_t c = 0; c < planes.size(); ++c) {  // others are zeros
+      for (std::size_t x = 0; x < samples.size() / 3; ++x) {
+        samples[3 * x + c] = row[x * n_planes + planes[c]];
+      }
+    }
+  };
+  // R, G and B of one term are alike (Y, Cb, Cr take 3/5 of the bytes); axes and terms of a
+  // luminance have nothing in common, and its colours too little.
+  const bool is_ycc = model.colour == ReflectanceColour::rgb;
+  const JpegShape shape{model.planes.height(), model.planes.width()};
+  return encode_jpeg(shape, picture_steps(of_planes, is_ycc, step), where, give);
 }
 
 }  // namespace
@@ -427,6 +501,14 @@ std::string web_info_text(const ReflectanceModel& model, const std::string& wher
   return info_json(model, (model.n_planes() + 2) / 3 * 3, words).dump() + "\n";
 }
 
+WebSize web_folder_size(const fs::path& folder) {
+  const fs::path path = folder / "info.json";
+  const JsonValue root = JsonValue::parse(read_file(path, kMaxInfo), path.string());
+  WebInfo info;
+  (void)read_info(root, info);
+  return {info.width, info.height, info.n_planes};
+}
+
 std::optional<double> web_mm_per_pixel(const fs::path& folder) {
   const fs::path path = folder / "info.json";
   const JsonValue root = JsonValue::parse(read_file(path, kMaxInfo), path.string());
@@ -437,38 +519,70 @@ std::optional<double> web_mm_per_pixel(const fs::path& folder) {
   return mm > 0.0 ? std::optional(mm) : std::nullopt;
 }
 
-void write_web_folder(const fs::path& folder, const ReflectanceModel& model,
-                      const WebOptions& options) {
-  require_writable(folder.string(), model);
+double web_step(double quality) noexcept {
+  constexpr double kMeanStep = 16.0;  // of JPEG's example table (ITU T.81, K.1), first entry
+  const double percent = quality < 50.0 ? 5000.0 / quality : 200.0 - 2.0 * quality;
+  return kMeanStep * percent / 100.0;
+}
+
+std::uint64_t WebFiles::bytes() const noexcept {
+  std::uint64_t sum = info.size();
+  for (const std::string& picture : pictures) {
+    sum += picture.size();
+  }
+  return sum;
+}
+
+WebFiles code_web_folder(const ReflectanceModel& model, const WebOptions& options,
+                         const std::string& where) {
+  HAARLIGHT_EXPECTS(options.quality >= 1.0 && options.quality <= 100.0, "quality 1 to 100");
+  require_writable(where, model);
+  const int n_pictures = (model.n_planes() + 2) / 3;
+  const std::vector<double> weights = plane_weights(model);
+  const double step = web_step(options.quality) / kWhite;
+  WebFiles files;
+  files.quality = options.quality;
+  files.pictures.resize(static_cast<std::size_t>(n_pictures));
+  parallel_for(files.pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      files.pictures[i] = code_picture(model, static_cast<int>(i), weights, step,
+                                       where + "/" + picture_name(static_cast<int>(i)));
+    }
+  });
+  files.info = info_json(model, 3 * n_pictures, {.quality = options.quality}).dump() + "\n";
+  return files;
+}
+
+ReflectanceModel decode_web_files(const WebFiles& files, const std::string& where,
+                                  std::uint64_t most_bytes) {
+  const auto open = [&](const std::string& name) {
+    for (std::size_t i = 0; i < files.pictures.size(); ++i) {
+      if (name == picture_name(static_cast<int>(i))) {
+        return files.pictures[i];
+      }
+    }
+    throw Error("this picture is missing", where + "/" + name, "report it", ExitCode::internal);
+  };
+  return parse_web_folder(files.info, open, where, most_bytes);
+}
+
+void write_web_files(const fs::path& folder, const WebFiles& files) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) {
     throw Error(fmt::format("cannot make the folder: {}", error.message()), folder.string(),
                 "check the name and its rights", ExitCode::io);
   }
-  const auto n_planes = static_cast<std::size_t>(model.n_planes());
-  const int n_pictures = (model.n_planes() + 2) / 3;
-  const JpegShape shape{model.planes.height(), model.planes.width()};
   remove_former(folder);
-  for (int i = 0; i < n_pictures; ++i) {
-    const std::array<int, 3> planes = planes_of_picture(model, i);
-    const auto give = [&](int y, std::span<std::uint8_t> samples) {
-      const auto row = model.planes.view().row(y);
-      for (std::size_t c = 0; c < 3; ++c) {
-        if (planes[c] < 0) {
-          break;  // of zeros: the row is made anew for each picture
-        }
-        const auto p = static_cast<std::size_t>(planes[c]);
-        for (std::size_t x = 0; x < samples.size() / 3; ++x) {
-          samples[3 * x + c] = row[x * n_planes + p];
-        }
-      }
-    };
-    const fs::path path = folder / picture_name(i);
-    write_file_atomically(path, encode_jpeg(shape, 3, options.quality, path.string(), give));
+  for (std::size_t i = 0; i < files.pictures.size(); ++i) {
+    write_file_atomically(folder / picture_name(static_cast<int>(i)), files.pictures[i]);
   }
-  write_file_atomically(folder / "info.json",
-                        web_info_text(model, folder.string(), {.quality = options.quality}));
+  write_file_atomically(folder / "info.json", files.info);
+}
+
+void write_web_folder(const fs::path& folder, const ReflectanceModel& model,
+                      const WebOptions& options) {
+  write_web_files(folder, code_web_folder(model, options, folder.string()));
 }
 
 }  // namespace haarlight

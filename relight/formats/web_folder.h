@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "relight/formats/reflectance.h"
 
@@ -22,7 +23,9 @@ namespace haarlight {
 using OpenPart = std::function<std::string(const std::string& name)>;
 
 /// Basis ptm or hsh in rgb or lrgb; rbf or bilinear in mrgb or mycc, which becomes pca. Tiles
-/// are not read, nor folders of several materials.
+/// are not read, nor folders of several materials. Lit as OpenLIME 1.2.6 lights it: rbf without
+/// sigma, hsh no lower than kWebLeastElevation; lrgb's colours are brought to 0..1 and the
+/// luminance with them.
 /// @param where       the folder's name, for messages
 /// @param most_bytes  of planes
 /// @throws Error  naming the field of info.json, or the picture
@@ -32,13 +35,20 @@ using OpenPart = std::function<std::string(const std::string& name)>;
 [[nodiscard]] ReflectanceModel read_web_folder(const std::filesystem::path& folder,
                                                std::uint64_t most_bytes = kMostPlaneBytes);
 
+/// OpenLIME 1.2.6 takes lrgb's luminance as the picture's opacity. This many times the factor
+/// of colours in 0..1, it is 1 or more (opaque) wherever a picture of 8 bits is not black.
+inline constexpr double kWebLuminance = 255.0;
+
+/// What a folder's pictures lose where nobody asks for more or less.
+inline constexpr double kWebQuality = 97.0;
+
 /// Which planes of the model picture i of the folder holds in its R, G and B; -1: none, zeros.
 [[nodiscard]] std::array<int, 3> planes_of_picture(const ReflectanceModel& model, int picture);
 
 /// What info.json says beside the model.
 struct WebInfoWords {
-  std::string format = "jpg";  ///< ending of the pictures
-  int quality = 95;            ///< of JPEG pictures
+  std::string format = "jpg";    ///< ending of the pictures
+  double quality = kWebQuality;  ///< of JPEG pictures
   std::optional<double> mm_per_pixel;
 };
 
@@ -48,19 +58,54 @@ struct WebInfoWords {
 [[nodiscard]] std::string web_info_text(const ReflectanceModel& model, const std::string& where,
                                         const WebInfoWords& words);
 
+/// Of a folder, by its info.json alone.
+struct WebSize {
+  int width = 0;
+  int height = 0;
+  int n_planes = 0;
+};
+/// @throws Error  naming the field of info.json
+[[nodiscard]] WebSize web_folder_size(const std::filesystem::path& folder);
+
 /// The field pixelSizeInMM of a folder's info.json, which OpenLIME reads; nothing where it has
 /// none. @throws Error  info.json is not readable
 [[nodiscard]] std::optional<double> web_mm_per_pixel(const std::filesystem::path& folder);
 
 struct WebOptions {
-  int quality = 95;  ///< of the JPEG pictures, 1 to 100
+  /// 1 to 100. Every plane is rounded in steps that move the lit pictures alike, by web_step().
+  double quality = kWebQuality;
 };
 
-/// Writes the pictures, then info.json; the folder is made where it is not there. Scales obey
+/// The rounding step of a quality, in 255ths of white of a lit picture: what JPEG's own scale
+/// takes for the mean of a picture's blocks; 0 at 100, where every plane's step is one byte.
+[[nodiscard]] double web_step(double quality) noexcept;
+
+/// A folder's files in memory.
+struct WebFiles {
+  std::string info;
+  std::vector<std::string> pictures;  ///< plane_0.jpg, ...
+  double quality = kWebQuality;
+  [[nodiscard]] std::uint64_t bytes() const noexcept;
+};
+
+/// @param where  the folder's name, for messages
+/// @throws Error  as write_web_folder, but for what writing adds
+[[nodiscard]] WebFiles code_web_folder(const ReflectanceModel& model, const WebOptions& options,
+                                       const std::string& where);
+/// The model that a reader of these files gets.
+[[nodiscard]] ReflectanceModel decode_web_files(const WebFiles& files, const std::string& where,
+                                                std::uint64_t most_bytes = kMostPlaneBytes);
+/// @throws Error(io)
+void write_web_files(const std::filesystem::path& folder, const WebFiles& files);
+
+/// Codes the model and writes the pictures, then info.json; the folder is made where it is not
+/// there. Scales obey
 /// ScaleRule::any. Axes of pca become bytes, each row with its own range, as the format has it;
 /// the mean is clipped to 0..1.
-/// @throws Error  16 terms of hsh in lrgb or another model that the format has no word for; not
-///                srgb; unwritable
+/// Of lrgb the luminance is written kWebLuminance times, the colours as much less.
+/// @throws Error  16 terms of hsh, rbf (viewers have rules of their own for it), or another
+/// model
+///                that the format has no word for; not srgb; unwritable
 void write_web_folder(const std::filesystem::path& folder, const ReflectanceModel& model,
                       const WebOptions& options = {});
 

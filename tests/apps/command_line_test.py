@@ -214,6 +214,9 @@ class CommandLine(unittest.TestCase):
                 self.assertTrue(examples, "no example")
                 for example in examples:
                     self.assertTrue(example.startswith(f"haarlight {verb}"), example)
+                # What a terminal of 80 columns shows whole; only commands to copy are longer.
+                prose = re.split(r"^Examples?:$", shown.stdout, flags=re.M)[0]
+                self.assertEqual([line for line in prose.splitlines() if len(line) > 80], [])
                 for option in ("--report FILE", "--quiet", "--memory", "--threads", "--force"):
                     self.assertIn(option, shown.stdout)
 
@@ -527,6 +530,53 @@ class CommandLine(unittest.TestCase):
                 self.assertEqual(wrong.returncode, USAGE, wrong.stderr)
                 self.assertIn(words, wrong.stderr)
         self.assertFalse((self.folder / "no.exr").exists())
+
+    def test_fit_tells_the_size_and_the_worth_of_what_it_wrote(self):
+        write_sphere(self.folder / "coded", 48, 22.0)
+        done = self.run_line("import coded --lights coded/dirs.lp -o coded.session")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        start = "fit coded.session --force"
+
+        def fit(words):
+            done = self.run_line(f"{start} --basis hsh4 {words} --report fit.json")
+            self.assertEqual(done.returncode, DONE, done.stderr)
+            report = json.loads((self.folder / "fit.json").read_text())
+            row = done.stdout.splitlines()[-1].split()
+            return row, report
+
+        row, report = fit("-o coded-web")
+        on_disk = sum(path.stat().st_size for path in (self.folder / "coded-web").iterdir())
+        self.assertEqual(int(row[2]), on_disk)
+        self.assertEqual(report["bytes"], on_disk)
+        self.assertAlmostEqual(float(row[5]), report["reached"]["file dB"], delta=0.006)
+        self.assertEqual(report["reached"]["quality"], 97)
+        row, report = fit("-o coded-web --quality 40")
+        self.assertEqual(report["reached"]["quality"], 40)
+        low = report["reached"]["file dB"]
+        self.assertLess(int(row[2]), on_disk)
+        asked = (int(row[2]) + on_disk) // 2
+        row, report = fit(f"-o coded-web --bytes {asked}")
+        self.assertLessEqual(report["bytes"], asked)
+        row, report = fit(f"-o coded-web --psnr {low + 0.5:.3f}")
+        self.assertGreaterEqual(report["reached"]["file dB"], low + 0.5)
+        # The same pictures straight from their folder, PNGs, and whatever else is in it.
+        done = self.run_line("fit coded --lights coded/dirs.lp --basis hsh4 -o coded-pictures")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        fit("-o coded-web")
+        for name in ("info.json", "plane_0.jpg", "plane_3.jpg"):
+            self.assertEqual((self.folder / "coded-pictures" / name).read_bytes(),
+                             (self.folder / "coded-web" / name).read_bytes(), name)
+        for words, code, said in (("-o none --bytes 100", BAD_INPUT, "100 bytes do not hold"),
+                                  ("-o none --psnr 90", BAD_INPUT, "cannot be reached"),
+                                  ("-o none --psnr 30 --bytes 1M", USAGE, "each decide the others"),
+                                  ("-o none.rti --quality 90", USAGE, "write a folder"),
+                                  ("-o none --bytes many", USAGE, "--bytes 800k"),
+                                  ("-o none --basis rbf", USAGE, "--basis bilinear")):
+            with self.subTest(words=words):
+                wrong = self.run_line(f"{start} {words}")
+                self.assertEqual(wrong.returncode, code, wrong.stderr)
+                self.assertIn(said, wrong.stderr)
+                self.assertEqual(list(self.folder.glob("none*")), [])
 
     def test_shape_takes_normals_as_rti_viewers_do(self):
         size, radius = 48, 22.0

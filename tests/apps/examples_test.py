@@ -62,13 +62,13 @@ class Examples(unittest.TestCase):
     def tearDownClass(cls):
         cls.place.cleanup()
 
-    def run_shown(self, command, folder=None, expected=0):
-        """Runs a command as a person would type it."""
+    def run_shown(self, command, folder=None, expected=0, url=None):
+        """Runs a command as a person would type it; `url`: the daemon's, else the cube's."""
         words = shlex.split(command)
         self.assertEqual(words[0], "haarlight", command)
         start = time.monotonic()
         done = self.programs.run(*words[1:], cwd=folder or self.folder, timeout=300,
-                                 HAARLIGHT_DAEMON=self.url)
+                                 HAARLIGHT_DAEMON=url or self.url)
         print(f"{time.monotonic() - start:6.1f} s  {command}", flush=True)
         self.assertEqual(done.returncode, expected, f"{command}\n{done.stdout}{done.stderr}")
         return done
@@ -184,7 +184,7 @@ class Examples(unittest.TestCase):
         shutil.copytree(self.folder / "vase", self.folder / "sessions/airplane")
         shutil.copytree(self.folder / "vase", self.folder / "cube.session")
         write_capture(self.folder / "door")
-        write_capture(self.folder / "rig", scale=800.0)
+        write_capture(self.folder / "rig", n_lights=64, scale=800.0)
         shutil.copy(self.folder / "rig/dirs.lp", self.folder / "rig.lp")
         write_capture(self.folder / "ball")
         shutil.copy(self.folder / "ball/dirs.lp", self.folder / "lights.txt")
@@ -217,29 +217,61 @@ class Examples(unittest.TestCase):
             self.assertTrue((place / "out/demo" / name).exists(), f"the demo's page shows {name}")
         commands = shown_commands("README.md")
         self.assertGreaterEqual(len(commands), 17)
+        self.type_in_order(commands, place)
+        for picture in ("sky.png", "shadow.exr"):
+            self.assertGreater((place / picture).stat().st_size, 1000)
+
+    def type_in_order(self, commands, folder, url=None):
+        """As a person types them into one shell; what ends in & runs until the last."""
         served = []
         try:
             for command in commands:
-                if command.endswith(" &"):
-                    served.append(self.start_shown(command, place))
-                elif command.startswith("haarlight view "):
-                    self.run_viewer(command, place)
-                else:
-                    self.run_shown(command, place)
+                with self.subTest(command=command):
+                    if command.endswith(" &"):
+                        served.append(self.start_shown(command, folder))
+                    elif command.startswith("haarlight view "):
+                        self.run_viewer(command, folder)
+                    else:
+                        self.run_shown(command, folder, url=url)
         finally:
             for process in reversed(served):
                 process.terminate()
                 self.assertEqual(process.wait(timeout=30), 0, process.args)
-        for picture in ("sky.png", "shadow.exr"):
-            self.assertGreater((place / picture).stat().st_size, 1000)
+
+    def test_guides(self):
+        """Each guide in a folder of its own, with what it says that its reader has."""
+        guides = sorted((SOURCE / "docs/guides").glob("*.md"))
+        self.assertGreaterEqual(len(guides), 5)
+        for guide in guides:
+            place = self.folder / "guides" / guide.stem
+            shutil.copytree(self.folder / "configs", place / "configs")
+            shutil.copy(self.folder / "sky.hdr", place)
+            write_capture(place / "photos", n_lights=24)
+            port = free_port()
+            rig_on_free_ports(SOURCE / "configs/rigs/small8.toml", place / "rig.toml", place, port)
+            self.draw_calibrations(place)
+            for command in ("import photos --lights photos/dirs.lp -o door.session",
+                            "plate rig.toml -o object.hlb"):
+                self.assertEqual(self.programs.run(*command.split(), cwd=place).returncode, 0)
+            commands = shown_commands(guide)
+            if any("-o door.session" in command for command in commands):
+                shutil.rmtree(place / "door.session")
+            with self.subTest(guide=guide.name):
+                self.assertGreaterEqual(len(commands), 3)
+                self.type_in_order(commands, place, f"http://127.0.0.1:{port}")
 
     def start_shown(self, command, folder):
-        """A program in the background, as a shell starts it. @return  its process"""
+        """A program in the background, as a shell starts it; the simulator until it says that it
+        is ready. @return  its process"""
         words = shlex.split(command)[:-1]
         program = {"haarlight-sim": self.programs.sim, "haarlightd": self.programs.daemon}[words[0]]
-        with (folder / f"{words[0]}.log").open("w") as log:
-            return subprocess.Popen([program, *words[1:]], cwd=folder, stdout=log, stderr=log,
-                                    env={**os.environ, "XDG_CACHE_HOME": str(self.folder / "cache")})
+        log = folder / f"{words[0]}.log"
+        with log.open("w") as out:
+            process = subprocess.Popen([program, *words[1:]], cwd=folder, stdout=out, stderr=out,
+                                       env={**os.environ, "XDG_CACHE_HOME": str(self.folder / "cache")})
+        if words[0] == "haarlight-sim":
+            wait_for(lambda: "\nready\n" in log.read_text() or process.poll() is not None, 120, command)
+        return process
 
     def test_commands_of_the_documents(self):
         place = self.folder / "documents"

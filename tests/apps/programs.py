@@ -58,13 +58,21 @@ def write_png(path, width, height, value):
                                                for y in range(height)]))
 
 
+def spiral(k, n):
+    """The k-th of n unit directions, evenly over most of the half sphere."""
+    z = 0.3 + 0.65 * (k + 0.5) / n
+    return (math.sqrt(1 - z * z) * math.cos(2.399963 * k), math.sqrt(1 - z * z) * math.sin(2.399963 * k), z)
+
+
 def write_capture(folder, n_lights=4, size=8, scale=1.0):
-    """Someone's capture: one picture a light and dirs.lp. `scale`: length of the light's place."""
+    """Someone's capture: one picture per light and dirs.lp. `scale`: length of the light's place."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [str(n_lights)]
     for k in range(n_lights):
-        write_png(folder / f"light{k}.png", size, size, lambda x, y, k=k: 40 + 7 * x + 3 * y + 11 * k)
-        place = [(0.6, 0.0, 0.8), (0.0, 0.6, 0.8), (-0.6, 0.0, 0.8), (0.0, -0.6, 0.8)][k % 4]
+        write_png(folder / f"light{k}.png", size, size,
+                  lambda x, y, k=k: 40 + 7 * x + 3 * y + (11 * k if n_lights <= 4 else k))
+        place = ([(0.6, 0.0, 0.8), (0.0, 0.6, 0.8), (-0.6, 0.0, 0.8), (0.0, -0.6, 0.8)][k]
+                 if n_lights <= 4 else spiral(k, n_lights))
         lines.append(f"light{k}.png " + " ".join(str(scale * c) for c in place))
     (folder / "dirs.lp").write_text("\n".join(lines) + "\n")
     return folder

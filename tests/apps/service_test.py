@@ -257,8 +257,23 @@ class Service(unittest.TestCase):
                      "share/haarlight/web/index.html", "share/haarlight/web/main.js",
                      "share/haarlight/web/viewer/index.html", "share/haarlight/web/viewer/main.js",
                      "share/haarlight/rigs/cube32.toml", "share/haarlight/plans/quick.toml",
+                     "share/haarlight/scenes/airplane.toml", "share/haarlight/environments/room.hdr",
+                     "share/man/man1/haarlight.1", "share/man/man1/haarlight-relight.1",
+                     "share/man/man1/haarlight-sim.1", "share/man/man8/haarlightd.8",
                      "lib/sysusers.d/haarlight.conf"):
             self.assertTrue((prefix / name).is_file(), name)
+        self.assertNotIn("@", (prefix / "share/man/man8/haarlightd.8").read_text())
+        # Plans, scenes and environments name each other as they lie there.
+        share = prefix / "share/haarlight"
+        files = [str(file) for kind in ("rigs", "plans", "scenes", "environments")
+                 for file in sorted((share / kind).iterdir()) if file.suffix in (".toml", ".hdr")]
+        checked = subprocess.run([prefix / "bin/haarlight", "check", *files], capture_output=True,
+                                 text=True)
+        self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
+        for plan in sorted((share / "plans").iterdir()):
+            planned = subprocess.run([prefix / "bin/haarlight", "plan", share / "rigs/cube32.toml", plan,
+                                      "--dry-run"], capture_output=True, text=True)
+            self.assertEqual(planned.returncode, 0, f"{plan}: {planned.stderr}")
         unit = prefix / "lib/systemd/system/haarlightd.service"
         self.assertNotRegex(unit.read_text(), "@[A-Z]+@")
         self.assertIn(f"ExecStopPost={prefix}/bin/haarlightd", unit.read_text())

@@ -117,12 +117,19 @@ TEST_P(LateRtuAnswer, IsNeverTakenForTheNextOnes) {
   ASSERT_TRUE(bus->open());
   const std::vector<std::uint16_t> levels = {111, 222};
   ASSERT_TRUE(bus->write_holding(registers::holding::kLevels, levels));
-  server.inject(
-      {.kind = WireFault::delay_reply, .delay = std::chrono::milliseconds(GetParam())});
   std::array<std::uint16_t, 1> word{};
-  const auto late = bus->read_holding(registers::holding::kLevels, word);
-  ASSERT_FALSE(late);
-  EXPECT_EQ(late.error().code, Errc::timeout);
+  // A busy machine may put this thread off until the answer is there: then it is the right one.
+  for (int attempt = 0;; ++attempt) {
+    ASSERT_LT(attempt, 20) << "no answer came late";
+    server.inject(
+        {.kind = WireFault::delay_reply, .delay = std::chrono::milliseconds(GetParam())});
+    const auto late = bus->read_holding(registers::holding::kLevels, word);
+    if (!late) {
+      EXPECT_EQ(late.error().code, Errc::timeout);
+      break;
+    }
+    EXPECT_EQ(word[0], 111);
+  }
   ASSERT_TRUE(bus->settle());
   for (int i = 0; i < 3; ++i) {
     word[0] = 0;

@@ -93,6 +93,24 @@ TEST(Import, KeepsFloatingPicturesBitByBit) {
                            truth.pixels().size() * sizeof(float)));
 }
 
+// A developer of raw files ends at 1; merged exposures and renderers end nowhere.
+TEST(Import, FloatingValuesAboveOneAreNotClipped) {
+  for (const float most : {1.0F, 1.5F, 4000.0F}) {
+    TemporaryFolder folder;
+    const fs::path in = folder.path() / "in";
+    write_capture(in, ".exr");
+    Image<float> bright = gradient(9, 12, 3, 1.0F);
+    bright.pixels()[7] = most;
+    bright.pixels()[30] = 1.0F;
+    write_image(in / "light 1.exr", bright.view());
+    const ImportResult result = import_pictures(in, in / "dirs.lp", folder.path() / "out");
+    EXPECT_TRUE(verify_session(folder.path() / "out").is_good());
+    const Developed developed = develop_all(Session::open(folder.path() / "out"));
+    EXPECT_EQ(developed.n_saturated, most > 1.0F ? 0U : 2U) << most;
+    EXPECT_EQ(result.notes.size(), most > 1.0F ? 1U : 0U);
+  }
+}
+
 /// Frames know sRGB and linear alone: of any other profile the light itself is kept.
 TEST(Import, AppliesAColourProfileUnlessTold) {
   TemporaryFolder folder;

@@ -47,6 +47,33 @@ TEST(Lp, ScalesDirectionsToUnitLengthAndKeepsPositions) {
       parse_lp("1\na 0 0 500\n", "a.lp", LightPlaces::directions).lights[0].place.z(), 1.0);
 }
 
+std::string list_of(int n, const std::string& most, const std::string& others, int n_others) {
+  std::string text = std::to_string(n) + "\n";
+  for (int k = 0; k < n; ++k) {
+    text += "p" + std::to_string(k) + " " + (k < n - n_others ? most : others) + "\n";
+  }
+  return text;
+}
+
+// A published list has 25 of 54 directions of lengths from 0.8 to 0.9.
+TEST(Lp, DirectionsOfAnotherLengthAreTold) {
+  const std::string shorter = list_of(20, "0.6 0 0.8", "0.48 0 0.64", 9);
+  const LightList list = parse_lp(shorter, "a.lp");
+  ASSERT_EQ(list.lights.size(), 20U);
+  EXPECT_NEAR(list.lights[19].place.norm(), 1.0, 1e-15);
+  EXPECT_THAT(list.disagreements, testing::ElementsAre(testing::AllOf(
+                                      HasSubstr("a.lp:13: (0.48, 0, 0.64) has length 0.8"),
+                                      HasSubstr("9 of 20"), HasSubstr("mistyped?"))));
+  EXPECT_THAT(parse_lp(shorter, "a.lp", LightPlaces::directions).disagreements,
+              testing::IsEmpty());
+  EXPECT_TRUE(parse_lp(shorter, "a.lp", LightPlaces::positions).lights[0].is_position);
+  // One in ten of any length is mistyped, more may be a list of places.
+  EXPECT_THAT(parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 2), "a.lp").disagreements,
+              testing::ElementsAre(HasSubstr("a.lp:20: (6, 0, 8) has length 10, as 2 of 20")));
+  EXPECT_THAT(refusal([] { (void)parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 3), "a.lp"); }),
+              HasSubstr("a.lp:19: (6, 0, 8) has length 10"));
+}
+
 TEST(Lp, NamesFileLineAndCureOfWhatIsBroken) {
   const auto lp = [](const char* text) {
     return refusal([text] { (void)parse_lp(text, "a.lp"); });

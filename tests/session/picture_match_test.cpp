@@ -113,9 +113,9 @@ TEST_F(PictureMatch, LeavesItWhereToldAndSaysSo) {
 
 TEST_F(PictureMatch, FindsWhatAnotherMachineNamed) {
   files_.add("in/sub/d.jpg");
-  EXPECT_THAT(of({"jpeg-exports/a.jpg", "C:\\set\\b.jpg", "/home/x/c.jpg"}).paths,
+  EXPECT_THAT(of({"jpeg-exports/a.jpg", "C:\\set\\b.jpg", "/scans/x/c.jpg"}).paths,
               ElementsAre("in/a.jpg", "in/b.jpg", "in/c.jpg"));
-  const Match m = of({"jpeg-exports/a.jpg", "C:\\set\\b.jpg", "/home/x/c.jpg"});
+  const Match m = of({"jpeg-exports/a.jpg", "C:\\set\\b.jpg", "/scans/x/c.jpg"});
   EXPECT_THAT(m.disagreements, ElementsAre(HasSubstr("by the last part of the name")));
   EXPECT_THAT(of({"jpeg-exports/a.jpg", "b.jpg", "c.jpg"}, {.is_strict = true}).refusal,
               HasSubstr("jpeg-exports/a.jpg"));
@@ -166,6 +166,21 @@ TEST_F(PictureMatch, AnotherCountIsSaid) {
     EXPECT_THAT(of({"a.jpg", "b.jpg", "c.jpg"}, {.is_strict = true}, announced).refusal,
                 HasSubstr("announced"));
   }
+}
+
+// A published list counts 47 lights, has 48 lines, and no picture for the last.
+TEST_F(PictureMatch, AnUncountedLineWithoutPictureIsLeftOutAndSaid) {
+  const std::vector<std::string> four = {"a.jpg", "b.jpg", "c.jpg", "d.jpg"};
+  const Match m = of(four, {}, 3);
+  EXPECT_THAT(m.paths, ElementsAre("in/a.jpg", "in/b.jpg", "in/c.jpg"));
+  EXPECT_THAT(m.disagreements, ElementsAre(HasSubstr("announced"),
+                                           AllOf(HasSubstr("d.jpg"), HasSubstr("left"))));
+  EXPECT_THAT(of(four, {.is_strict = true}, 3).refusal, HasSubstr("announced"));
+  // Counted, or not the last: it is missing.
+  EXPECT_THAT(of(four, {}, 4).refusal, HasSubstr("\"d.jpg\" is missing"));
+  EXPECT_THAT(of({"a.jpg", "b.jpg", "d.jpg", "c.jpg"}, {}, 3).refusal,
+              HasSubstr("\"d.jpg\" is missing"));
+  EXPECT_THAT(of({"a.jpg", "d.jpg"}, {}, 1).paths, ElementsAre("in/a.jpg"));
 }
 
 TEST_F(PictureMatch, AListWithoutNamesNeedsAsManyPictures) {

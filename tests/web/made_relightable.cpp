@@ -35,6 +35,23 @@ ReflectanceModel waves() {
   return model;
 }
 
+/// A luminance times a colour. The luminance is above 0 and mostly below 1.
+ReflectanceModel luminance_waves() {
+  ReflectanceModel model =
+      testing::empty_model(ReflectanceBasis::ptm, ReflectanceColour::lrgb, 6);
+  Image<float> coefficients = testing::smooth_coefficients(72, 96, 9);
+  for (int y = 0; y < coefficients.height(); ++y) {
+    for (int x = 0; x < coefficients.width(); ++x) {
+      coefficients(y, x, 5) += 0.35F;
+      for (int c = 6; c < 9; ++c) {
+        coefficients(y, x, c) *= 2.0F;
+      }
+    }
+  }
+  quantise(model, coefficients.view());
+  return model;
+}
+
 /// The direction of a knot of the octahedral grid.
 Eigen::Vector3d knot_direction(int column, int row) {
   const double a = 2.0 * column / (kResolution - 1) - 1.0;
@@ -104,6 +121,7 @@ void make(const fs::path& out, const std::string& input) {
   const std::vector<std::pair<std::string, ReflectanceModel>> models{
       {"ptm", fitted(ReflectanceBasis::ptm, 6)},
       {"hsh", fitted(ReflectanceBasis::hsh, 9)},
+      {"lptm", luminance_waves()},
       {"bilinear", bilinear_of(source)}};
   const std::vector<Eigen::Vector3d> lights = spread_over_hemisphere(kLights, 0.4);
   std::string list;

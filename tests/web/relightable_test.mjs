@@ -1,10 +1,10 @@
 // Relight's web folders as a browser shows them: Chromium decodes the pictures, a shader lights them by
-// the rule of the viewer OpenLIME (its constants included), and the result is held against haarlight's.
-//   node relightable_test.mjs PROGRAMS MODULES OUT [--openlime FILE] [--only NAME]
+// the rule of the viewer OpenLIME 1.2.6 (its constants, its 8-bit linear light and its opacity included),
+// and the result, on a white page, is held against haarlight's.
+//   node relightable_test.mjs PROGRAMS MODULES OUT [--only NAME]
 // PROGRAMS: the build's folder apps/; MODULES: where playwright-core is installed; OUT: the folders.
-// FILE: OpenLIME's own script, an early one (Relight's sources have it as demo/openlime.min.js); it then
-// shows the folders too. It is under the GPL and in no package, so it is no part of haarlight.
-// scripts/page_test BUILD --relightable [--openlime FILE] runs it.
+// scripts/page_test BUILD --relightable runs it; OpenLIME itself is shown folders by
+// scripts/openlime_check.
 
 import {execFileSync} from 'node:child_process';
 import fs from 'node:fs';
@@ -15,7 +15,6 @@ import {Browser, Suite, expect} from './harness.mjs';
 
 const [programs, modules, out] = process.argv.slice(2, 5).map(p => path.resolve(p));
 const option = name => process.argv.includes(name) ? process.argv[process.argv.indexOf(name) + 1] : '';
-const openlime = option('--openlime');
 const source = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '../..');
 const folder = path.join(out, 'relightable');
 fs.rmSync(folder, {recursive: true, force: true});
@@ -45,7 +44,7 @@ const server = http.createServer((request, response) => {
 await new Promise(resolve => server.listen(0, '127.0.0.1', resolve));
 const url = `http://127.0.0.1:${server.address().port}/`;
 
-/** In the page: functions that both ways of showing a folder use. */
+/** In the page: functions that measure() uses. */
 function prepare() {
   globalThis.load = async file => {
     const image = new Image();
@@ -53,7 +52,7 @@ function prepare() {
     await image.decode();
     return image;
   };
-  /** PSNR in dB of what `gl` shows against a picture in a file. */
+  /** PSNR in dB of what `gl` shows on a white page against a picture in a file. */
   globalThis.decibelsOf = async (gl, file) => {
     const {width, height} = gl.canvas;
     const shown = new Uint8Array(4 * width * height);
@@ -68,7 +67,9 @@ function prepare() {
     for (let y = 0; y < height; ++y) {
       for (let x = 0; x < width; ++x) {
         for (let c = 0; c < 3; ++c) {  // readPixels begins at the lowest row
-          const difference = shown[4 * ((height - 1 - y) * width + x) + c] - truth[4 * (y * width + x) + c];
+          const at = 4 * ((height - 1 - y) * width + x);
+          const onWhite = Math.min(255, shown[at + c] + 255 - shown[at + 3]);
+          const difference = onWhite - truth[4 * (y * width + x) + c];
           squares += difference * difference;
         }
       }
@@ -117,7 +118,11 @@ async function measure([name, directions]) {
                root(30) * (c * c - c) * Math.sin(2 * phi)];
     }
     for (let p = 0; p < nplanes; ++p) {
-      planes[3 * p + p % 3] = terms[Math.floor(p / 3)];
+      if (colorspace === 'lrgb') {  // the first picture is the colour, the others are the luminance
+        planes[3 * p] = p < 3 ? 0 : terms[p - 3];
+      } else {
+        planes[3 * p + p % 3] = terms[Math.floor(p / 3)];
+      }
     }
     return {planes, added};
   };
@@ -158,12 +163,44 @@ async function measure([name, directions]) {
       value = (texture(plane${k}, at).rgb - bias[${k}]) * scale[${k}];
       sum += weight[${3 * k}] * value.r + weight[${3 * k + 1}] * value.g + weight[${3 * k + 2}] * value.b;`)
         .join('\n')}
-      colour = vec4(sum, 1);
+      ${colorspace === 'lrgb' ? 'colour = sum.r * vec4((texture(plane0, at).rgb - bias[0]) * scale[0], 1);'
+                              : 'colour = vec4(sum, 1);'}
+      colour.rgb = pow(colour.rgb, vec3(2.2));  // as light, into 8 bits
     }`));
-  gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
-    throw new Error(gl.getProgramInfoLog(program));
+  const coding = gl.createProgram();
+  gl.attachShader(coding, compile(gl.VERTEX_SHADER, `#version 300 es
+    out vec2 at;
+    void main() {
+      at = vec2(gl_VertexID == 1 ? 2 : 0, gl_VertexID == 2 ? 2 : 0);
+      gl_Position = vec4(2.0 * at - 1.0, 0, 1);
+    }`));
+  gl.attachShader(coding, compile(gl.FRAGMENT_SHADER, `#version 300 es
+    precision highp float;
+    in vec2 at;
+    out vec4 colour;
+    uniform sampler2D light;
+    void main() {
+      colour = texture(light, at);
+      colour.rgb = pow(colour.rgb, vec3(1.0 / 2.2));
+    }`));
+  for (const each of [program, coding]) {
+    gl.linkProgram(each);
+    if (!gl.getProgramParameter(each, gl.LINK_STATUS)) {
+      throw new Error(gl.getProgramInfoLog(each));
+    }
   }
+  const light = gl.createTexture();
+  gl.activeTexture(gl.TEXTURE0 + nPictures);
+  gl.bindTexture(gl.TEXTURE_2D, light);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+  const frame = gl.createFramebuffer();
+  gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, light, 0);
+  gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+  gl.useProgram(coding);
+  gl.uniform1i(gl.getUniformLocation(coding, 'light'), nPictures);
   gl.useProgram(program);
   const uniform = text => gl.getUniformLocation(program, text);
   for (const k of pictures) {
@@ -181,36 +218,17 @@ async function measure([name, directions]) {
   const decibels = [];
   for (let i = 0; i < directions.length; ++i) {
     const {planes, added} = weights(directions[i]);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.enable(gl.BLEND);
+    gl.useProgram(program);
     gl.uniform3fv(uniform('weight'), planes);
     gl.uniform3fv(uniform('added'), added);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    decibels.push(await decibelsOf(gl, `${name}_${i}.png`));
-  }
-  return decibels;
-}
-
-/** In the page: the same of OpenLIME, whose script is loaded. */
-async function measureOpenLime([name, directions]) {
-  const {width, height} = await load(`${name}_0.png`);
-  const box = document.createElement('div');
-  box.innerHTML = `<canvas style="display: block; width: ${width}px; height: ${height}px"></canvas>`;
-  document.body.append(box);
-  const viewer = new OpenLIME.OpenLIME(box, {canvas: {preserveDrawingBuffer: true}});
-  const layer = new OpenLIME.Layer({type: 'rti', url: `${name}/info.json`, layout: 'image'});
-  viewer.canvas.addLayer('picture', layer);
-  const end = performance.now() + 15000;
-  while (layer.tiles[0]?.missing !== 0) {  // planes still on their way
-    if (performance.now() > end) {
-      throw new Error(`OpenLIME does not load ${name}: ${layer.status}`);
-    }
-    await new Promise(resolve => setTimeout(resolve, 20));
-  }
-  viewer.camera.fitCameraBox(0);
-  const gl = viewer.canvas.gl;
-  const decibels = [];
-  for (let i = 0; i < directions.length; ++i) {
-    layer.setLight(directions[i].slice(0, 2), 0);
-    viewer.canvas.draw(performance.now() + 1);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.disable(gl.BLEND);
+    gl.useProgram(coding);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
     decibels.push(await decibelsOf(gl, `${name}_${i}.png`));
   }
   return decibels;
@@ -224,23 +242,12 @@ const check = async found => {
   expect(median >= 38, `median ${median.toFixed(1)} dB, all: ${decibels.map(d => d.toFixed(1)).join(' ')}`);
   return `median ${median.toFixed(1)} dB, worst ${decibels[0].toFixed(1)} dB over ${decibels.length} lights`;
 };
-for (const name of ['ptm', 'hsh', 'bilinear']) {
+for (const name of ['ptm', 'lptm', 'hsh', 'bilinear']) {
   await suite.test(`a web folder of ${name} shows haarlight's pictures`, async () => {
     const page = await browser.page(url);
     await page.evaluate(prepare);
     return check(await page.evaluate(measure, [name, lights]));
   });
-  if (openlime) {
-    await suite.test(`OpenLIME shows haarlight's pictures from a web folder of ${name}`, async () => {
-      const page = await browser.page(url);
-      await page.evaluate(prepare);
-      await page.addScriptTag({path: openlime});
-      return check(await page.evaluate(measureOpenLime, [name, lights]));
-    });
-  }
-}
-if (!openlime) {
-  console.log('note: OpenLIME itself is shown nothing: --openlime names its script');
 }
 await browser.end();
 server.close();

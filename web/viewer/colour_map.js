@@ -31,6 +31,16 @@ function hshTerms([x, y, z], n, order4) {
   return h;
 }
 
+/** The light at its azimuth, at least so high: radians. */
+function raised([x, y, z], least) {
+  if (least <= 0 || z >= Math.sin(least)) {
+    return [x, y, z];
+  }
+  const rho = Math.hypot(x, y);
+  return rho === 0 ? [Math.cos(least), 0, Math.sin(least)]
+    : [Math.cos(least) / rho * x, Math.cos(least) / rho * y, Math.sin(least)];
+}
+
 /** [[knot, weight], …] of a grid on the octahedral map. */
 function gridWeights(n, [x, y, z]) {
   const s = Math.abs(x) + Math.abs(y) + Math.max(z, 0);
@@ -43,9 +53,25 @@ function gridWeights(n, [x, y, z]) {
   return [[at, (1 - fx) * (1 - fy)], [at + 1, fx * (1 - fy)], [at + n, (1 - fx) * fy], [at + n + 1, fx * fy]];
 }
 
+/** Of radial functions whose width nobody tells: as OpenLIME's. */
+function adaptiveWeights(squares) {
+  const [alpha, beta] = [8, 2];
+  const distances = squares.map(Math.sqrt);
+  const shares = distances.map(distance => Math.exp(-beta * distance));
+  const far = distances.reduce((sum, distance, i) => sum + shares[i] * distance, 0);
+  const factor = far > 0 ? alpha * shares.reduce((a, b) => a + b) / far : 0;
+  const nearest = squares.reduce((a, b) => Math.min(a, b));
+  const sizes = squares.map(square => Math.exp(-factor * (square - nearest)));
+  const sum = sizes.reduce((a, b) => a + b);
+  return sizes.map((size, knot) => [knot, size / sum]);
+}
+
 /** The same of radial functions around the lights. */
 function radialWeights(lights, sigma, direction) {
   const squares = lights.map(light => light.reduce((sum, v, i) => sum + (direction[i] - v) ** 2, 0));
+  if (sigma <= 0) {
+    return adaptiveWeights(squares);
+  }
   const nearest = squares.reduce((a, b) => Math.min(a, b));
   const sizes = squares.map(square => Math.exp((nearest - square) / (sigma * sigma)));
   const sum = sizes.reduce((a, b) => a + b);
@@ -71,7 +97,8 @@ export function colourMap(model, light) {
       }
     }
   } else {
-    const values = basis === 'ptm' ? ptmTerms(light) : hshTerms(light, n, model.order4);
+    const values = basis === 'ptm' ? ptmTerms(light)
+      : hshTerms(raised(light, model.least_elevation), n, model.order4);
     factors.forEach((row, c) => values.forEach((value, j) => (row[(colour === 'rgb' ? c * n : 0) + j] = value)));
   }
   factors.forEach((row, c) => scales.forEach(([scale, offset], p) => {

@@ -1,6 +1,6 @@
 /// @file
-/// Any bytes as a picture of each format that we read: pixels or an Error, and never more memory
-/// than the limit (what the formats' libraries take counts too).
+/// Any bytes as a picture of each format that we read: pixels or an Error, and never more
+/// memory than the limit (what the formats' libraries take counts too).
 
 #include <cstdint>
 

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "relight/formats/reflectance_file.h"
+#include "relight/formats/web_target.h"
+
+/// @file
+/// What `haarlight fit` writes: a file of a size or of a fidelity, and what it is worth when it
+/// is read again.
+
+namespace haarlight {
+
+/// What a folder's pictures shall be; at most one of the three.
+struct FitSize {
+  std::optional<double> quality;
+  std::optional<std::uint64_t> bytes;
+  std::optional<double> psnr_db;
+  [[nodiscard]] bool is_asked() const { return quality || bytes || psnr_db; }
+};
+
+/// @throws Error(usage)  two of the three; any of them where no folder is written
+void require_one_size(const FitSize& size, std::optional<ReflectanceFormat> format);
+
+/// A file as it stands on the disk.
+struct FitFile {
+  std::string name;  ///< "folder", ".ptm", ".rti"
+  std::uint64_t bytes = 0;
+  double psnr_db = 0.0;           ///< of its pictures, by the measure
+  std::optional<double> quality;  ///< of a folder
+};
+
+/// Writes the model and reads it again.
+/// @param model         its planes are let go once they are written, unless keeps_planes
+/// @param measure       what its pictures are worth; also what FitSize::psnr_db is
+/// @throws Error  the size cannot be reached; nothing is written then
+[[nodiscard]] FitFile write_fit(const std::filesystem::path& path, ReflectanceModel& model,
+                                const FitSize& size, const MeasurePictures& measure,
+                                bool keeps_planes);
+
+/// The same into a folder for temporary files, which is removed again: as a web folder, or as
+/// .rti where no folder holds the model. Nothing: no file holds it.
+[[nodiscard]] std::optional<FitFile> try_fit_file(ReflectanceModel& model,
+                                                  const MeasurePictures& measure,
+                                                  bool keeps_planes);
+
+/// "500k", "2M" or "2500000": bytes, the letters for 10^3, 10^6, 10^9.
+/// @throws Error(usage)
+[[nodiscard]] std::uint64_t parse_bytes(const std::string& text, const std::string& option);
+
+}  // namespace haarlight
