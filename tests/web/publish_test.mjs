@@ -236,7 +236,7 @@ const kObjects = {
   },
 };
 for (const name of fs.existsSync(kShared) ? fs.readdirSync(kShared) : []) {
-  if (/\.(ptm|rti)$/.test(name)) {
+  if (/\.(ptm|rti)$|^relight_web_/.test(name)) {
     kObjects[name] = () => path.join(kShared, name);
   }
 }
@@ -265,7 +265,7 @@ for (const [name, make] of Object.entries(kObjects)) {
     const {site} = publish(file, `${name}-tiles`);
     return showing(site, async page => {
       let pixels = 0;
-      for (const [x, y] of [[0, 0], [0.6, 0.2], [-0.4, -0.7]]) {
+      for (const [x, y] of [[0, 0], [0.6, 0.2], [-0.4, -0.7], [0.999, 0]]) {
         await lightFrom(page, x, y);
         const found = await sameAsConverted(page, file);
         expect(found.worst <= 1, `light ${x}, ${y}: differs by ${found.worst} of 255`);
