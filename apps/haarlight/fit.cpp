@@ -501,7 +501,7 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   write_and_measure(fitter, arguments, fitted);
   if (format) {
     add_page_to_fit(arguments.out, common);
-    report.set_bytes(bytes_on_disk(arguments.out));
+    report.set_bytes(fitted.file ? fitted.file->bytes : bytes_on_disk(arguments.out));
   }
   print_head(fitter.against());
   print_row(fitted);
