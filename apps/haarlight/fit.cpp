@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/fit_output.h"
+#include "apps/haarlight/fit_page.h"
 #include "apps/haarlight/picture_options.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -499,7 +500,8 @@ ExitCode run_fit(const FitArguments& arguments, const CommonOptions& common, Rep
   Fitted fitted = fitter.fit(scores.front());
   write_and_measure(fitter, arguments, fitted);
   if (format) {
-    report.set_bytes(bytes_on_disk(arguments.out));
+    add_page_to_fit(arguments.out, common);
+    report.set_bytes(fitted.file ? fitted.file->bytes : bytes_on_disk(arguments.out));
   }
   print_head(fitter.against());
   print_row(fitted);

@@ -41,6 +41,7 @@ void add_bases(Command root, Invocation& invocation);
 void add_fit(Command root, Invocation& invocation);
 void add_shadow(Command root, Invocation& invocation);
 void add_view(Command root, Invocation& invocation);
+void add_publish(Command root, Invocation& invocation);
 void add_correct(Command root, Invocation& invocation);
 void add_shape(Command root, Invocation& invocation);
 
@@ -77,6 +78,7 @@ constexpr AddVerb kVerbs[] = {
     add_compress,
     add_relight,
     add_view,
+    add_publish,
     add_bases,
     add_fit,
     add_shadow,
@@ -125,8 +127,8 @@ std::uintmax_t bytes_on_disk(const std::filesystem::path& path) {
     return std::filesystem::file_size(path);
   }
   std::uintmax_t sum = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(path)) {
-    sum += entry.file_size();
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(path)) {
+    sum += entry.is_regular_file() ? entry.file_size() : 0;
   }
   return sum;
 }

@@ -14,6 +14,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "apps/page_folder.h"
 #include "apps/viewer/reflectance_site.h"
@@ -21,7 +22,6 @@
 #include "core/files.h"
 #include "http/server.h"
 #include "relight/formats/reflectance_file.h"
-#include "session/picture_match.h"
 
 namespace haarlight {
 
@@ -75,34 +75,6 @@ class EndSignals {
   Fd wake_;
 };
 
-/// @throws Error  a folder that is no picture yet: says by which command it becomes one
-void refuse_step_before(const std::string& file) {
-  namespace fs = std::filesystem;
-  std::error_code ignored;
-  if (!fs::is_directory(file, ignored)) {
-    return;
-  }
-  if (fs::exists(fs::path(file) / "session.json", ignored) ||
-      fs::exists(fs::path(file) / "journal.sqlite", ignored)) {
-    throw Error(
-        "a session: what is made from it can be looked at", file,
-        fmt::format("haarlight compress {0} -o NAME.hlb (its lights and shadows under any "
-                    "light), or haarlight fit {0} -o NAME (lit from any direction); then "
-                    "haarlight view of that",
-                    file));
-  }
-  if (const std::size_t n = picture_names(file).size(); n > 0) {
-    throw Error(
-        fmt::format("a folder of {} pictures: what is made from them can be looked at", n),
-        file,
-        fmt::format("haarlight fit {} --lights LIST.lp -o NAME, then haarlight view NAME; "
-                    "where the lights are unknown, haarlight calibrate finds them",
-                    file));
-  }
-  throw Error("a folder without info.json, session.json or pictures", file,
-              "give a basis file (.hlb), a .ptm, an .rti or a fitted folder");
-}
-
 /// What the file's page needs: of a basis file, or of a picture that is lit by direction.
 HttpSite site_of(const std::string& file, const ViewerConfig& config,
                  std::uint64_t memory_bytes) {
@@ -111,7 +83,7 @@ HttpSite site_of(const std::string& file, const ViewerConfig& config,
                                 read_reflectance(file, {.most_bytes = memory_bytes})),
                             std::filesystem::path(file).filename().string(), config);
   }
-  refuse_step_before(file);
+  refuse_step_before(file, "view");
   const auto basis = std::make_shared<const BasisFile>(BasisFile::open(file));
   return viewer_site(basis, std::make_shared<EnvironmentDesk>(*basis), config);
 }

@@ -45,26 +45,6 @@ ColourMap tint_of(const ReflectanceModel& model) {
   return tint;
 }
 
-std::string describe(const ReflectanceModel& model, const std::string& hash,
-                     const std::string& name, const ViewerConfig& config) {
-  const Json json = {
-      {"format", "haarlight view by direction"},
-      {"version", 1},
-      {"program", std::string(kVersion)},
-      {"hash", hash},
-      {"file", name},
-      {"picture", {{"width", model.planes.width()}, {"height", model.planes.height()}}},
-      {"basis", std::string(to_string(model.basis))},
-      {"terms", model.n_terms},
-      {"planes", model.n_planes()},
-      {"tint",
-       model.colour == ReflectanceColour::lrgb ? columns_of(tint_of(model)) : Json(nullptr)},
-      {"transfer", model.transfer == Transfer::linear ? "linear" : "srgb"},
-      {"texture_bytes", config.texture_bytes},
-      {"most_shrink", kMostShrink}};
-  return json.dump();
-}
-
 template <class Number>
 Number parse_number(const HttpRequest& request, std::string_view text) {
   Number value{};
@@ -91,6 +71,26 @@ HttpResponse light_response(const ReflectanceModel& model, const HttpRequest& re
 }
 
 }  // namespace
+
+std::string reflectance_description(const ReflectanceModel& model, const std::string& hash,
+                                    const std::string& name, const ViewerConfig& config) {
+  const Json json = {
+      {"format", "haarlight view by direction"},
+      {"version", 1},
+      {"program", std::string(kVersion)},
+      {"hash", hash},
+      {"file", name},
+      {"picture", {{"width", model.planes.width()}, {"height", model.planes.height()}}},
+      {"basis", std::string(to_string(model.basis))},
+      {"terms", model.n_terms},
+      {"planes", model.n_planes()},
+      {"tint",
+       model.colour == ReflectanceColour::lrgb ? columns_of(tint_of(model)) : Json(nullptr)},
+      {"transfer", model.transfer == Transfer::linear ? "linear" : "srgb"},
+      {"texture_bytes", config.texture_bytes},
+      {"most_shrink", kMostShrink}};
+  return json.dump();
+}
 
 std::string four_planes(const ReflectanceModel& model, int layer, int shrink) {
   const ImageView<const std::uint8_t> planes = model.planes.view();
@@ -128,9 +128,8 @@ HttpSite reflectance_site(const std::shared_ptr<const ReflectanceModel>& model,
   HttpSite site;
   const std::string hash = content_hash(std::as_bytes(model->planes.pixels()));
   site.get("/v1/reflectance",
-           [description = describe(*model, hash, name, config)](const HttpRequest&) {
-             return HttpResponse{.body = description};
-           });
+           [description = reflectance_description(*model, hash, name, config)](
+               const HttpRequest&) { return HttpResponse{.body = description}; });
   site.get("/v1/reflectance/light",
            [model](const HttpRequest& request) { return light_response(*model, request); });
   site.get("/v1/reflectance/{hash}/planes/{layer}/{shrink}", [model, hash](

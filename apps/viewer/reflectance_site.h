@@ -14,6 +14,13 @@
 
 namespace haarlight {
 
+/// JSON: what the picture is, as `/v1/reflectance` answers.
+/// @param hash  of the planes
+[[nodiscard]] std::string reflectance_description(const ReflectanceModel& model,
+                                                  const std::string& hash,
+                                                  const std::string& name,
+                                                  const ViewerConfig& config);
+
 /// The site keeps the model alive.
 /// @param name  the file's, as people know it
 [[nodiscard]] HttpSite reflectance_site(const std::shared_ptr<const ReflectanceModel>& model,

@@ -79,7 +79,41 @@ void add_lights(Json& json, const BasisFile& basis) {
 /// JSON has no infinity.
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
-std::string describe(const BasisFile& basis, const ViewerConfig& config) {
+HttpResponse weights_response(EnvironmentDesk& desk, const HttpRequest& request) {
+  const std::string text = request.query_or("rotate", "0");
+  double angle = 0.0;
+  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), angle);
+  if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size() ||
+      !std::isfinite(angle)) {
+    throw Error(fmt::format("\"{}\" is no angle", text), request.path,
+                "rotate is a number of degrees");
+  }
+  const std::string quality = request.query_or("quality", "exact");
+  if (quality != "exact" && quality != "quick") {
+    throw Error(fmt::format("no quality \"{}\"", quality), request.path,
+                "write exact or quick");
+  }
+  const std::string& id = request.captures.at("id");
+  const auto found = desk.weights(
+      id, angle,
+      quality == "exact" ? EnvironmentDesk::Quality::exact : EnvironmentDesk::Quality::quick);
+  if (!found) {
+    return {202, "application/json", R"({"is_ready": false})", {}};
+  }
+  const Eigen::MatrixXd& w = found->weights;
+  Json columns = Json::array();
+  for (Eigen::Index c = 0; c < w.cols(); ++c) {
+    columns.push_back(std::vector<double>(w.col(c).data(), w.col(c).data() + w.rows()));
+  }
+  const Json json = {
+      {"is_ready", true},   {"layout", desk.layout(id).value_or("")}, {"rotate", angle},
+      {"quality", quality}, {"missing_share", found->missing_share},  {"weights", columns}};
+  return {200, "application/json", json.dump(), {}};
+}
+
+}  // namespace
+
+std::string basis_description(const BasisFile& basis, const ViewerConfig& config) {
   const BasisHeader& header = basis.header();
   Json groups = Json::array();
   for (int g = 0; g < basis.n_groups(); ++g) {
@@ -134,7 +168,7 @@ std::string describe(const BasisFile& basis, const ViewerConfig& config) {
   return json.dump();
 }
 
-std::string table_bytes(const BasisFile& basis) {
+std::string basis_table_bytes(const BasisFile& basis) {
   static_assert(std::endian::native == std::endian::little);
   const BasisTables& tables = basis.tables();
   std::string bytes;
@@ -147,40 +181,6 @@ std::string table_bytes(const BasisFile& basis) {
   }
   return bytes;
 }
-
-HttpResponse weights_response(EnvironmentDesk& desk, const HttpRequest& request) {
-  const std::string text = request.query_or("rotate", "0");
-  double angle = 0.0;
-  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), angle);
-  if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size() ||
-      !std::isfinite(angle)) {
-    throw Error(fmt::format("\"{}\" is no angle", text), request.path,
-                "rotate is a number of degrees");
-  }
-  const std::string quality = request.query_or("quality", "exact");
-  if (quality != "exact" && quality != "quick") {
-    throw Error(fmt::format("no quality \"{}\"", quality), request.path,
-                "write exact or quick");
-  }
-  const std::string& id = request.captures.at("id");
-  const auto found = desk.weights(
-      id, angle,
-      quality == "exact" ? EnvironmentDesk::Quality::exact : EnvironmentDesk::Quality::quick);
-  if (!found) {
-    return {202, "application/json", R"({"is_ready": false})", {}};
-  }
-  const Eigen::MatrixXd& w = found->weights;
-  Json columns = Json::array();
-  for (Eigen::Index c = 0; c < w.cols(); ++c) {
-    columns.push_back(std::vector<double>(w.col(c).data(), w.col(c).data() + w.rows()));
-  }
-  const Json json = {
-      {"is_ready", true},   {"layout", desk.layout(id).value_or("")}, {"rotate", angle},
-      {"quality", quality}, {"missing_share", found->missing_share},  {"weights", columns}};
-  return {200, "application/json", json.dump(), {}};
-}
-
-}  // namespace
 
 HttpResponse immutable_bytes(std::string body) {
   return {200,
@@ -213,10 +213,10 @@ HttpSite viewer_site(const std::shared_ptr<const BasisFile>& basis,
       return immutable_bytes(answer(request));
     });
   };
-  site.get("/v1/basis", [description = describe(*basis, config)](const HttpRequest&) {
+  site.get("/v1/basis", [description = basis_description(*basis, config)](const HttpRequest&) {
     return HttpResponse{.body = description};
   });
-  get_data("tables", [basis](const HttpRequest&) { return table_bytes(*basis); });
+  get_data("tables", [basis](const HttpRequest&) { return basis_table_bytes(*basis); });
   get_data("pages/{channel}/{group}/{tiles}", [basis](const HttpRequest& request) {
     return coefficient_pages(*basis, number(request, request.captures.at("channel")),
                              number(request, request.captures.at("group")), tile_run(request));

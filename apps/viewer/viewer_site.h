@@ -20,6 +20,10 @@ struct ViewerConfig {
   std::uint64_t texture_bytes = std::uint64_t{1} << 30U;  ///< what the page may load, at most
 };
 
+/// JSON: what the file is; and its tables. What `/v1/basis` and its `tables` answer.
+[[nodiscard]] std::string basis_description(const BasisFile& basis, const ViewerConfig& config);
+[[nodiscard]] std::string basis_table_bytes(const BasisFile& basis);
+
 /// What carries the file's hash in its address never changes.
 [[nodiscard]] HttpResponse immutable_bytes(std::string body);
 /// Serves the folder of pages, and leads "/" to one of them; nothing where there is no folder.

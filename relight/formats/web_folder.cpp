@@ -363,18 +363,21 @@ void add_axes(const ReflectanceModel& model, int n_planes, Json& root, Json& mat
   root["basis"] = std::move(basis);
 }
 
-Json info_json(const ReflectanceModel& model, int n_planes, double quality) {
+Json info_json(const ReflectanceModel& model, int n_planes, const WebInfoWords& words) {
   Json root;
   root["width"] = model.planes.width();
   root["height"] = model.planes.height();
-  root["format"] = "jpg";
+  root["format"] = words.format;
   root["type"] = to_string(model.basis);
   root["colorspace"] = model.colour == ReflectanceColour::pca    ? "mrgb"
                        : model.colour == ReflectanceColour::lrgb ? "lrgb"
                                                                  : "rgb";
   root["nplanes"] = n_planes;
-  root["quality"] = quality;
+  root["quality"] = words.quality;
   root["colorprofile"] = "sRGB";
+  if (words.mm_per_pixel) {
+    root["pixelSizeInMM"] = *words.mm_per_pixel;
+  }
   if (!model.lights.empty()) {
     Json lights = Json::array();
     for (const Eigen::Vector3d& light : model.lights) {
@@ -484,6 +487,38 @@ ReflectanceModel read_web_folder(const fs::path& folder, std::uint64_t most_byte
                           most_bytes);
 }
 
+std::array<int, 3> planes_of_picture(const ReflectanceModel& model, int picture) {
+  std::array<int, 3> planes{-1, -1, -1};
+  for (int c = 0; c < 3 && 3 * picture + c < model.n_planes(); ++c) {
+    planes[static_cast<std::size_t>(c)] = plane_of_file(model, 3 * picture + c);
+  }
+  return planes;
+}
+
+std::string web_info_text(const ReflectanceModel& model, const std::string& where,
+                          const WebInfoWords& words) {
+  require_writable(where, model);
+  return info_json(model, (model.n_planes() + 2) / 3 * 3, words).dump() + "\n";
+}
+
+WebSize web_folder_size(const fs::path& folder) {
+  const fs::path path = folder / "info.json";
+  const JsonValue root = JsonValue::parse(read_file(path, kMaxInfo), path.string());
+  WebInfo info;
+  (void)read_info(root, info);
+  return {info.width, info.height, info.n_planes};
+}
+
+std::optional<double> web_mm_per_pixel(const fs::path& folder) {
+  const fs::path path = folder / "info.json";
+  const JsonValue root = JsonValue::parse(read_file(path, kMaxInfo), path.string());
+  if (!root.has("pixelSizeInMM")) {
+    return {};
+  }
+  const double mm = root["pixelSizeInMM"].number(0.0, kLargestNumber);
+  return mm > 0.0 ? std::optional(mm) : std::nullopt;
+}
+
 double web_step(double quality) noexcept {
   constexpr double kMeanStep = 16.0;  // of JPEG's example table (ITU T.81, K.1), first entry
   const double percent = quality < 50.0 ? 5000.0 / quality : 200.0 - 2.0 * quality;
@@ -514,7 +549,7 @@ WebFiles code_web_folder(const ReflectanceModel& model, const WebOptions& option
                                        where + "/" + picture_name(static_cast<int>(i)));
     }
   });
-  files.info = info_json(model, 3 * n_pictures, options.quality).dump() + "\n";
+  files.info = info_json(model, 3 * n_pictures, {.quality = options.quality}).dump() + "\n";
   return files;
 }
 

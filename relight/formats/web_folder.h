@@ -1,7 +1,9 @@
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -39,6 +41,35 @@ inline constexpr double kWebLuminance = 255.0;
 
 /// What a folder's pictures lose where nobody asks for more or less.
 inline constexpr double kWebQuality = 97.0;
+
+/// Which planes of the model picture i of the folder holds in its R, G and B; -1: none, zeros.
+[[nodiscard]] std::array<int, 3> planes_of_picture(const ReflectanceModel& model, int picture);
+
+/// What info.json says beside the model.
+struct WebInfoWords {
+  std::string format = "jpg";    ///< ending of the pictures
+  double quality = kWebQuality;  ///< of JPEG pictures
+  std::optional<double> mm_per_pixel;
+};
+
+/// The text of info.json. Scales, axes: as write_web_folder.
+/// @param where  for errors
+/// @throws Error  a model that the format has no word for
+[[nodiscard]] std::string web_info_text(const ReflectanceModel& model, const std::string& where,
+                                        const WebInfoWords& words);
+
+/// Of a folder, by its info.json alone.
+struct WebSize {
+  int width = 0;
+  int height = 0;
+  int n_planes = 0;
+};
+/// @throws Error  naming the field of info.json
+[[nodiscard]] WebSize web_folder_size(const std::filesystem::path& folder);
+
+/// The field pixelSizeInMM of a folder's info.json, which OpenLIME reads; nothing where it has
+/// none. @throws Error  info.json is not readable
+[[nodiscard]] std::optional<double> web_mm_per_pixel(const std::filesystem::path& folder);
 
 struct WebOptions {
   /// 1 to 100. Every plane is rounded in steps that move the lit pictures alike, by web_step().

@@ -64,6 +64,7 @@ ABSENT = {
                 "object.hlb --weights absent.json -o new.png",
                 "object.hlb --light 0 --against absent -o new.png"],
     "view": ["absent.hlb"],
+    "publish": ["absent.hlb -o new", "object.hlb -o new --environment absent.hdr", "absent -o new"],
     "correct": ["absent -o new"],
     "shape": ["absent -o new", "session -o new --mask absent.png", "absent.ptm -o new",
               "session -o new --method ptm --mask absent.png"],
@@ -103,6 +104,7 @@ WRITES = {
     "plate": ["{rig} -o taken.hlb"],
     "compress": ["session -o taken.hlb --basis direct --plate none"],
     "relight": ["object.hlb --light 0 -o taken.png"],
+    "publish": ["object.hlb -o taken/", "object.ptm -o taken/ --quality 80"],
     "correct": ["near.session -o taken/ --width-mm 300"],
     "shape": ["session -o taken/", "near.session -o taken/ --width-mm 300 --mesh none",
               "object.ptm -o taken/ --mesh none", "session -o taken/ --method hsh --mesh none"],
@@ -242,6 +244,9 @@ class CommandLine(unittest.TestCase):
                      "convert object.ptm new.rti --terms 5", "convert object.ptm new.ptm --terms 9",
                      "convert object.ptm new.png", "convert object.ptm new.png --light 0,0,0",
                      "convert object.ptm new.ptm --basis hsh", "convert object.ptm new.rti --jpeg",
+                     "publish object.hlb -o new --terms 0", "publish object.hlb -o new --quality 80",
+                     "publish object.ptm -o new --quality 101", "publish object.ptm -o new --terms 3",
+                     "publish object.ptm -o new --mm-per-pixel 0",
                      "check {rig} --threads 0", "check {rig} --memory 3Q"):
             with self.subTest(line=line):
                 self.assertEqual(self.run_line(line).returncode, USAGE)
@@ -540,7 +545,8 @@ class CommandLine(unittest.TestCase):
             return row, report
 
         row, report = fit("-o coded-web")
-        on_disk = sum(path.stat().st_size for path in (self.folder / "coded-web").iterdir())
+        web = self.folder / "coded-web"  # beside the page, index.html and viewer/
+        on_disk = sum(path.stat().st_size for path in (web / "info.json", *web.glob("plane_*.jpg")))
         self.assertEqual(int(row[2]), on_disk)
         self.assertEqual(report["bytes"], on_disk)
         self.assertAlmostEqual(float(row[5]), report["reached"]["file dB"], delta=0.006)

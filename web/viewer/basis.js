@@ -1,9 +1,10 @@
 // The basis file as the server gives it: what it says of itself, its tables, and its pictures as
 // pages, which come bit by bit, the most important ones first. docs/http-api.md has the layouts.
 
-import {ask, askBytes, askJson} from './server.js';
+import {ask, askAbout, askBytes, askJson} from './server.js';
 
-const kRequestBytes = 2 << 20;  // about: small enough that one decodes in some milliseconds
+// About: small enough that one decodes in some milliseconds. apps/viewer/publish_basis.cpp cuts its files so, too.
+const kRequestBytes = 2 << 20;
 const kAtOnce = 3;              // requests under way
 
 /** Which pages a picture has: page * 8 + digits - 1, or -1 where it is empty, by picture and tile. */
@@ -24,7 +25,7 @@ class PageTable {
 export class Basis {
   /** @throws ServerError */
   static async open() {
-    const about = await askJson('/v1/basis');
+    const about = await askAbout('/v1/basis');
     return new Basis(about, await askBytes(`/v1/basis/${about.hash}/tables`));
   }
 
@@ -78,6 +79,10 @@ export class Basis {
         this.groupOf[about.order[place]] = g;
       }
     });
+    // A published folder may leave pictures out; whole groups of them have no files.
+    this.isLeftOut = new Uint8Array(this.nLights);
+    about.published?.left_out.forEach(picture => (this.isLeftOut[picture] = 1));
+    this.groups = about.published?.groups ?? about.groups.map((_, g) => g);
     const tables = n => Array.from({length: channels}, () => new PageTable(n, this.nTiles));
     this.pages = tables(this.nLights);
     this.gains = tables(1);
@@ -92,7 +97,7 @@ export class Basis {
   }
 
   get isComplete() {
-    return this.isLoaded.every(channel => channel.every(Boolean));
+    return this.isLoaded.every(channel => this.groups.every(g => channel[g]));
   }
 
   /** Bytes of textures, at most, if no page were empty. */
@@ -102,7 +107,7 @@ export class Basis {
   }
 
   hasPicture(channel, picture) {
-    return this.isLoaded[channel][this.groupOf[picture]];
+    return this.isLoaded[channel][this.groupOf[picture]] && !this.isLeftOut[picture];
   }
 
   /** Groups of pictures, those first that add most light to pictures. */
@@ -112,7 +117,7 @@ export class Basis {
     for (const ofChannel of norms) {
       ofChannel.forEach((norm, picture) => (worth[this.groupOf[picture]] += norm * norm));
     }
-    return worth.map((_, g) => g).sort((a, b) => worth[b] - worth[a]);
+    return [...this.groups].sort((a, b) => worth[b] - worth[a]);
   }
 
   /** Runs of tiles whose pages make about kRequestBytes. */

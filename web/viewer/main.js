@@ -4,10 +4,11 @@
 import {Basis, askWeights, sendEnvironment} from './basis.js';
 import {Engine} from './engine.js';
 import {FaceLayout, LightMap, SkyLayout} from './light_map.js';
-import {byId, connectTheme, pngOf, save, shellWord, tellProblem, watchGraphics} from './page.js';
+import {begun, byId, connectTheme, pngOf, save, shellWord, showNotes, tellProblem, titleOf, watchGraphics} from './page.js';
 import {FullError} from './page_store.js';
+import {PublishedTurns} from './published.js';
 import {Renderer} from './renderer.js';
-import {ServerError} from './server.js';
+import {ServerError, isPublished} from './server.js';
 import {Turntable} from './turntable.js';
 
 const kPollMs = 60;
@@ -17,13 +18,14 @@ const kTermStops = 100;  // of the slider; the last one is "all"
 const kGone = 1e-3;      // of the brush's level: what erasing leaves of a light is put out
 const kListed = 12;      // lights that the command line still names one by one
 
-const kMoreMemory = 'give haarlight view a larger --memory: the page takes a quarter of it, at most 1 GB';
+const kMoreMemory = isPublished ? 'publish it again with fewer --terms'
+  : 'give haarlight view a larger --memory: the page takes a quarter of it, at most 1 GB';
 
 const page = {
   basis: null, renderer: null, engine: null, maps: [],
   columns: null,        // drives: one or three arrays
   mode: 'move',
-  environment: null,    // {id, name, degrees, isExact, turntable}
+  environment: null,    // {id of the server's, name, degrees, isExact, turntable, weights}
   source: 'light',      // or environment, painted: what the drives are
   level: 1,             // the drive of the brush's full strength
   strokes: 0,           // by the person: weights that were asked for before one come too late
@@ -152,21 +154,45 @@ async function loadEnvironment(file) {
   environmentMessage(`reading ${file.name} …`);
   try {
     const id = await sendEnvironment(file);
-    page.environment?.turntable.end();
-    const turntable = new Turntable(degrees => askWeights(id, degrees, 'quick'));
-    page.environment = {id, name: file.name, degrees: 0, turntable};
-    byId('environment-name').textContent = file.name;
-    byId('turn').value = 0;
-    byId('turn-text').textContent = '0°';
-    await turn(0);
-    byId('turn-tool').hidden = false;
-    await turntable.fill(() => !isTurning);
+    await showEnvironment({
+      id, name: file.name, turntable: new Turntable(degrees => askWeights(id, degrees, 'quick')),
+      weights: (degrees, quality) => askWeights(id, degrees, quality),
+    });
   } catch (error) {
-    environmentMessage(error.message, true);
-    if (!(error instanceof ServerError)) {
-      throw error;
-    }
+    tellEnvironment(error);
   }
+}
+
+/** One of those that a published folder holds. */
+async function choosePublished(environment) {
+  environmentMessage(`loading ${environment.name} …`);
+  try {
+    const turns = await PublishedTurns.open(environment, page.basis.nLights);
+    byId('turn').step = turns.step;
+    await showEnvironment({name: environment.name, turntable: turns, weights: async degrees => turns.at(degrees)});
+  } catch (error) {
+    tellEnvironment(error);
+  }
+}
+
+function tellEnvironment(error) {
+  environmentMessage(error.message, true);
+  if (!(error instanceof ServerError)) {
+    throw error;
+  }
+}
+
+/** @param environment  {name, turntable, weights: (degrees, quality) → its weights there} */
+async function showEnvironment(environment) {
+  const {name, turntable} = environment;
+  page.environment?.turntable.end();
+  page.environment = {...environment, degrees: 0};
+  byId('environment-name').textContent = isPublished ? '' : name;
+  byId('turn').value = 0;
+  byId('turn-text').textContent = '0°';
+  await turn(0);
+  byId('turn-tool').hidden = false;
+  await turntable.fill(() => !isTurning);
 }
 
 let turning = null;  // the angle that is asked for, while one is under way
@@ -177,7 +203,7 @@ async function turn(degrees, at) {
   turning = {degrees, at, strokes: page.strokes};
   const known = page.environment.turntable.at(degrees);
   if (known) {
-    take(known, turning, 'quick');
+    take(known, turning, page.environment.turntable.isExact ? 'exact' : 'quick');
     turning.isShown = true;
   }
   if (isTurning) {
@@ -207,7 +233,7 @@ async function turn(degrees, at) {
 /** Asks for weights until they are there, or nobody wants them any more. */
 async function weightsOf(wanted, quality) {
   for (;;) {
-    const found = await askWeights(page.environment.id, wanted.degrees, quality);
+    const found = await page.environment.weights(wanted.degrees, quality);
     if (page.strokes !== wanted.strokes || turning?.isShown) {
       return;
     }
@@ -308,7 +334,9 @@ function showCommand() {
 
 function tellLoading() {
   const {basis} = page;
-  byId('loading').textContent = basis.isComplete ? `${basis.width} × ${basis.height}, ${basis.nLights} lights`
+  const left = basis.isLeftOut.reduce((sum, is) => sum + is, 0);
+  byId('loading').textContent = basis.isComplete ? `${basis.width} × ${basis.height}, ${basis.nLights} lights` +
+    (left > 0 ? `; ${basis.nLights - left} of ${basis.nLights} terms are published, what the others add is in the error's bound` : '')
     : `loading ${Math.round(100 * basis.arrived / Math.max(1, basis.wanted))} %`;
 }
 
@@ -409,6 +437,23 @@ function connectControls() {
   });
 }
 
+/** The environments of a published folder, where it has some; none can be brought. */
+function offerPublished() {
+  const environments = page.basis.about.environments ?? [];
+  byId('environment-card').hidden = environments.length === 0;
+  byId('environment-own').hidden = true;
+  byId('environment-words').textContent = 'Those that were published with the picture. With others: haarlight view.';
+  const list = byId('environment-list');
+  list.hidden = false;
+  list.append(...[{name: 'choose …'}, ...environments].map(({name}, i) => new Option(name, i - 1)));
+  list.addEventListener('change', () => {
+    const environment = environments[list.value];
+    if (environment) {
+      choosePublished(environment);
+    }
+  });
+}
+
 function connectDrop() {
   let depth = 0;
   const hasFile = event => [...event.dataTransfer.types].includes('Files');
@@ -492,17 +537,23 @@ async function begin() {
   watchGraphics(canvas, () => page.loading?.abort(), tell);
   page.basis = await Basis.open();
   byId('file-name').textContent = page.basis.about.file;
-  document.title = `${page.basis.about.file} – haarlight view`;
+  document.title = titleOf(page.basis.about);
+  showNotes(page.basis.about);
   requireRoom();
   page.renderer = new Renderer(canvas, page.basis, new URLSearchParams(location.search).get('sums'));
   page.engine = new Engine(page.renderer, page.basis, tellSoon);
   makeMaps();
   connectControls();
-  connectDrop();
+  if (isPublished) {
+    offerPublished();
+  } else {
+    connectDrop();
+  }
   lightOne(firstLight());
   await load();
 }
 
+begun();
 connectTheme(() => page.maps.forEach(map => map.draw()));
 window.haarlightView = page;  // for the console and for tests
 page.begun = begin().catch(error => {

@@ -5,6 +5,35 @@ import {ServerError} from './server.js';
 
 export const byId = id => document.getElementById(id);
 
+/** A published page says that it needs a server until its scripts run. */
+export function begun() {
+  byId('unserved')?.remove();
+}
+
+export const titleOf = ({file, notes}) => notes?.title || (notes ? file : `${file} – haarlight view`);
+
+/** What whoever published it says of the picture; nothing where `haarlight view` shows it. */
+export function showNotes({file, notes, published}) {
+  if (!notes) {
+    return;
+  }
+  byId('file-name').textContent = notes.title || file;
+  const percent = share => `${Number((100 * share).toPrecision(2))} %`;
+  const lines = [
+    ['', notes.description], ['By', notes.author], ['Licence', notes.licence], ['File', notes.title ? file : ''],
+    ['Error', published?.error === undefined ? ''
+      : `at most ${percent(published.error)} of the capture, over the pictures of all lights together`],
+    ['Pictures', published?.words ?? ''],
+  ].filter(([, text]) => text);
+  byId('notes').replaceChildren(...lines.flatMap(([name, text]) => {
+    const [dt, dd] = [document.createElement('dt'), document.createElement('dd')];
+    dt.textContent = name;
+    dd.textContent = text;
+    return name ? [dt, dd] : [dd];
+  }));
+  byId('notes-card').hidden = lines.length === 0;
+}
+
 /**
  * Puts what went wrong on the page; throws again what is our own mistake.
  * @param instead  the command that needs no graphics

@@ -1,9 +1,13 @@
-// The page of a picture that is lit by direction: the ball → the server's map of bytes to colours → the canvas.
+// The page of a picture that is lit by direction: the ball → a map of bytes to colours, the server's or,
+// in a published folder, the page's own → the canvas.
 
+import {colourMap} from './colour_map.js';
 import {LightBall} from './light_ball.js';
-import {byId, connectTheme, pngOf, save, shellWord, tellProblem, watchGraphics} from './page.js';
+import {begun, byId, connectTheme, pngOf, save, shellWord, showNotes, tellProblem, titleOf, watchGraphics} from './page.js';
+import {PanZoom} from './pan_zoom.js';
 import {ReflectanceRenderer, sketchLights} from './reflectance_renderer.js';
-import {askBytes, askJson} from './server.js';
+import {askAbout, askBytes, askJson, isPublished} from './server.js';
+import {TiledRenderer} from './tiled_renderer.js';
 
 const kFirstLight = [-0.5, 0.5];  // upper left, as people expect light to fall
 const kNotes = {
@@ -17,7 +21,10 @@ const page = {about: null, renderer: null, ball: null, asked: null, shown: null,
 
 const tell = error => tellProblem(error, 'haarlight convert');
 
-const mapOf = ([x, y, z]) => askJson(`/v1/reflectance/light?x=${x}&y=${y}&z=${z}`);
+const mapOf = async light => {
+  const [x, y, z] = light;
+  return isPublished ? colourMap(page.about.model, light) : askJson(`/v1/reflectance/light?x=${x}&y=${y}&z=${z}`);
+};
 
 const look = () => ({
   mode: byId('mode').value,
@@ -56,6 +63,9 @@ function draw() {
     return;
   }
   renderer.show(shown.map, shown.light, look());
+  if (!page.firstAt && (renderer.found?.size ?? 1) > 0) {
+    page.firstAt = performance.now();
+  }
   const [x, y, z] = shown.light;
   const height = Math.round(Math.asin(z) * 180 / Math.PI);
   const numbers = shown.light.map(v => Number(v.toFixed(4)));
@@ -68,6 +78,10 @@ function draw() {
 function zoom() {
   const canvas = byId('picture');
   const value = byId('zoom').value;
+  if (page.panZoom) {
+    page.panZoom.choose(value);
+    return;
+  }
   byId('stage').classList.toggle('zoomed', value !== 'fit');
   canvas.style.width = value === 'fit' ? '' : `${value * canvas.width / devicePixelRatio}px`;
   canvas.style.imageRendering = Number(value) > 1 ? 'pixelated' : '';
@@ -96,22 +110,51 @@ function connectControls() {
   }
 }
 
-async function begin() {
-  const canvas = byId('picture');
-  watchGraphics(canvas, () => { page.isLoaded = false; }, tell);
-  page.about = await askJson('/v1/reflectance');
+/** The whole picture from the server. */
+async function loadWhole(canvas) {
   const {about} = page;
-  byId('file-name').textContent = about.file;
-  document.title = `${about.file} – haarlight view`;
   page.renderer = new ReflectanceRenderer(canvas, about);
   const {renderer} = page;
-  page.ball = new LightBall(byId('ball'), lightFrom);
-  connectControls();
   for (let layer = 0; layer < renderer.layers; ++layer) {
     byId('loading').textContent = `loading ${Math.round(100 * layer / renderer.layers)} %`;
     renderer.load(layer, await askBytes(`/v1/reflectance/${about.hash}/planes/${layer}/${renderer.shrink}`));
   }
-  renderer.makeNormals(await Promise.all(sketchLights.map(mapOf)));
+}
+
+/** A published folder's tiles, as they are seen. */
+function openTiles(canvas) {
+  byId('stage').classList.add('tiled');
+  let request = null;
+  const again = () => {
+    request ??= requestAnimationFrame(() => {
+      request = null;
+      draw();
+      tellTiles();
+    });
+  };
+  page.renderer = new TiledRenderer(canvas, page.about, again, tell);
+  page.panZoom = new PanZoom(byId('stage'), page.renderer, again);
+  page.isTilesSettled = () => request === null && page.renderer.isComplete && page.renderer.underWay.size === 0;
+}
+
+function tellTiles() {
+  const {renderer, about: {picture}} = page;
+  byId('loading').textContent = `${picture.width} × ${picture.height}` + (renderer.isComplete ? '' : ', loading …');
+}
+
+async function begin() {
+  const canvas = byId('picture');
+  watchGraphics(canvas, () => { page.isLoaded = false; }, tell);
+  page.about = await askAbout('/v1/reflectance');
+  const {about} = page;
+  byId('file-name').textContent = about.file;
+  document.title = titleOf(about);
+  showNotes(about);
+  page.ball = new LightBall(byId('ball'), lightFrom);
+  connectControls();
+  await (isPublished ? openTiles(canvas) : loadWhole(canvas));
+  const {renderer} = page;
+  renderer.sketchMaps = await Promise.all(sketchLights.map(mapOf));
   page.isLoaded = true;
   const {width, height} = about.picture;
   byId('loading').textContent = `${width} × ${height}`;
@@ -123,6 +166,14 @@ async function begin() {
   await page.asking;
 }
 
-page.engine = {settled: async () => { while (page.asking) { await page.asking; } }};
+/** For tests: the light asked for, and every tile of the view. */
+async function settled() {
+  while (page.asking || (page.isTilesSettled && !page.isTilesSettled())) {
+    await (page.asking ?? new Promise(resolve => setTimeout(resolve, 20)));
+  }
+}
+
+page.engine = {settled};
 window.haarlightView = page;  // for the console and for tests
+begun();
 page.begun = begin().catch(tell);

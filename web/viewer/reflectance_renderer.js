@@ -17,7 +17,11 @@ precision highp float;
 precision highp int;
 precision highp sampler2DArray;
 uniform sampler2DArray planes;
-uniform int lastRow;
+uniform vec2 size;      // of the planes
+uniform vec2 corner;    // their upper left one, in pixels from the canvas's
+uniform float texels;   // of the planes in a pixel of the canvas
+uniform float below;    // the canvas's height
+uniform bool isSmooth;  // between texels
 ${isTinted ? `uniform vec4 tint[${3 * layers}];  // layer by layer: R, G, B
 uniform vec3 tintAdded;` : ''}
 vec3 times(vec4 bytes, vec4 r, vec4 g, vec4 b) {
@@ -31,7 +35,13 @@ float coded(float v) {
   return v <= 0.0031308 ? 12.92 * v : 1.055 * pow(v, 1.0 / 2.4) - 0.055;
 }
 vec3 coded3(vec3 v) { return vec3(coded(v.r), coded(v.g), coded(v.b)); }
-ivec2 place() { return ivec2(int(gl_FragCoord.x), lastRow - int(gl_FragCoord.y)); }
+vec2 place() { return (vec2(gl_FragCoord.x, below - gl_FragCoord.y) - corner) * texels; }
+vec2 sampled(vec2 at) { return (isSmooth ? at : floor(at) + 0.5) / size; }
+/** Of the textures of normals, whose rows run upwards. */
+ivec2 normalAt(vec2 at) {
+  ivec2 cell = clamp(ivec2(floor(at)), ivec2(0), ivec2(size) - 1);
+  return ivec2(cell.x, int(size.y) - 1 - cell.y);
+}
 `;
 
 /** The picture, alone or with gloss, or its normals. */
@@ -44,22 +54,23 @@ uniform vec3 halfway;    // between light and eye
 uniform vec3 gloss;      // share of the picture, of the gloss, its exponent
 out vec4 shown;
 void main() {
-  ivec2 at = place();
+  vec2 at = place();
   if (mode == 2) {
-    shown = vec4(0.5 + 0.5 * texelFetch(normals, ivec2(gl_FragCoord.xy), 0).xyz, 1.0);
+    shown = vec4(0.5 + 0.5 * texelFetch(normals, normalAt(at), 0).xyz, 1.0);
     return;
   }
+  vec2 uv = sampled(at);
   vec3 colour = added;
   ${isTinted ? 'vec3 tinted = tintAdded;' : ''}
   for (int i = 0; i < ${layers}; ++i) {
-    vec4 bytes = texelFetch(planes, ivec3(at, i), 0) * 255.0;
+    vec4 bytes = texture(planes, vec3(uv, i)) * 255.0;
     colour += times(bytes, factors[3 * i], factors[3 * i + 1], factors[3 * i + 2]);
     ${isTinted ? 'tinted += times(bytes, tint[3 * i], tint[3 * i + 1], tint[3 * i + 2]);' : ''}
   }
   ${isTinted ? 'colour *= tinted;' : ''}
   colour = clamp(colour, 0.0, 1.0);
   if (mode == 1) {
-    float facing = max(0.0, dot(texelFetch(normals, ivec2(gl_FragCoord.xy), 0).xyz, halfway));
+    float facing = max(0.0, dot(texelFetch(normals, normalAt(at), 0).xyz, halfway));
     vec3 light = ${isLinear ? 'colour' : 'linear3(colour)'};
     shown = vec4(coded3(clamp(gloss.x * light + gloss.y * pow(facing, gloss.z), 0.0, 1.0)), 1.0);
     return;
@@ -74,7 +85,7 @@ uniform float luminanceAdded[${kSketched}];
 uniform vec3 solve[${kSketched}];               // the pseudo-inverse of the lights
 out vec4 normal;
 void main() {
-  ivec2 at = place();
+  ivec2 at = ivec2(floor(place()));
   float values[${kSketched}];
   for (int k = 0; k < ${kSketched}; ++k) {
     values[k] = luminanceAdded[k];
@@ -115,9 +126,68 @@ export const sketchLights = Array.from({length: kSketched}, (_, k) => {
   return [Math.sin(tilt) * Math.cos(turn), Math.sin(tilt) * Math.sin(turn), Math.cos(tilt)];
 });
 
-export class ReflectanceRenderer {
-  /** @throws NoGraphics */
-  constructor(canvas, about) {
+/** A texture of planes, and once they are wanted of normals: the whole picture, or a tile of it. */
+export class PlaneTexture {
+  /** @param isWhole  no coarser levels stand beside it: it has its own */
+  constructor(gl, width, height, layers, isWhole = false) {
+    Object.assign(this, {gl, width, height, layers, isWhole, normals: null});
+    this.planes = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.planes);
+    const levels = isWhole ? 1 + Math.floor(Math.log2(Math.max(width, height))) : 1;
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, levels, gl.RGBA8, width, height, layers);
+    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+  }
+
+  /** Puts one layer into the graphics processor's memory. @param pixels  RGBA bytes, or a decoded picture */
+  load(layer, pixels) {
+    const {gl} = this;
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.planes);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+    gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, layer, this.width, this.height, 1, gl.RGBA,
+      gl.UNSIGNED_BYTE, pixels);
+  }
+
+  /** After the last load(). */
+  complete() {
+    if (this.isWhole) {
+      this.gl.bindTexture(this.gl.TEXTURE_2D_ARRAY, this.planes);
+      this.gl.generateMipmap(this.gl.TEXTURE_2D_ARRAY);
+    }
+  }
+
+  bind(isSmooth) {
+    const {gl} = this;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.planes);
+    const filter = isSmooth ? gl.LINEAR : gl.NEAREST;
+    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MIN_FILTER, isSmooth && this.isWhole ? gl.LINEAR_MIPMAP_LINEAR : filter);
+    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MAG_FILTER, filter);
+  }
+
+  /** Of every texel: planes, and normals in half precision. */
+  static texelBytes(layers) {
+    return 4 * layers + 8;
+  }
+
+  get bytes() {
+    return this.width * this.height * PlaneTexture.texelBytes(this.layers);
+  }
+
+  end() {
+    this.gl.deleteTexture(this.planes);
+    this.gl.deleteTexture(this.normals);
+  }
+}
+
+/** Draws textures of planes, lit, anywhere on the canvas. */
+export class RelitPainter {
+  /**
+   * @param about  of `/v1/reflectance`
+   * @param places  of each plane: its layer and which of the four bytes there
+   * @throws NoGraphics
+   */
+  constructor(canvas, about, places) {
     const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
                                              preserveDrawingBuffer: true});
     if (!gl) {
@@ -126,90 +196,73 @@ export class ReflectanceRenderer {
     if (!gl.getExtension('EXT_color_buffer_float')) {
       throw new NoGraphics('This graphics processor cannot draw into textures of floats (EXT_color_buffer_float).');
     }
-    Object.assign(this, {gl, canvas, about});
-    this.layers = Math.ceil(about.planes / 4);
-    // Pixels are averaged until they fit the graphics processor and the page's memory.
-    const {width, height} = about.picture;
-    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-    const bytes = shrink => Math.ceil(width / shrink) * Math.ceil(height / shrink) * (4 * this.layers + 8);
-    this.shrink = 1;
-    while (Math.max(width, height) / this.shrink > most || bytes(this.shrink) > about.texture_bytes) {
-      ++this.shrink;
-    }
-    if (this.shrink > about.most_shrink) {
-      throw new NoGraphics(`The picture of ${width} x ${height} pixels is too large for this page.`);
-    }
-    this.width = Math.ceil(width / this.shrink);
-    this.height = Math.ceil(height / this.shrink);
-    canvas.width = this.width;
-    canvas.height = this.height;
-    this.planes = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.planes);
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA8, this.width, this.height, this.layers);
-    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-    gl.texParameteri(gl.TEXTURE_2D_ARRAY, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
-    this.normals = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, this.normals);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, this.width, this.height);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    Object.assign(this, {gl, canvas, about, places});
+    this.layers = 1 + places.reduce((most, [layer]) => Math.max(most, layer), 0);
+    this.empty = gl.createTexture();  // what a sampler is bound to that is not looked at
+    gl.bindTexture(gl.TEXTURE_2D, this.empty);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, 1, 1);
     const kind = [this.layers, about.tint !== null, about.transfer === 'linear'];
     this.toShow = link(gl, kVertex, showFragment(...kind));
     this.toNormals = link(gl, kVertex, normalsFragment(...kind));
+    this.sketchMaps = null;
   }
 
-  /** Puts four planes into the graphics processor's memory. */
-  load(layer, bytes) {
-    const {gl} = this;
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.planes);
-    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
-    gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, layer, this.width, this.height, 1, gl.RGBA,
-      gl.UNSIGNED_BYTE, new Uint8Array(bytes));
-  }
-
-  /** Factors of a map as the shaders take them: layer by layer R, G, B of four planes each. */
+  /** Factors of a map as the shaders take them: layer by layer R, G, B of four bytes each. */
   packed(factors) {
     const all = new Float32Array(12 * this.layers);
     factors.forEach((row, c) => row.forEach((value, p) => {
-      all[12 * (p >> 2) + 4 * c + (p & 3)] = value;
+      const [layer, byte] = this.places[p];
+      all[12 * layer + 4 * c + byte] = value;
     }));
     return all;
   }
 
-  use({program, uniforms}) {
+  /** @param rect  {x, y, width, height} of whole pixels of the target, from its upper left; corner, texels: of the planes there */
+  use({program, uniforms}, texture, {below, rect, corner, texels, isSmooth}) {
     const {gl, about} = this;
     gl.useProgram(program);
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.planes);
+    texture.bind(isSmooth);
     gl.uniform1i(uniforms.planes, 0);
-    gl.uniform1i(uniforms.lastRow, this.height - 1);
+    gl.uniform2f(uniforms.size, texture.width, texture.height);
+    gl.uniform2f(uniforms.corner, ...corner);
+    gl.uniform1f(uniforms.texels, texels);
+    gl.uniform1f(uniforms.below, below);
+    gl.uniform1i(uniforms.isSmooth, isSmooth ? 1 : 0);
     if (about.tint) {
       gl.uniform4fv(uniforms['tint[0]'], this.packed(about.tint.factors));
       gl.uniform3fv(uniforms.tintAdded, about.tint.added);
     }
-    gl.viewport(0, 0, this.width, this.height);
+    gl.viewport(rect.x, below - rect.y - rect.height, rect.width, rect.height);
   }
 
-  /** @param maps  ColourMaps of sketchLights */
-  makeNormals(maps) {
+  /** A whole texture, pixel by pixel. */
+  static whole({width, height}) {
+    return {below: height, rect: {x: 0, y: 0, width, height}, corner: [0, 0], texels: 1, isSmooth: false};
+  }
+
+  /** Normals of one texture, from this.sketchMaps: ColourMaps of sketchLights. */
+  makeNormals(texture) {
     const {gl, layers} = this;
     const weights = [0.2126, 0.7152, 0.0722];
     const luminance = new Float32Array(4 * layers * kSketched);
-    maps.forEach(({factors}, k) => {
-      for (let p = 0; p < factors[0].length; ++p) {
-        luminance[4 * layers * k + p] = weights.reduce((sum, w, c) => sum + w * factors[c][p], 0);
-      }
-    });
+    this.sketchMaps.forEach(({factors}, k) => this.places.forEach(([layer, byte], p) => {
+      luminance[4 * (layers * k + layer) + byte] = weights.reduce((sum, w, c) => sum + w * factors[c][p], 0);
+    }));
+    texture.normals = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture.normals);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, texture.width, texture.height);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
     const frame = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.normals, 0);
-    this.use(this.toNormals);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture.normals, 0);
+    this.use(this.toNormals, texture, RelitPainter.whole(texture));
     const {uniforms} = this.toNormals;
     gl.uniform4fv(uniforms['luminance[0]'], luminance);
     gl.uniform1fv(uniforms['luminanceAdded[0]'],
-      maps.map(({added}) => weights.reduce((sum, w, c) => sum + w * added[c], 0)));
+      this.sketchMaps.map(({added}) => weights.reduce((sum, w, c) => sum + w * added[c], 0)));
     gl.uniform3fv(uniforms['solve[0]'], pseudoInverse(sketchLights).flat());
-      gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.deleteFramebuffer(frame);
   }
@@ -218,13 +271,17 @@ export class ReflectanceRenderer {
    * @param map  ColourMap of the light
    * @param light  unit vector
    * @param look  {mode: picture, specular or normals; diffuse, gloss, shine}
+   * @param where  as of use()
    */
-  show(map, light, {mode, diffuse, gloss, shine}) {
+  paint(texture, where, map, light, {mode, diffuse, gloss, shine}) {
     const {gl} = this;
-    this.use(this.toShow);
+    if (mode !== 'picture' && !texture.normals) {
+      this.makeNormals(texture);
+    }
+    this.use(this.toShow, texture, where);
     const {uniforms} = this.toShow;
     gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D, this.normals);
+    gl.bindTexture(gl.TEXTURE_2D, texture.normals ?? this.empty);
     gl.uniform1i(uniforms.normals, 1);
     gl.uniform4fv(uniforms['factors[0]'], this.packed(map.factors));
     gl.uniform3fv(uniforms.added, map.added);
@@ -238,7 +295,7 @@ export class ReflectanceRenderer {
 
   /** What the canvas shows, 4 bytes a pixel, from the upper left. */
   pixels() {
-    const {gl, width, height} = this;
+    const {gl, canvas: {width, height}} = this;
     const upward = new Uint8Array(4 * width * height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, upward);
@@ -247,5 +304,36 @@ export class ReflectanceRenderer {
       data.set(upward.subarray(4 * width * (height - 1 - y), 4 * width * (height - y)), 4 * width * y);
     }
     return {width, height, data};
+  }
+}
+
+/** The whole picture in one texture, four planes a layer as the server sends them. */
+export class ReflectanceRenderer extends RelitPainter {
+  /** @throws NoGraphics */
+  constructor(canvas, about) {
+    super(canvas, about, Array.from({length: about.planes}, (_, p) => [p >> 2, p & 3]));
+    const {gl} = this;
+    // Pixels are averaged until they fit the graphics processor and the page's memory.
+    const {width, height} = about.picture;
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    const bytes = shrink => Math.ceil(width / shrink) * Math.ceil(height / shrink) * PlaneTexture.texelBytes(this.layers);
+    this.shrink = 1;
+    while (Math.max(width, height) / this.shrink > most || bytes(this.shrink) > about.texture_bytes) {
+      ++this.shrink;
+    }
+    if (this.shrink > about.most_shrink) {
+      throw new NoGraphics(`The picture of ${width} x ${height} pixels is too large for this page.`);
+    }
+    canvas.width = Math.ceil(width / this.shrink);
+    canvas.height = Math.ceil(height / this.shrink);
+    this.texture = new PlaneTexture(gl, canvas.width, canvas.height, this.layers);
+  }
+
+  load(layer, bytes) {
+    this.texture.load(layer, new Uint8Array(bytes));
+  }
+
+  show(map, light, look) {
+    this.paint(this.texture, RelitPainter.whole(this.texture), map, light, look);
   }
 }

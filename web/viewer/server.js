@@ -1,11 +1,10 @@
-// Requests to `haarlight view`, and what went wrong in words.
+// Requests to `haarlight view`, or, in a published folder, to its files; and what went wrong in words.
 
-export class ServerError extends Error {
-  constructor(status, {what, where, cure}) {
-    super(`${what}\n${where}\nCure: ${cure}`);
-    this.status = status;
-  }
-}
+import {isPublished, publishedAbout, publishedBytes} from './published.js';
+import {ServerError} from './server_error.js';
+
+export {ServerError} from './server_error.js';
+export {isPublished} from './published.js';
 
 /** @throws ServerError  the server's own words, or that it is gone */
 export async function ask(path, options = {}) {
@@ -28,5 +27,8 @@ export async function ask(path, options = {}) {
   return response;
 }
 
+/** What the file is that is shown. */
+export const askAbout = async path => isPublished ? publishedAbout() : askJson(path);
 export const askJson = async (path, options) => (await ask(path, options)).json();
-export const askBytes = async (path, options) => (await ask(path, options)).arrayBuffer();
+export const askBytes = async (path, options) =>
+  isPublished ? publishedBytes(path, options) : (await ask(path, options)).arrayBuffer();
