@@ -15,7 +15,7 @@ using GiveTileRow = std::function<void(int y, std::span<std::uint8_t> samples)>;
 
 /// Lossless; the same samples give the same bytes. Without a colour profile or gamma: a browser
 /// asked for no conversion gives the samples back.
-/// @throws Error(internal)  zlib refused
+/// @throws Error(internal)  libpng refused
 [[nodiscard]] std::string encode_png(int height, int width, const GiveTileRow& give);
 
 }  // namespace haarlight
