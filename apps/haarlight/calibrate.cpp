@@ -79,7 +79,8 @@ ExitCode run_find_lights(const FindLightsArguments& arguments, const CommonOptio
 }
 
 void add_options(Command verb, FindLightsArguments& a) {
-  verb.option("INPUT", &a.input, "Session, or folder with one picture per light, sorted by name",
+  verb.option("INPUT", &a.input,
+              "Session, or folder with one picture per light, sorted by name",
               {.type = "SESSION|DIR", .is_required = true});
   verb.option("-o,--output", &a.out,
               "Folder to write; or one list: FILE.json (for import), FILE.lp, FILE.csv",

@@ -79,7 +79,8 @@ void add_import(Command root, Invocation& invocation) {
   Command verb = root.add_verb("import", "Make a session of other programs' pictures");
   verb.option("DIR", &arguments->folder, "Folder with one picture per light",
               {.is_required = true});
-  verb.option("--lights", &arguments->lights, "List of lights: .lp, .dome, .json or transforms.json",
+  verb.option("--lights", &arguments->lights,
+              "List of lights: .lp, .dome, .json or transforms.json",
               {.type = "FILE", .is_required = true});
   verb.option("-o,--output", &arguments->target, "Session folder to make",
               {.type = "SESSION", .is_required = true});

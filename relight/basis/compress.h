@@ -60,8 +60,8 @@ struct CompressSource {
   std::string rig_toml;
   std::string rig_hash;
   std::vector<BasisLight> lights;  ///< where there is no rig
-  std::string name;   ///< for the file: which capture it was
-  std::string place;  ///< for errors: where it lies
+  std::string name;                ///< for the file: which capture it was
+  std::string place;               ///< for errors: where it lies
   std::string hash;
   std::string root;
   std::string kind = "capture";
