@@ -7,7 +7,9 @@
 #include <png.h>
 #include <zlib.h>
 
+#include "core/error.h"
 #include "core/picture_formats.h"
+#include "core/png_tile.h"
 
 namespace haarlight {
 
@@ -147,6 +149,13 @@ PictureContent read_png(const PictureSource& source, PictureWish wish) {
 
 namespace {
 
+/// What a written PNG is for.
+struct PngStyle {
+  int level = 6;  ///< zlib's own choice between time and size
+  int filters = PNG_NO_FILTERS;
+  bool is_srgb = true;  ///< else nothing is said of colours
+};
+
 /// One PNG being written into memory.
 class PngWriter {
  public:
@@ -160,7 +169,7 @@ class PngWriter {
 
   /// @param rows  of 8-bit samples
   std::vector<std::byte> write(ImageView<const std::uint8_t> image, std::uint8_t** rows,
-                               std::span<png_text> texts) {
+                               std::span<png_text> texts, const PngStyle& style) {
     if (info_ == nullptr || setjmp(png_jmpbuf(png_)) != 0) {  // NOLINT(cert-err52-cpp)
       refuse_encoding(complaint_.text);
     }
@@ -169,9 +178,11 @@ class PngWriter {
                  static_cast<png_uint_32>(image.height()), 8,
                  image.channels() == 3 ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_GRAY,
                  PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-    png_set_compression_level(png_, kLevel);
-    png_set_filter(png_, PNG_FILTER_TYPE_BASE, PNG_NO_FILTERS);
-    png_set_sRGB_gAMA_and_cHRM(png_, info_, PNG_sRGB_INTENT_RELATIVE);
+    png_set_compression_level(png_, style.level);
+    png_set_filter(png_, PNG_FILTER_TYPE_BASE, style.filters);
+    if (style.is_srgb) {
+      png_set_sRGB_gAMA_and_cHRM(png_, info_, PNG_sRGB_INTENT_RELATIVE);
+    }
     png_set_text(png_, info_, texts.data(), static_cast<int>(texts.size()));
     png_write_info(png_, info_);
     png_write_image(png_, rows);
@@ -180,8 +191,6 @@ class PngWriter {
   }
 
  private:
-  static constexpr int kLevel = 6;  // zlib's own choice between time and size
-
   static void put(png_structp png, png_bytep data, png_size_t n) {
     auto& bytes = static_cast<PngWriter*>(png_get_io_ptr(png))->bytes_;
     const auto* first = reinterpret_cast<const std::byte*>(data);
@@ -193,6 +202,16 @@ class PngWriter {
   png_structp png_ = nullptr;
   png_infop info_ = nullptr;
 };
+
+std::vector<std::byte> write_png(ImageView<const std::uint8_t> image, std::span<png_text> texts,
+                                 const PngStyle& style) {
+  std::vector<std::uint8_t*> rows;
+  rows.reserve(static_cast<std::size_t>(image.height()));
+  for (int y = 0; y < image.height(); ++y) {  // libpng reads them only
+    rows.push_back(const_cast<std::uint8_t*>(image.row(y).data()));
+  }
+  return PngWriter().write(image, rows.data(), texts, style);
+}
 
 }  // namespace
 
@@ -209,12 +228,20 @@ std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
     text.text = note.text.data();
     texts.push_back(text);
   }
-  std::vector<std::uint8_t*> rows;
-  rows.reserve(static_cast<std::size_t>(image.height()));
-  for (int y = 0; y < image.height(); ++y) {
-    rows.push_back(const_cast<std::uint8_t*>(image.row(y).data()));
+  return write_png(image, texts, {});
+}
+
+std::string encode_png(int height, int width, const GiveTileRow& give) {
+  HAARLIGHT_EXPECTS(height > 0 && width > 0, "a tile of pixels");
+  Image<std::uint8_t> tile(height, width, 3);
+  const ImageView<std::uint8_t> samples = tile.view();
+  for (int y = 0; y < height; ++y) {
+    give(y, samples.row(y));
   }
-  return PngWriter().write(image, rows.data(), texts);
+  // Noise packs no better at 6, which takes three times as long.
+  const std::vector<std::byte> bytes =
+      write_png(samples, {}, {.level = 3, .filters = PNG_FILTER_PAETH, .is_srgb = false});
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
 }  // namespace haarlight

@@ -43,7 +43,7 @@ CPP_ONLY = {
     r"toml\+\+/": ["core/config_table.cpp"],
     r"nlohmann/": None,
     r"spdlog/": ["core/log.cpp"],
-    r"png\.h": ["core/picture_png.cpp", "apps/viewer/png_bytes.cpp"],
+    r"png\.h": ["core/picture_png.cpp"],
     r"lcms2\.h": ["core/picture_colour.cpp"],
     r"libraw/": ["core/picture_raw.cpp"],
     r"Imf": ["core/picture_exr.cpp"],

@@ -10,11 +10,11 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "apps/viewer/png_bytes.h"
 #include "apps/viewer/reflectance_site.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
+#include "core/png_tile.h"
 #include "core/text_limits.h"
 #include "relight/formats/jpeg.h"
 #include "relight/formats/refit.h"

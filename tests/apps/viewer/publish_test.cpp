@@ -6,10 +6,10 @@
 #include <nlohmann/json.hpp>
 #include <zlib.h>
 
-#include "apps/viewer/png_bytes.h"
 #include "apps/viewer/publish_basis.h"
 #include "apps/viewer/publish_object.h"
 #include "core/image_io.h"
+#include "core/png_tile.h"
 #include "relight/basis/haar.h"
 #include "relight/formats/quantise.h"
 #include "relight/formats/web_folder.h"
