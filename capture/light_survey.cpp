@@ -7,9 +7,10 @@
 #include <limits>
 #include <numeric>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 
 namespace haarlight {
 
@@ -90,7 +91,7 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
       normal += w * t * t.transpose();
       right += w * t * values[i];
     }
-    surface.coefficients.head(n_terms) = normal.ldlt().solve(right);
+    surface.coefficients.head(n_terms) = solve_symmetric(normal, right);
   }
   return surface;
 }

@@ -7,9 +7,10 @@
 #include <set>
 #include <utility>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 
 namespace haarlight {
 
@@ -205,7 +206,7 @@ Eigen::VectorXd solve(Eigen::MatrixXd normal, Eigen::VectorXd gradient,
     normal.noalias() -= d.cross * d.cross.transpose() / pivot;
     gradient.noalias() -= d.cross * (d.gradient / pivot);
   }
-  Eigen::VectorXd step = normal.ldlt().solve(gradient);
+  Eigen::VectorXd step = solve_symmetric(normal, gradient);
   for (std::size_t i = 0; i < delays.size(); ++i) {
     const OwnDelay& d = delays[i];
     late[i] += (d.gradient - d.cross.dot(step)) / (d.normal * (1.0 + damping));

@@ -6,10 +6,11 @@
 #include <numeric>
 #include <utility>
 
-#include <Eigen/QR>
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/wavelet_synthesis.h"
 
 namespace haarlight {
@@ -209,15 +210,16 @@ PatternInverse::PatternInverse(PatternRecipe recipe, std::vector<std::vector<Lig
         patterns(static_cast<Eigen::Index>(j), light.light) = light.drive;
       }
     }
-    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> solver(patterns);
-    if (solver.rank() < n_lights_) {
+    const LeastSquares solver =
+        least_squares(patterns, Eigen::MatrixXd::Identity(patterns.rows(), patterns.rows()));
+    if (solver.rank < n_lights_) {
       throw Error(fmt::format("{} patterns cannot tell {} lights apart (rank {})",
-                              shots_.size(), n_lights_, solver.rank()),
+                              shots_.size(), n_lights_, solver.rank),
                   "patterns",
                   "shoot a plan with as many independent patterns as lights, or one with "
                   "patterns = \"bins\"");
     }
-    inverse_ = solver.solve(Eigen::MatrixXd::Identity(patterns.rows(), patterns.rows()));
+    inverse_ = solver.solution;
   } else {
     const std::vector<std::vector<int>> expected = lit_lights(recipe_);
     HAARLIGHT_EXPECTS(expected.size() == shots_.size() && recipe_.n_lights() == n_lights_,
@@ -354,10 +356,7 @@ Eigen::MatrixXd PatternInverse::gram_inverse(std::span<const double> b) const {
   }
   const Eigen::Map<const Eigen::VectorXd> weights(b.data(), n_lights_);
   const Eigen::MatrixXd gram = rows * weights.asDiagonal() * rows.transpose();
-  Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
-  solver.setThreshold(1e-9);  // colours of an environment that are the same to 1e-9
-  solver.compute(gram);
-  return solver.pseudoInverse();
+  return pseudo_inverse(gram, 1e-9);  // colours of an environment that are the same to 1e-9
 }
 
 // T_k = B_k M_b / (P B)_b, B = 1 at pixels where some block's plate is dark.

@@ -6,9 +6,10 @@
 #include <limits>
 #include <numeric>
 
-#include <Eigen/QR>
+#include <Eigen/Core>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 
 namespace haarlight {
 
@@ -292,9 +293,9 @@ Wavelet wavelet_at(int n, int index) {
 
 Eigen::MatrixXd demultiplex(const PatternMatrix& patterns, const Eigen::MatrixXd& measured) {
   HAARLIGHT_EXPECTS(patterns.rows() == measured.rows(), "one measured row a shot");
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> solver(patterns);
-  HAARLIGHT_EXPECTS(solver.rank() == patterns.cols(), "patterns that tell the lights apart");
-  return solver.solve(measured);
+  LeastSquares solved = least_squares(patterns, measured);
+  HAARLIGHT_EXPECTS(solved.rank == patterns.cols(), "patterns that tell the lights apart");
+  return std::move(solved.solution);
 }
 
 }  // namespace haarlight

@@ -6,12 +6,10 @@
 #include <limits>
 #include <numeric>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/random.h"
 
 #if defined(__x86_64__)
@@ -229,10 +227,6 @@ Matrix correlations(std::span<const double> products, std::span<const float> nor
   return all;
 }
 
-Matrix orthonormal(const Matrix& m) {
-  return Eigen::HouseholderQR<Matrix>(m).householderQ() * Matrix::Identity(m.rows(), m.cols());
-}
-
 /// The largest eigenvalues and vectors, ascending, from a block Krylov space [Halko11, 4.5].
 /// Only how sharp the bound becomes depends on how well they are found: at twice the depth the
 /// share was 0 to 2 % lower (two captures of the demo and a made stack, 32 vectors).
@@ -257,19 +251,19 @@ TopVectors top_vectors(const Matrix& all, Eigen::Index wanted) {
   }
   for (Eigen::Index done = 0; done < size; done += kBlock) {
     const Eigen::Index width = std::min(kBlock, size - done);
-    next = orthonormal(next.leftCols(width));
+    next = orthonormal_columns(next.leftCols(width));
     for (int pass = 0; pass < 2 && done > 0; ++pass) {  // twice: the first leaves its rounding
       const auto before = basis.leftCols(done);
       const Matrix along = before.transpose() * next;
       next.noalias() -= before * along;
-      next = orthonormal(next);
+      next = orthonormal_columns(next);
     }
     basis.middleCols(done, width) = next;
     image.middleCols(done, width).noalias() = all * next;
     next = image.middleCols(done, width);
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix> small(basis.transpose() * image);
-  return {small.eigenvalues(), basis * small.eigenvectors()};
+  const SymmetricEigen small = symmetric_eigen(basis.transpose() * image);
+  return {small.values, basis * small.vectors};
 }
 
 /// About the largest eigenvalue, from below.
@@ -302,7 +296,7 @@ double proven_share(const Matrix& rest) {
   while (true) {
     Matrix shifted = -rest;
     shifted.diagonal().array() += share;
-    if (Eigen::LLT<Eigen::Ref<Matrix>>(shifted).info() == Eigen::Success) {
+    if (Cholesky(shifted).is_positive_definite()) {
       return share * (1.0 + 1e-8);
     }
     share *= kGrowth;

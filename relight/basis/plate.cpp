@@ -8,11 +8,11 @@
 #include <numbers>
 #include <numeric>
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/random.h"
 #include "render/analytic/polygon_light.h"
 #include "render/rig_lights.h"
@@ -81,11 +81,6 @@ std::vector<double> sample_rows(const StackSource& plate) {
     }
   }
   return rows;
-}
-
-MatrixXd orthonormal_columns(const MatrixXd& m) {
-  const Eigen::HouseholderQR<MatrixXd> qr(m);
-  return qr.householderQ() * MatrixXd::Identity(m.rows(), m.cols());
 }
 
 // Several sums side by side: one waits for each addition before it.
@@ -251,9 +246,9 @@ RowSpace fit_row_space(std::span<const double> sample, int n_lights, int n_vecto
     z = orthonormal_columns(rows.transpose() * (rows * z));
   }
   const MatrixXd projected = rows * z;
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(projected.transpose() * projected);
-  space.vectors = z * eigen.eigenvectors().rowwise().reverse();
-  space.energies = eigen.eigenvalues().reverse();
+  const SymmetricEigen eigen = symmetric_eigen(projected.transpose() * projected);
+  space.vectors = z * eigen.vectors.rowwise().reverse();
+  space.energies = eigen.values.reverse();
   return space;
 }
 

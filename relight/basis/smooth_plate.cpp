@@ -6,9 +6,10 @@
 #include <limits>
 #include <numbers>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "relight/basis/tile_plate.h"
 
@@ -225,9 +226,8 @@ void SmoothPlate::turn(double target, int max_rank) {
     sum += sums[i];
     n_lit += lit[i];
   }
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(sum);
-  RowSpace space{vectors_ * eigen.eigenvectors().rowwise().reverse(),
-                 eigen.eigenvalues().reverse()};
+  const SymmetricEigen eigen = symmetric_eigen(sum);
+  RowSpace space{vectors_ * eigen.vectors.rowwise().reverse(), eigen.values.reverse()};
   chosen_ = choose_vectors(space, n_lit, target, max_rank);
   const MatrixXd turned = space.vectors.transpose() * vectors_;
   vectors_ = std::move(space.vectors);

@@ -6,9 +6,9 @@
 #include <limits>
 
 #include <Eigen/Core>
-#include <Eigen/QR>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/random.h"
 #include "relight/basis/relight_kernels.h"
 
@@ -168,7 +168,7 @@ std::vector<float> fit(const MatrixXd& seen, const std::vector<Place>& places,
     a.row(row) = Eigen::Map<const Eigen::RowVectorXd>(terms.data(), n_used);
     u.row(row) = seen.row(rows[i]);
   }
-  const MatrixXd solved = a.colPivHouseholderQr().solve(u);  // (n_used, rank)
+  const MatrixXd solved = least_squares(a, u).solution;  // (n_used, rank)
   for (int j = 0; j < rank; ++j) {
     for (int b = 0; b <= used; ++b) {
       for (int i = 0; i <= used; ++i) {

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
+
+#include "core/linear_algebra.h"
 
 namespace haarlight {
 
@@ -36,9 +38,8 @@ MatrixXd covariance_factor(const Eigen::MatrixXf& values, const VectorXd& mean) 
     const Eigen::MatrixXf product = part * part.transpose();
     covariance += product.cast<double>();
   }
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(covariance /
-                                                       static_cast<double>(n_pixels));
-  return solver.eigenvectors() * solver.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  const SymmetricEigen found = symmetric_eigen(covariance / static_cast<double>(n_pixels));
+  return found.vectors * found.values.cwiseMax(0.0).cwiseSqrt().asDiagonal();
 }
 
 /// (A x I3) s: a matrix over lights applied to each channel.
@@ -69,8 +70,8 @@ LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,
   const MatrixXd s = covariance_factor(sample.values, mean);
   const MatrixXd weighted = knots.transpose() * weights.asDiagonal() * knots;
   const MatrixXd towards = apply_by_channel(weighted, s);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(s.transpose() * towards);
-  const VectorXd& energies = solver.eigenvalues();  // rising
+  const SymmetricEigen eigen = symmetric_eigen(s.transpose() * towards);
+  const VectorXd& energies = eigen.values;  // rising
   const Index n_all = energies.size();
   LightAxes found;
   found.matrix.setZero(n_planes, sample.values.rows());
@@ -81,7 +82,7 @@ LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,
     if (energy <= 1e-12 * energies[n_all - 1] || energy <= 0.0) {
       break;  // rounding: the plane stays 0
     }
-    const VectorXd u = solver.eigenvectors().col(n_all - 1 - p) / std::sqrt(energy);
+    const VectorXd u = eigen.vectors.col(n_all - 1 - p) / std::sqrt(energy);
     found.matrix.row(p) = (towards * u).transpose();
     found.axes.row(p + 1) = apply_by_channel(knots, s * u).col(0).transpose().cast<float>();
     kept += energy;

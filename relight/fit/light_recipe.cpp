@@ -5,10 +5,11 @@
 #include <limits>
 #include <numbers>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 
 namespace haarlight {
 
@@ -70,15 +71,11 @@ MatrixXd kriging_inverse(const LightRecipe& recipe, const Directions& lights) {
   system.topRows(n) = kriging_rows(recipe, lights, lights);
   system.topLeftCorner(n, n).diagonal().array() += recipe.ridge;
   system.bottomLeftCorner(kDrift, n) = system.topRightCorner(n, kDrift).transpose();
-  Eigen::ColPivHouseholderQR<MatrixXd> drift(system.topRightCorner(n, kDrift));
-  drift.setThreshold(kFlat);
-  if (drift.rank() == kDrift && recipe.ridge > 0.0) {
-    return system.partialPivLu().inverse().leftCols(n);
+  if (column_rank(system.topRightCorner(n, kDrift), kFlat) == kDrift && recipe.ridge > 0.0) {
+    return inverse_by_lu(system).leftCols(n);
   }
   // Lights in one plane leave the drift undetermined: the least solution then.
-  Eigen::CompleteOrthogonalDecomposition<MatrixXd> solver(system);
-  solver.setThreshold(1e-12);
-  return solver.pseudoInverse().leftCols(n);
+  return pseudo_inverse(system, 1e-12).leftCols(n);
 }
 
 MatrixXd radial_rows(const Directions& lights, double sigma, const Directions& directions) {
@@ -202,9 +199,7 @@ MatrixXd term_matrix(const LightRecipe& recipe, const Directions& lights) {
   stacked.bottomRows(recipe.n_terms).diagonal() =
       (static_cast<double>(n) * recipe.ridge * ridge_shape(recipe.basis, recipe.n_terms))
           .cwiseSqrt();
-  Eigen::CompleteOrthogonalDecomposition<MatrixXd> solver(stacked);
-  solver.setThreshold(kRankTolerance);
-  return solver.pseudoInverse().leftCols(n);
+  return pseudo_inverse(stacked, kRankTolerance).leftCols(n);
 }
 
 // Values c at the centres with W c = v in the sense of least squares, drawn towards v.
@@ -214,7 +209,7 @@ MatrixXd radial_centres(const LightRecipe& recipe, const Directions& lights) {
   const MatrixXd drawn = recipe.ridge * MatrixXd::Identity(n, n);
   const MatrixXd normal = w.transpose() * w + drawn;
   const MatrixXd right = w.transpose() + drawn;
-  return normal.ldlt().solve(right);
+  return solve_symmetric(normal, right);
 }
 
 MatrixXd recipe_weights(const LightRecipe& recipe, const Directions& lights,
@@ -246,15 +241,15 @@ MatrixXd leave_one_out(const LightRecipe& recipe, const Directions& lights) {
 }
 
 TermsCondition terms_condition(ReflectanceBasis basis, int n_terms, const Directions& lights) {
-  const Eigen::JacobiSVD<MatrixXd> svd(terms_of(basis, n_terms, lights), Eigen::ComputeFullV);
-  const VectorXd& s = svd.singularValues();
+  const RightSingular svd = right_singular(terms_of(basis, n_terms, lights));
+  const VectorXd& s = svd.values;
   TermsCondition found;
   for (Index i = 0; i < s.size(); ++i) {
     found.rank += s[i] > kRankTolerance * s[0] ? 1 : 0;
   }
   if (found.rank < n_terms) {
     found.condition = std::numeric_limits<double>::infinity();
-    found.ambiguous = svd.matrixV().col(n_terms - 1);
+    found.ambiguous = svd.vectors.col(n_terms - 1);
   } else {
     found.condition = s[0] / s[n_terms - 1];
   }
@@ -289,17 +284,13 @@ std::vector<std::string> light_warnings(const Directions& lights) {
   for (Index i = 0; i < all.rows(); ++i) {
     all.row(i) = lights[static_cast<std::size_t>(i)];
   }
-  const auto thinnest = [](const MatrixXd& rows) {
-    return Eigen::JacobiSVD<MatrixXd>(rows, Eigen::ComputeFullV);
+  const RightSingular through = right_singular(all);
+  const RightSingular around = right_singular(all.rowwise() - all.colwise().mean());
+  const auto is_flat = [](const RightSingular& svd) {
+    return svd.values.size() < 3 || svd.values[2] <= kFlat * svd.values[0];
   };
-  const auto through = thinnest(all);
-  const auto around = thinnest(all.rowwise() - all.colwise().mean());
-  const auto is_flat = [](const auto& svd) {
-    return svd.singularValues().size() < 3 ||
-           svd.singularValues()[2] <= kFlat * svd.singularValues()[0];
-  };
-  const auto say = [&](const auto& svd, const char* what) {
-    const Eigen::Vector3d n = svd.matrixV().col(2);
+  const auto say = [&](const RightSingular& svd, const char* what) {
+    const Eigen::Vector3d n = svd.vectors.col(2);
     warnings.push_back(fmt::format(
         "all lights lie {}: how the picture changes along ({:.4f}, {:.4f}, {:.4f}) was not "
         "photographed and is only continued from them",

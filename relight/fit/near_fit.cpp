@@ -8,10 +8,11 @@
 #include <string>
 #include <utility>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "relight/fit/light_recipe.h"
 #include "relight/fit/near_kernel.h"
@@ -141,7 +142,7 @@ MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
   }
   MatrixXd normal = terms.transpose() * terms;
   normal.diagonal() += ridge_diagonal(options, seen.directions.size());
-  return normal.ldlt().solve(terms.transpose());
+  return solve_symmetric(normal, MatrixXd(terms.transpose()));
 }
 
 /// Straight lines and cubics between knots must do for every light.

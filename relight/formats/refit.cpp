@@ -6,11 +6,12 @@
 #include <numbers>
 #include <span>
 
-#include <Eigen/QR>
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include "core/error.h"
 #include "core/image_io.h"
+#include "core/linear_algebra.h"
 #include "core/parallel.h"
 
 namespace haarlight {
@@ -30,13 +31,13 @@ Eigen::MatrixXd solver_of(const ReflectanceModel& shape,
     const std::vector<double> row = basis_terms(shape, directions[static_cast<std::size_t>(i)]);
     terms.row(i) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), shape.n_terms);
   }
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(terms);
-  if (qr.rank() < shape.n_terms) {
-    throw Error(fmt::format("{} directions tell only {} of {} terms apart", n, qr.rank(),
-                            shape.n_terms),
-                "the change of basis", "choose a basis of fewer terms");
+  LeastSquares qr = least_squares(terms, Eigen::MatrixXd::Identity(n, n));
+  if (qr.rank < shape.n_terms) {
+    throw Error(
+        fmt::format("{} directions tell only {} of {} terms apart", n, qr.rank, shape.n_terms),
+        "the change of basis", "choose a basis of fewer terms");
   }
-  return qr.solve(Eigen::MatrixXd::Identity(n, n));
+  return std::move(qr.solution);
 }
 
 /// A row's bytes to coefficients of the target, R, G and B apart. Exactly linear in the samples

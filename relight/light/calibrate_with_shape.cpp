@@ -4,11 +4,11 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/parallel.h"
 
 namespace haarlight {
@@ -64,7 +64,7 @@ class Mixing {
       }
     }
     normal.diagonal().array() *= 1.0 + 1e-10;
-    const Eigen::VectorXd share = normal.ldlt().solve(rhs);
+    const Eigen::VectorXd share = solve_symmetric(normal, rhs);
     Eigen::VectorXd out = g;
     for (Eigen::Index i = 0; i < m; ++i) {
       out -= share[i] * d_g_[static_cast<std::size_t>(i)];

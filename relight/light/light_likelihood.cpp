@@ -5,10 +5,10 @@
 #include <numeric>
 
 #include <Eigen/Cholesky>
-#include <Eigen/QR>
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "relight/light/light_terms.h"
 
@@ -184,10 +184,10 @@ class FreeSystem {
     Eigen::MatrixXd shared;         ///< (S, S), damped
     double gauge = 0.0;             ///< times the all-ones matrix of the points
     bool is_dense = true;
-    Eigen::LLT<Eigen::MatrixXd> common;  ///< of S; with modes, of V^T S V
-    Eigen::VectorXd diagonal;            ///< (G), D
-    Eigen::MatrixXd modes;               ///< (G, M), V with V^T D V = 1
-    [[nodiscard]] bool is_sound() const { return common.info() == Eigen::Success; }
+    Cholesky common;           ///< of S; with modes, of V^T S V
+    Eigen::VectorXd diagonal;  ///< (G), D
+    Eigen::MatrixXd modes;     ///< (G, M), V with V^T D V = 1
+    [[nodiscard]] bool is_sound() const { return common.is_positive_definite(); }
   };
   [[nodiscard]] Factored factor(const Equations& eq, double damping) const {
     Factored f;
@@ -237,7 +237,7 @@ class FreeSystem {
     Step step;
     if (n_common_ > 0) {
       rhs.noalias() -= f.reduced_cross * reduced;
-      step.common = f.is_dense ? Eigen::VectorXd(f.common.solve(rhs)) : descend(f, rhs);
+      step.common = f.is_dense ? f.common.solve(rhs) : descend(f, rhs);
       reduced.noalias() -= f.reduced_cross.transpose() * step.common;
     }
     step.own.resize(n_lights);
@@ -312,9 +312,8 @@ class FreeSystem {
       // There the shared unknowns are counted in the root of their own weight.
       direct.setOnes();
     }
-    const Eigen::VectorXd half = f.common.matrixL().solve(rhs);
-    const Eigen::MatrixXd corner =
-        f.common.matrixLLT().bottomRightCorner(n, n).triangularView<Eigen::Lower>();
+    const Eigen::VectorXd half = f.common.solve_lower(rhs);
+    const Eigen::MatrixXd corner = f.common.corner(n);
     return judge_modes(corner * corner.transpose(), corner * half.tail(n), direct, eq.chi2,
                        freedom);
   }
@@ -431,7 +430,7 @@ class FreeSystem {
             f.reduced_cross.middleRows(j0, width).transpose();
       }
     });
-    f.common.compute(s);  // reads the lower half
+    f.common = Cholesky(s);  // reads the lower half
   }
 
   /// S without the lights' part, times columns.
@@ -476,13 +475,11 @@ class FreeSystem {
     for (Eigen::Index i = 0; i < shared_.size(); ++i) {
       v(n_points_ + i, column + i) = half[n_points_ + i];
     }
-    const Eigen::HouseholderQR<Eigen::MatrixXd> qr(v);
-    v = qr.householderQ() * Eigen::MatrixXd::Identity(v.rows(), v.cols());
-    f.modes = v.array().colwise() / half;
+    f.modes = orthonormal_columns(v).array().colwise() / half;
     const Eigen::MatrixXd lights = f.modes.transpose() * f.reduced_cross;
     Eigen::MatrixXd s = f.modes.transpose() * direct_times(f, f.modes);
     s.noalias() -= lights * lights.transpose();
-    f.common.compute(s);
+    f.common = Cholesky(s);
   }
 
   [[nodiscard]] static Eigen::ArrayXXd chebyshev(const Eigen::ArrayXd& x) {

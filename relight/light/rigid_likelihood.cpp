@@ -4,9 +4,10 @@
 #include <cmath>
 #include <numeric>
 
-#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "relight/light/light_terms.h"
 
@@ -241,8 +242,8 @@ PoseBound rigid_bound(const TargetSamples& samples, std::span<const NearLight> l
   const RigidSystem::Reduced reduced =
       system.reduce(system.assemble(lights, albedo, sheet, weights), 0.0);
   const Eigen::Index n = reduced.matrix.rows();
-  const Eigen::MatrixXd inverse = reduced.matrix.selfadjointView<Eigen::Lower>().llt().solve(
-      Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd inverse =
+      Cholesky(reduced.matrix).solve(Eigen::MatrixXd(Eigen::MatrixXd::Identity(n, n)));
   const Eigen::Index n_common = system.n_common();
   const Eigen::Index n_shared = n_common - kPose;
   Eigen::VectorXd unit = Eigen::VectorXd::Ones(n_common);
@@ -287,15 +288,14 @@ ModelTest test_rigid_array(const TargetSamples& samples, const LikelihoodFit& fi
       inverse_variances(samples, TargetColumns(samples, fit.sheet), fit.lights, fit.albedo);
   const Equations eq = system.assemble(fit.lights, fit.albedo, fit.sheet, weights);
   const RigidSystem::Reduced reduced = system.reduce(eq, 0.0);
-  const Eigen::LLT<Eigen::MatrixXd> factored(reduced.matrix);
-  if (factored.info() != Eigen::Success) {
+  const Cholesky factored(reduced.matrix);
+  if (!factored.is_positive_definite()) {
     return {};
   }
   // The modes are the last unknowns: their own equations are the corner of the factor.
   const Eigen::Index n = modes.size();
-  const Eigen::VectorXd half = factored.matrixL().solve(reduced.rhs);
-  const Eigen::MatrixXd corner =
-      factored.matrixLLT().bottomRightCorner(n, n).triangularView<Eigen::Lower>();
+  const Eigen::VectorXd half = factored.solve_lower(reduced.rhs);
+  const Eigen::MatrixXd corner = factored.corner(n);
   return judge_modes(corner * corner.transpose(), corner * half.tail(n),
                      eq.pose.diagonal().tail(n), eq.chi2, freedom);
 }
@@ -330,8 +330,8 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
     }
     ++fit.n_iterations;
     const RigidSystem::Reduced reduced = system.reduce(eq, damping);
-    const Eigen::LLT<Eigen::MatrixXd> factored(reduced.matrix);
-    bool is_better = factored.info() == Eigen::Success;
+    const Cholesky factored(reduced.matrix);
+    bool is_better = factored.is_positive_definite();
     double predicted = 0.0;
     std::vector<NearLight> next_lights;
     std::vector<double> next_albedo = fit.albedo;

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
+
+#include "core/linear_algebra.h"
 
 namespace haarlight {
 
@@ -86,13 +88,12 @@ ModelTest judge_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
   ModelTest test;
   // In units of what each mode would weigh if no other unknown held any of it.
   const Eigen::VectorXd unit = direct.cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(unit.asDiagonal() * a *
-                                                             unit.asDiagonal());
-  const Eigen::VectorXd along = eigen.eigenvectors().transpose() * b.cwiseProduct(unit);
+  const SymmetricEigen eigen = symmetric_eigen(unit.asDiagonal() * a * unit.asDiagonal());
+  const Eigen::VectorXd along = eigen.vectors.transpose() * b.cwiseProduct(unit);
   double taken = 0.0;
   for (Eigen::Index i = 0; i < along.size(); ++i) {
-    if (eigen.eigenvalues()[i] > kOwnShare) {
-      taken += along[i] * along[i] / eigen.eigenvalues()[i];
+    if (eigen.values[i] > kOwnShare) {
+      taken += along[i] * along[i] / eigen.values[i];
       ++test.n;
     }
   }

@@ -1,8 +1,9 @@
 #include "relight/study/matrix_transform.h"
 
-#include <Eigen/Cholesky>
+#include <Eigen/Core>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 
 namespace haarlight {
 
@@ -12,7 +13,7 @@ MatrixTransform::MatrixTransform(const Eigen::MatrixXd& patterns)
                     "no more patterns than lights");
   const Eigen::MatrixXd stored = patterns_.cast<double>();
   const Eigen::MatrixXd gram = stored * stored.transpose();
-  analysis_ = gram.llt().solve(stored).cast<float>();
+  analysis_ = Cholesky(gram).solve(stored).cast<float>();
 }
 
 void MatrixTransform::analyse(std::span<const float> lights,

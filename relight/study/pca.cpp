@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
+#include <Eigen/Core>
 
 #include "core/error.h"
+#include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "relight/basis/half_float.h"
@@ -24,11 +24,6 @@ constexpr int kRounds = 8;          // of subspace iteration
 constexpr int kOversampling = 16;   // [Halko11] recommends 5 to 10
 constexpr double kNoEnergy = 1e-13;  // of the strongest: the floats' own rounding
 
-MatrixXd orthonormal_columns(const MatrixXd& m) {
-  const Eigen::HouseholderQR<MatrixXd> qr(m);
-  return qr.householderQ() * MatrixXd::Identity(m.rows(), m.cols());
-}
-
 PrincipalVectors iterate_subspace(const MatrixXd& covariance, Index rank) {
   const Index n = covariance.rows();
   const Index k = std::min<Index>(n, rank + kOversampling);
@@ -44,8 +39,8 @@ PrincipalVectors iterate_subspace(const MatrixXd& covariance, Index rank) {
     z = orthonormal_columns(covariance * z);
   }
   const MatrixXd small = z.transpose() * (covariance * z);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(0.5 * (small + small.transpose()));
-  return {z * eigen.eigenvectors().rowwise().reverse(), eigen.eigenvalues().reverse()};
+  const SymmetricEigen eigen = symmetric_eigen(0.5 * (small + small.transpose()));
+  return {z * eigen.vectors.rowwise().reverse(), eigen.values.reverse()};
 }
 
 class PcaTransform final : public MatrixTransform {
@@ -86,8 +81,8 @@ PrincipalVectors principal_vectors(const MatrixXd& covariance, int rank, int mos
   const Index wanted = std::min<Index>(rank, covariance.rows());
   PrincipalVectors found;
   if (covariance.rows() <= most_exact) {
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(covariance);
-    found = {eigen.eigenvectors().rowwise().reverse(), eigen.eigenvalues().reverse()};
+    const SymmetricEigen eigen = symmetric_eigen(covariance);
+    found = {eigen.vectors.rowwise().reverse(), eigen.values.reverse()};
   } else {
     found = iterate_subspace(covariance, wanted);
   }
