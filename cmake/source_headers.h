@@ -22,4 +22,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+
+#ifdef __clang__  // g++ wants FMT_SHARED defined in all sources, or in none
 #include <fmt/format.h>
+#endif

@@ -22,7 +22,10 @@
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
-#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
+
+#ifdef __clang__  // g++ wants FMT_SHARED defined in all sources, or in none
+#include <fmt/format.h>
+#endif
