@@ -186,7 +186,7 @@ class FolderAndList(unittest.TestCase):
         # No grid of lights: the basis is chosen, and that is said with the folder's name.
         done = self.programs.run("compress", "new", "-o", "new.hlb", cwd=self.folder)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("new: its lights form no square grids", done.stderr)
+        self.assertIn("new: its lights form no grids of rows and columns", done.stderr)
         self.assertIn("next: haarlight view new.hlb", done.stderr)
         done = self.programs.run("compress", "new", "-o", "haar.hlb", "--basis", "haar", cwd=self.folder)
         self.assertEqual(done.returncode, BAD_INPUT)

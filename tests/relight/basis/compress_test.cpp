@@ -172,6 +172,30 @@ TEST_F(Compress, DirectBasisTakesLightsWithoutAGrid) {
   EXPECT_LE(measure_error(BasisFile::open(file("a.hlb")), stack).relative_l2, 0.01);
 }
 
+// A rectangle of lights: as many coefficients as lights, most of them small.
+TEST_F(Compress, GridsOfAnySidesAreWavelets) {
+  const MemoryStack stack = make_stack({.width = 24, .height = 20, .grid = 30, .rows = 17});
+  const HaarGrid grid{17, 30};
+  const auto haar = compress_stack(made_source(stack, grid), file("haar.hlb"), {});
+  const auto direct =
+      compress_stack(made_source(stack, 0), file("direct.hlb"), {.basis = BasisKind::direct});
+  EXPECT_TRUE(haar.is_reached());
+  EXPECT_LT(3.0 * haar.header.mean_coefficients, direct.header.mean_coefficients);
+  const BasisFile basis = BasisFile::open(file("haar.hlb"));
+  EXPECT_EQ(basis.header().grid, grid);
+  EXPECT_LE(measure_error(basis, stack).relative_l2, 0.01 + 1e-6);
+  for (const RelightOptions& options : {RelightOptions{}, RelightOptions{.terms = 60}}) {
+    LightWeights w(17 * 30, 1);
+    for (Eigen::Index k = 0; k < w.rows(); ++k) {
+      w(k, 0) = uniform_unit(hash_key(3, static_cast<std::uint64_t>(k)));
+    }
+    const RelitPicture relit = relight(basis, w, options);
+    const Image<float> truth = relight_stack(stack, w);
+    EXPECT_LE(compare(relit.picture.pixels(), truth.pixels()).relative_l2,
+              relit.bound.relative_l2 * (1.0 + 1e-6));
+  }
+}
+
 TEST_F(Compress, RefusesNanByLightAndPixel) {
   MemoryStack stack = make_stack({});
   stack.at(0, 33, 35, 200) = std::numeric_limits<float>::quiet_NaN();

@@ -188,5 +188,121 @@ TEST(Haar, RefusesOtherSizes) {
   EXPECT_THROW(haar_inverse(x, 4), ContractViolation);
 }
 
+// ---- grids of any sides ----
+
+std::vector<double> transformed(const HaarGrid& grid, std::vector<double> x) {
+  haar_forward(std::span(x), grid);
+  return x;
+}
+
+TEST(UnbalancedHaar, IsOrthonormalForAllSmallGrids) {
+  for (int rows = 1; rows <= 9; ++rows) {
+    for (int cols = 1; cols <= 9; ++cols) {
+      const HaarGrid grid{rows, cols};
+      const auto n = static_cast<std::size_t>(grid.size());
+      std::vector<std::vector<double>> columns;
+      for (std::size_t i = 0; i < n; ++i) {
+        std::vector<double> unit(n, 0.0);
+        unit[i] = 1.0;
+        columns.push_back(transformed(grid, unit));
+      }
+      for (std::size_t i = 0; i < n; ++i) {
+        for (std::size_t j = 0; j < n; ++j) {
+          const double dot =
+              std::inner_product(columns[i].begin(), columns[i].end(), columns[j].begin(), 0.0);
+          // At most 8 steps, each with a relative error of 3 roundings.
+          ASSERT_NEAR(dot, i == j ? 1.0 : 0.0, 1e-14) << rows << " x " << cols;
+        }
+      }
+    }
+  }
+}
+
+TEST(UnbalancedHaar, ThreeLightsByHand) {
+  const std::vector<double> c = transformed({1, 3}, {1.0, 2.0, 3.0});
+  EXPECT_NEAR(c[0], 6.0 / std::sqrt(3.0), 1e-15);
+  EXPECT_NEAR(c[1], (3.0 / std::sqrt(2.0) - 3.0 * std::sqrt(2.0)) / std::sqrt(3.0), 1e-15);
+  EXPECT_NEAR(c[2], -1.0 / std::sqrt(2.0), 1e-15);
+  EXPECT_EQ(transformed({3, 1}, {1.0, 2.0, 3.0}), c);
+}
+
+TEST(UnbalancedHaar, AConstantIsItsMeanAlone) {
+  for (const HaarGrid grid : {HaarGrid{1, 2}, {3, 5}, {17, 30}, {1, 1024}, {5, 64}, {33, 31}}) {
+    const std::vector<double> c =
+        transformed(grid, std::vector<double>(static_cast<std::size_t>(grid.size()), 0.25));
+    // Ten steps a side at most.
+    EXPECT_NEAR(c[0], 0.25 * std::sqrt(grid.size()), 1e-13);
+    for (std::size_t i = 1; i < c.size(); ++i) {
+      ASSERT_NEAR(c[i], 0.0, 1e-14) << grid.rows << " x " << grid.cols << ' ' << i;
+    }
+  }
+}
+
+TEST(UnbalancedHaar, OfAPlainGridIsThePlainTransform) {
+  for (const int n : {1, 2, 8, 32}) {
+    const std::vector<double> x = random_values(n, 5);
+    std::vector<double> plain = x;
+    haar_forward(plain, n);
+    EXPECT_EQ(transformed({n, n}, x), plain);
+    EXPECT_EQ(haar_order(HaarGrid{n, n}), haar_order(n));
+  }
+  EXPECT_EQ(haar_group_ends({32, 32}), (std::vector<int>{64, 256, 1024}));
+  EXPECT_EQ(haar_group_ends({4, 4}), std::vector<int>{16});
+  EXPECT_EQ(haar_group_ends({1, 1}), std::vector<int>{1});
+}
+
+TEST(UnbalancedHaar, ComesBackInBothPrecisionsAndAsIntegers) {
+  for (const HaarGrid grid : {HaarGrid{17, 30}, {1, 7}, {7, 1}, {5, 5}, {48, 2}, {3, 1000}}) {
+    const auto n = 2 * static_cast<std::size_t>(grid.size());  // two arrays
+    std::vector<double> x(n);
+    std::vector<float> f(n);
+    std::vector<std::int64_t> whole(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      x[i] = 2.0 * uniform_unit(hash_key(9, i)) - 1.0;
+      f[i] = static_cast<float>(x[i]);
+      whole[i] = static_cast<std::int64_t>(x[i] * 0x1p40);
+    }
+    auto y = x;
+    auto g = f;
+    auto z = whole;
+    haar_forward(std::span(y), grid);
+    haar_inverse(std::span(y), grid);
+    haar_forward(std::span(g), grid);
+    haar_inverse(std::span(g), grid);
+    s_transform_forward(std::span(z), grid);
+    EXPECT_NE(z, whole);
+    s_transform_inverse(std::span(z), grid);
+    EXPECT_EQ(z, whole);
+    for (std::size_t i = 0; i < n; ++i) {
+      ASSERT_NEAR(y[i], x[i], 1e-13);
+      ASSERT_NEAR(g[i], f[i], 5e-6F);  // 2 x 10 steps of 2^-24 of sums up to 30 here
+    }
+  }
+}
+
+TEST(UnbalancedHaar, OrderIsFromCoarseToFineAndGroupsEndWithLevels) {
+  const HaarGrid grid{5, 7};
+  // Sides 5 x 7, 3 x 4, 2 x 2, 1 x 1: so many sums are left after each level.
+  const std::vector<int> order = haar_order(grid);
+  const auto is_within = [&](int i, int rows, int cols) {
+    return i / grid.cols < rows && i % grid.cols < cols;
+  };
+  for (const auto& [rows, cols] : {std::pair(1, 1), {2, 2}, {3, 4}, {5, 7}}) {
+    for (int k = 0; k < grid.size(); ++k) {
+      EXPECT_EQ(is_within(order[static_cast<std::size_t>(k)], rows, cols), k < rows * cols);
+    }
+  }
+  EXPECT_EQ(haar_group_ends(grid), std::vector<int>{35});
+  EXPECT_EQ(haar_group_ends({17, 30}), (std::vector<int>{5 * 8, 9 * 15, 17 * 30}));
+}
+
+TEST(UnbalancedHaar, RefusesWhatIsNoGrid) {
+  std::vector<double> x(12);
+  EXPECT_THROW(haar_forward(std::span(x), HaarGrid{}), ContractViolation);
+  EXPECT_THROW(haar_forward(std::span(x), HaarGrid{5, 1}), ContractViolation);
+  EXPECT_THROW(haar_forward(std::span(x), HaarGrid{1, 2000}), ContractViolation);
+  EXPECT_NO_THROW(haar_forward(std::span(x), HaarGrid{2, 3}));
+}
+
 }  // namespace
 }  // namespace haarlight

@@ -77,6 +77,12 @@ TEST_F(NumpyReader, ReadsHaarWithPlateAndPixelShifts) {
   EXPECT_LE(compare_with_numpy(made_source(stack, 16, &plate), {.worst_pixel = 0.03}), 1e-6);
 }
 
+TEST_F(NumpyReader, ReadsUnbalancedGrids) {
+  const MemoryStack stack = make_stack({.grid = 7, .rows = 5});
+  const MemoryStack plate = make_stack({.grid = 7, .has_sphere = false, .rows = 5});
+  EXPECT_LE(compare_with_numpy(made_source(stack, HaarGrid{5, 7}, &plate), {}), 1e-6);
+}
+
 TEST_F(NumpyReader, ReadsSeveralGrids) {
   const MemoryStack one = make_stack({.grid = 16});
   MemoryStack stack({40, 36, 1, 256}, {one.values().begin(), one.values().end()});
