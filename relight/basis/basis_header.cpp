@@ -197,6 +197,22 @@ std::optional<ClippedValues> clipped_from_json(const Fields& fields, const Stack
   return clipped;
 }
 
+/// n x n of n = 2^m in `grid`, all others in `rows` and `cols`, so that there is one way only.
+HaarGrid grid_from_json(const Fields& lights, const std::string& where) {
+  const int side = lights.integer("grid", 0, 1024);
+  if (!lights.has("rows") && !lights.has("cols")) {
+    return {side, side};
+  }
+  const HaarGrid grid{lights.integer("rows", 1, 1024), lights.integer("cols", 1, 1024)};
+  if (side != 0 || grid.is_plain()) {
+    throw_bad(fmt::format("header field 'lights.grid' = {} beside 'lights.rows' = {} and "
+                          "'lights.cols' = {}",
+                          side, grid.rows, grid.cols),
+              where);
+  }
+  return grid;
+}
+
 /// Programs from before the unbalanced transform must not take it for the plain one.
 std::string basis_name(const BasisHeader& header) {
   const bool is_unbalanced = header.basis == BasisKind::haar && !header.grid.is_plain();
@@ -326,11 +342,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.tile = top.integer("tile", 1, 256);
   const Fields lights = top.object("lights");
   header.dims.n_lights = lights.integer("count", 1, kMaxLights);
-  const int side = lights.integer("grid", 0, 1024);
-  header.grid = {side, side};
-  if (lights.has("rows")) {
-    header.grid = {lights.integer("rows", 1, 1024), lights.integer("cols", 1, 1024)};
-  }
+  header.grid = grid_from_json(lights, where);
   header.rig_toml = lights.text("rig_toml");
   header.rig_hash = lights.text("rig_hash");
   header.lights = lights_from_json(lights.at("list"), where);
@@ -383,7 +395,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
     header.sections = sections_from_json(top.at("sections"), where);
   }
   check_basis(header, where);
-  if (is_haar && header.grid.is_plain() != (basis == "haar")) {
+  if (is_haar && basis != basis_name(header)) {
     throw_bad(fmt::format("basis '{}' over a grid of {} x {}", basis, header.grid.rows,
                           header.grid.cols),
               where);

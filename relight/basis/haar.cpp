@@ -225,42 +225,80 @@ std::vector<std::vector<PairParts>> parts_of(Index n) {
   return parts;
 }
 
-/// Splits m values `stride` apart into (m + 1) / 2 sums and m / 2 differences.
+/// s and d of a pair, and the pair of s and d: the same reflection.
 template <class T>
-void split_weighted(T* x, T* scratch, Index m, Index stride,
-                    const std::vector<PairParts>& parts) {
+void reflect(const PairParts& part, T a, T b, T& first, T& second) {
+  first = static_cast<T>(part.first * double{a} + part.second * double{b});
+  second = static_cast<T>(part.second * double{a} - part.first * double{b});
+}
+
+/// A row of m values into (m + 1) / 2 sums and m / 2 differences.
+template <class T>
+void split_row(T* x, T* scratch, Index m, const std::vector<PairParts>& parts) {
   const Index h = (m + 1) / 2;
+  std::copy_n(x, m, scratch);
   for (Index j = 0; j < m / 2; ++j) {
-    const PairParts& part = parts[static_cast<std::size_t>(j)];
-    const double a = x[2 * j * stride];
-    const double b = x[(2 * j + 1) * stride];
-    scratch[j] = static_cast<T>(part.first * a + part.second * b);
-    scratch[j + h] = static_cast<T>(part.second * a - part.first * b);
+    reflect(parts[static_cast<std::size_t>(j)], scratch[2 * j], scratch[2 * j + 1], x[j],
+            x[j + h]);
   }
   if (m % 2 == 1) {
-    scratch[h - 1] = x[(m - 1) * stride];
-  }
-  for (Index j = 0; j < m; ++j) {
-    x[j * stride] = scratch[j];
+    x[h - 1] = scratch[m - 1];
   }
 }
 
 template <class T>
-void join_weighted(T* x, T* scratch, Index m, Index stride,
-                   const std::vector<PairParts>& parts) {
+void join_row(T* x, T* scratch, Index m, const std::vector<PairParts>& parts) {
   const Index h = (m + 1) / 2;
+  std::copy_n(x, m, scratch);
   for (Index j = 0; j < m / 2; ++j) {
-    const PairParts& part = parts[static_cast<std::size_t>(j)];
-    const double s = x[j * stride];
-    const double d = x[(j + h) * stride];
-    scratch[2 * j] = static_cast<T>(part.first * s + part.second * d);
-    scratch[2 * j + 1] = static_cast<T>(part.second * s - part.first * d);
+    reflect(parts[static_cast<std::size_t>(j)], scratch[j], scratch[j + h], x[2 * j],
+            x[2 * j + 1]);
   }
   if (m % 2 == 1) {
-    scratch[m - 1] = x[(h - 1) * stride];
+    x[m - 1] = scratch[h - 1];
   }
-  for (Index j = 0; j < m; ++j) {
-    x[j * stride] = scratch[j];
+}
+
+template <class T>
+void copy_rows(const T* x, Index stride, Index rows, Index cols, T* scratch) {
+  for (Index row = 0; row < rows; ++row) {
+    std::copy_n(x + row * stride, cols, scratch + row * cols);
+  }
+}
+
+/// All columns of rows `stride` apart at once.
+template <class T>
+void split_columns(T* x, T* scratch, Index stride, Index rows, Index cols,
+                   const std::vector<PairParts>& parts) {
+  const Index h = (rows + 1) / 2;
+  copy_rows(x, stride, rows, cols, scratch);
+  for (Index j = 0; j < rows / 2; ++j) {
+    const PairParts part = parts[static_cast<std::size_t>(j)];
+    const T* a = scratch + 2 * j * cols;
+    for (Index col = 0; col < cols; ++col) {
+      reflect(part, a[col], a[col + cols], x[j * stride + col], x[(j + h) * stride + col]);
+    }
+  }
+  if (rows % 2 == 1) {
+    std::copy_n(scratch + (rows - 1) * cols, cols, x + (h - 1) * stride);
+  }
+}
+
+template <class T>
+void join_columns(T* x, T* scratch, Index stride, Index rows, Index cols,
+                  const std::vector<PairParts>& parts) {
+  const Index h = (rows + 1) / 2;
+  copy_rows(x, stride, rows, cols, scratch);
+  for (Index j = 0; j < rows / 2; ++j) {
+    const PairParts part = parts[static_cast<std::size_t>(j)];
+    const T* s = scratch + j * cols;
+    const T* d = scratch + (j + h) * cols;
+    for (Index col = 0; col < cols; ++col) {
+      reflect(part, s[col], d[col], x[2 * j * stride + col], x[(2 * j + 1) * stride + col]);
+    }
+  }
+  if (rows % 2 == 1) {
+    std::copy_n(scratch + (h - 1) * cols, cols, x + (rows - 1) * stride);
   }
 }
 
@@ -273,29 +311,28 @@ class WeightedHaar {
         along_x_(parts_of(grid.cols)),
         along_y_(parts_of(grid.rows)) {}
 
+  /// @param scratch  grid.size() values
   template <class T>
-  void forward(T* x) const {
-    std::vector<T> scratch(static_cast<std::size_t>(std::max(grid_.rows, grid_.cols)));
+  void forward(T* x, T* scratch) const {
     for (std::size_t i = 0; i < steps_.size(); ++i) {
       const auto [rows, cols] = steps_[i];
       for (Index row = 0; cols > 1 && row < rows; ++row) {
-        split_weighted(x + row * grid_.cols, scratch.data(), cols, 1, along_x_[i]);
+        split_row(x + row * grid_.cols, scratch, cols, along_x_[i]);
       }
-      for (Index col = 0; rows > 1 && col < cols; ++col) {
-        split_weighted(x + col, scratch.data(), rows, grid_.cols, along_y_[i]);
+      if (rows > 1) {
+        split_columns(x, scratch, grid_.cols, rows, cols, along_y_[i]);
       }
     }
   }
   template <class T>
-  void inverse(T* x) const {
-    std::vector<T> scratch(static_cast<std::size_t>(std::max(grid_.rows, grid_.cols)));
+  void inverse(T* x, T* scratch) const {
     for (std::size_t i = steps_.size(); i-- > 0;) {
       const auto [rows, cols] = steps_[i];
-      for (Index col = 0; rows > 1 && col < cols; ++col) {
-        join_weighted(x + col, scratch.data(), rows, grid_.cols, along_y_[i]);
+      if (rows > 1) {
+        join_columns(x, scratch, grid_.cols, rows, cols, along_y_[i]);
       }
       for (Index row = 0; cols > 1 && row < rows; ++row) {
-        join_weighted(x + row * grid_.cols, scratch.data(), cols, 1, along_x_[i]);
+        join_row(x + row * grid_.cols, scratch, cols, along_x_[i]);
       }
     }
   }
@@ -318,8 +355,9 @@ void forward_grids(std::span<T> x, const HaarGrid& grid) {
     return;
   }
   const WeightedHaar haar(grid);
+  std::vector<T> scratch(size);
   for (std::size_t at = 0; at < x.size(); at += size) {
-    haar.forward(x.data() + at);
+    haar.forward(x.data() + at, scratch.data());
   }
 }
 
@@ -334,8 +372,9 @@ void inverse_grids(std::span<T> x, const HaarGrid& grid) {
     return;
   }
   const WeightedHaar haar(grid);
+  std::vector<T> scratch(size);
   for (std::size_t at = 0; at < x.size(); at += size) {
-    haar.inverse(x.data() + at);
+    haar.inverse(x.data() + at, scratch.data());
   }
 }
 

@@ -218,6 +218,114 @@ TEST(UnbalancedHaar, IsOrthonormalForAllSmallGrids) {
   }
 }
 
+/// Lights [begin, end) of a side at each level, finest first, as pairing gives them.
+using Groups = std::vector<std::pair<int, int>>;
+std::vector<Groups> levels_by_definition(int n, std::size_t n_levels) {
+  std::vector<Groups> levels(1);
+  for (int i = 0; i < n; ++i) {
+    levels[0].emplace_back(i, i + 1);
+  }
+  while (levels.size() < n_levels) {
+    const Groups fine = levels.back();
+    Groups& coarse = levels.emplace_back();
+    for (std::size_t i = 0; i < fine.size(); i += 2) {
+      coarse.emplace_back(fine[i].first, fine[std::min(i + 1, fine.size() - 1)].second);
+    }
+  }
+  return levels;
+}
+
+/// Along a side: the sum of group `i` of the coarser level, or behind these the difference of
+/// a pair of the finer: constants on the groups, of length 1, at right angles.
+std::vector<long double> line_by_definition(const std::vector<Groups>& levels, std::size_t fine,
+                                            std::size_t i) {
+  std::vector<long double> line(levels[0].size(), 0.0L);
+  const auto fill = [&line](const std::pair<int, int>& group, long double value) {
+    std::fill(line.begin() + group.first, line.begin() + group.second, value);
+  };
+  const auto size_of = [](const std::pair<int, int>& group) {
+    return static_cast<long double>(group.second - group.first);
+  };
+  const Groups& coarse = levels[fine + 1];
+  if (i < coarse.size()) {
+    fill(coarse[i], 1.0L / std::sqrt(size_of(coarse[i])));
+    return line;
+  }
+  const auto& first = levels[fine][2 * (i - coarse.size())];
+  const auto& second = levels[fine][2 * (i - coarse.size()) + 1];
+  const long double a = size_of(first);
+  const long double b = size_of(second);
+  fill(first, std::sqrt(b / (a * (a + b))));
+  fill(second, -std::sqrt(a / (b * (a + b))));
+  return line;
+}
+
+/// All coefficients as sums with the patterns of [Girardi97]'s definition, in long double.
+std::vector<long double> coefficients_by_definition(const HaarGrid& grid,
+                                                    const std::vector<double>& x) {
+  std::size_t n_levels = 1;
+  for (int n = std::max(grid.rows, grid.cols); n > 1; n = (n + 1) / 2) {
+    ++n_levels;
+  }
+  const auto along_y = levels_by_definition(grid.rows, n_levels);
+  const auto along_x = levels_by_definition(grid.cols, n_levels);
+  const auto cols = static_cast<std::size_t>(grid.cols);
+  std::vector<long double> c(x.size(), 0.0L);
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    // The level whose sums the place lies among, but not among the next coarser's.
+    std::size_t fine = 0;
+    while (fine + 2 < n_levels && i / cols < along_y[fine + 1].size() &&
+           i % cols < along_x[fine + 1].size()) {
+      ++fine;
+    }
+    if (n_levels == 1) {
+      c[i] = x[i];
+      continue;
+    }
+    const auto line_y = line_by_definition(along_y, fine, i / cols);
+    const auto line_x = line_by_definition(along_x, fine, i % cols);
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      c[i] += line_y[k / cols] * line_x[k % cols] * static_cast<long double>(x[k]);
+    }
+  }
+  return c;
+}
+
+TEST(UnbalancedHaar, IsTheSumWithEachPatternOfTheDefinition) {
+  for (const HaarGrid grid : {HaarGrid{1, 1},
+                              {1, 7},
+                              {7, 1},
+                              {2, 3},
+                              {3, 3},
+                              {4, 16},
+                              {17, 30},
+                              {31, 33},
+                              {1024, 1},
+                              {1, 1024}}) {
+    std::vector<double> x(static_cast<std::size_t>(grid.size()));
+    double squares = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      x[i] = 2.0 * uniform_unit(hash_key(21, i)) - 1.0;
+      squares += x[i] * x[i];
+    }
+    const std::vector<long double> truth = coefficients_by_definition(grid, x);
+    const std::vector<double> c = transformed(grid, x);
+    double of_c = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      // 2 x 10 steps at most, each of 4 roundings of values of about 1.
+      ASSERT_NEAR(c[i], static_cast<double>(truth[i]), 1e-14)
+          << grid.rows << " x " << grid.cols << ' ' << i;
+      of_c += c[i] * c[i];
+    }
+    EXPECT_NEAR(of_c / squares, 1.0, 1e-14) << grid.rows << " x " << grid.cols;
+    std::vector<double> back = c;
+    haar_inverse(std::span(back), grid);
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      ASSERT_NEAR(back[i], x[i], 2e-14) << grid.rows << " x " << grid.cols << ' ' << i;
+    }
+  }
+}
+
 TEST(UnbalancedHaar, ThreeLightsByHand) {
   const std::vector<double> c = transformed({1, 3}, {1.0, 2.0, 3.0});
   EXPECT_NEAR(c[0], 6.0 / std::sqrt(3.0), 1e-15);
