@@ -60,7 +60,8 @@ ErrorAsked choose_error(const CompressArguments& arguments, const Session& sessi
 
 /// --basis, or the one that the lights allow. @param tells  whether this process says which
 BasisKind choose_basis(const CompressArguments& arguments, const Session& session, bool tells) {
-  constexpr std::string_view kNoGrid = "its lights form no grids of rows and columns";
+  constexpr std::string_view kNoGrid =
+      "its lights form no grids of rows and columns (at most 1024 of each)";
   const bool is_grid = haar_grid(session.info()).size() > 0;
   if (arguments.basis == "direct" || (arguments.basis == "auto" && !is_grid)) {
     if (arguments.basis == "auto" && tells) {

@@ -78,7 +78,8 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   if (options.basis == BasisKind::haar &&
       (!source.grid.is_valid() || header.dims.n_lights % source.grid.size() != 0)) {
     throw Error(
-        "the Haar basis needs lights in grids of rows and columns; these do not form one",
+        "the Haar basis needs lights in grids of rows and columns, at most 1024 of each; these "
+        "do not form one",
         source.place, "use --basis direct, which takes any lights");
   }
   const StackDims& dims = header.dims;
