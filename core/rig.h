@@ -47,7 +47,7 @@ struct Face {
   double heat_tau_s = 10.0;
 
   [[nodiscard]] int n_lights() const { return rows * cols; }
-  /// Equal rows and cols, a power of two: what the Haar basis needs.
+  /// Equal rows and cols, a power of two: what plans of Haar patterns need.
   [[nodiscard]] bool is_haar_grid() const;
 };
 

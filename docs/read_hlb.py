@@ -14,23 +14,43 @@ def inflate(packed, size):
 def numbers(raw): return raw.reshape(4, -1).T.copy().view("<u4").ravel()  # four byte planes
 def signed(z): return (z >> 1) ^ (0 - (z & 1))  # zigzag; still unsigned, modulo 2^32
 
-def inverse_haar(x):  # in place on (pixels, n, n)
-    m = 1
-    while m < x.shape[1]:
-        s, dx, dy, d = (x[:, r:r + m, c:c + m].copy() for r in (0, m) for c in (0, m))
-        for r, c, value in ((0, 0, s + dx + dy + d), (0, 1, s - dx + dy - d), (1, 0, s + dx - dy - d), (1, 1, s - dx - dy + d)):
-            x[:, r:2 * m:2, c:2 * m:2] = value / 2
-        m *= 2
+def steps(rows, cols):  # sides before each level, finest first
+    while rows > 1 or cols > 1:
+        yield rows, cols
+        rows, cols = (rows + 1) // 2, (cols + 1) // 2
 
-def inverse_s(x):  # in place on (pixels, n, n), whole numbers
-    m = 1
-    while m < x.shape[1]:
-        for axis in (1, 2):  # along y, then x
-            v = x[:, :2 * m, :2 * m].swapaxes(1, axis)
-            s, d = v[:, :m].copy(), v[:, m:].copy()
+def pair_parts(n):  # along n lights, for each level: parts of a pair's two values in their sum
+    counts, out = np.ones(n), []
+    while len(counts) > 1:
+        a, b = counts[:-1:2], counts[1::2]
+        out.append((np.sqrt(a / (a + b)), np.sqrt(b / (a + b))))
+        counts = np.append(a + b, counts[len(counts) // 2 * 2:])
+    return out
+
+def join(v, half, first, second):  # in place along the last axis: s and d to the values they came from
+    s, d, odd = v[..., :len(first)].copy(), v[..., half:].copy(), v[..., half - 1].copy()
+    v[..., 0:2 * len(first):2], v[..., 1:2 * len(first):2] = first * s + second * d, second * s - first * d
+    if v.shape[-1] % 2:
+        v[..., -1] = odd
+
+def inverse_haar(x):  # in place on (pixels, rows, cols)
+    rows, cols = x.shape[1:]
+    along = pair_parts(rows), pair_parts(cols)
+    for i, (r, c) in reversed(list(enumerate(steps(rows, cols)))):
+        if r > 1:
+            join(x[:, :r, :c].swapaxes(1, 2), (r + 1) // 2, *along[0][i])
+        if c > 1:
+            join(x[:, :r, :c], (c + 1) // 2, *along[1][i])
+
+def inverse_s(x):  # in place on (pixels, rows, cols), whole numbers
+    for r, c in reversed(list(steps(*x.shape[1:]))):
+        for v in (x[:, :r, :c].swapaxes(1, 2), x[:, :r, :c]):  # along y, then x
+            n, h = v.shape[-1] // 2, (v.shape[-1] + 1) // 2
+            s, d, odd = v[..., :n].copy(), v[..., h:].copy(), v[..., h - 1].copy()
             b = s - (d >> 1)
-            v[:, 0::2], v[:, 1::2] = b + d, b
-        m *= 2
+            v[..., 0:2 * n:2], v[..., 1:2 * n:2] = b + d, b
+            if v.shape[-1] % 2:
+                v[..., -1] = odd
 
 def chebyshev(size, degree):
     x, t = (2.0 * np.arange(size) + 1.0) / size - 1.0, [np.ones(size)]
@@ -65,9 +85,16 @@ def read_hlb(name):
     head = json.loads(file[h_at:h_at + h_size])
     width, height, channels = (head["picture"][k] for k in ("width", "height", "channels"))
     tile, lights, n = head["tile"], head["lights"]["count"], head["lights"]["grid"]
+    grid = head["lights"].get("rows", n), head["lights"].get("cols", n)
+    is_haar = head["basis"] in ("haar", "unbalanced haar")
     rank, terms = head["plate"]["rank"], (head["plate"]["degree"] + 1)**2
-    haar = head["basis"] == "haar" and head["coding"] == "quantised"
-    level = [max(i // n % n, i % n).bit_length() + (i // n**2) * 32 for i in range(lights)] if haar else [0] * lights
+    haar = is_haar and head["coding"] == "quantised"
+    level = np.zeros(lights)
+    if haar:
+        one = np.zeros(grid)
+        for r, c in steps(*grid):  # coarser than the details that end here
+            one[:(r + 1) // 2, :(c + 1) // 2] -= 1
+        level = np.concatenate([one.ravel() + 32 * g for g in range(lights // one.size)])
     order = np.argsort(level, kind="stable")
     tables = signed(numbers(inflate(file[t_at:t_at + t_size], 4 * lights * (rank + 4 * channels)))).view("<f4")
     index = np.frombuffer(file[i_at:i_at + i_size], [("at", "<u8"), ("sum", "<u8"), ("size", "<u4"), ("count", "<u4")])
@@ -106,12 +133,12 @@ def read_hlb(name):
                 if head["coding"] == "quantised":
                     values = np.ascontiguousarray(values.T * (head["step"] / 2.0 ** raw[:p, None]))
                     if haar:
-                        inverse_haar(values.reshape(-1, n, n))
+                        inverse_haar(values.reshape(-1, *grid))
                     values = values.T + plate
                 elif head["coding"] == "integers":
                     values = np.ascontiguousarray(values.T.astype("i8"))
-                    if head["basis"] == "haar":
-                        inverse_s(values.reshape(-1, n, n))
+                    if is_haar:
+                        inverse_s(values.reshape(-1, *grid))
                     units = np.array(head["units"])[:, None]
                     values = ((values.T + np.floor(plate / units + 0.5)) * units).astype("<f4")
                 view[:] = values.T.reshape(view.shape)

@@ -122,8 +122,8 @@ void open_basis(const BasesArguments& arguments, OpenCapture& capture) {
     capture.study.grid = grid_of(*capture.rig);
     return;
   }
-  if (header.grid > 0) {
-    capture.study.grid = {header.grid, header.grid, header.n_grids()};
+  if (header.n_grids() > 0) {
+    capture.study.grid = {header.grid.rows, header.grid.cols, header.n_grids()};
   }
   for (const BasisLight& light : header.lights) {
     capture.study.lights.push_back(

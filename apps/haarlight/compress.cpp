@@ -60,8 +60,9 @@ ErrorAsked choose_error(const CompressArguments& arguments, const Session& sessi
 
 /// --basis, or the one that the lights allow. @param tells  whether this process says which
 BasisKind choose_basis(const CompressArguments& arguments, const Session& session, bool tells) {
-  constexpr std::string_view kNoGrid = "its lights form no square grids of 2, 4, 8, ... a side";
-  const bool is_grid = haar_grid(session.info()) > 0;
+  constexpr std::string_view kNoGrid =
+      "its lights form no grids of rows and columns (at most 1024 of each)";
+  const bool is_grid = haar_grid(session.info()).size() > 0;
   if (arguments.basis == "direct" || (arguments.basis == "auto" && !is_grid)) {
     if (arguments.basis == "auto" && tells) {
       log_warning(fmt::format("{}: {}: the basis is direct, the lights themselves",
@@ -188,7 +189,7 @@ void add_compress(Command root, Invocation& invocation) {
               "from the session's rig)",
               {.type = "FILE|SESSION|none"});
   verb.option("--basis", &arguments->basis,
-              "haar: lights in square grids of 2, 4, 8, ... a side; direct: the lights "
+              "haar: lights in grids of rows and columns; direct: the lights "
               "themselves, any of them; auto: haar where it can be had",
               {.choices = {"auto", "haar", "direct"}, .shows_default = true});
   add_transfer_option(verb, arguments->transfer);

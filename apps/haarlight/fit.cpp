@@ -249,23 +249,20 @@ class Fitter {
   }
 
   /// The light-domain basis of basis files with as many numbers a pixel, where lights form
-  /// square grids and all are there.
+  /// grids and all are there.
   [[nodiscard]] std::optional<HaarSize> haar() const {
     if (!capture_.session || !lights_.held.empty()) {
       return {};
     }
     const Session& session = *capture_.session;
-    int rows = session.info().grid_rows;
-    int cols = session.info().grid_cols;
+    HaarGrid grid{session.info().grid_rows, session.info().grid_cols};
     if (session.rig() && !session.rig()->faces.empty()) {
-      rows = session.rig()->faces.front().rows;
-      cols = session.rig()->faces.front().cols;
+      grid = {session.rig()->faces.front().rows, session.rig()->faces.front().cols};
     }
-    if (rows != cols || !is_haar_size(rows) ||
-        sample_.n_lights() % (Eigen::Index{rows} * cols) != 0) {
+    if (!grid.is_valid() || sample_.n_lights() % grid.size() != 0) {
       return {};
     }
-    return measure_light_haar(sample_, rows, arguments_.max_planes);
+    return measure_light_haar(sample_, grid, arguments_.max_planes);
   }
 
   [[nodiscard]] Fitted fit(const FormScore& score) {

@@ -185,7 +185,7 @@ Capture open_capture(const Arguments& arguments) {
       add_noise(*capture.memory, arguments.electrons);
     }
     capture.source.stack = &*capture.memory;
-    capture.source.grid = rig.faces.front().rows;
+    capture.source.grid = {rig.faces.front().rows, rig.faces.front().cols};
     if (!arguments.has_no_plate) {
       capture.plate = std::make_unique<MemoryStack>(read_all(ComputedPlate(rig)));
     }

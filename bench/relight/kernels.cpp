@@ -293,7 +293,8 @@ Data make_data(const Arguments& arguments, const std::filesystem::path& folder) 
   source.stack = &stack;
   source.plate = &plate;
   source.plate_kind = "computed";
-  source.grid = data.small->twin.rig.faces.front().rows;
+  source.grid = {data.small->twin.rig.faces.front().rows,
+                 data.small->twin.rig.faces.front().cols};
   source.name = arguments.scene;
   source.lights.resize(count(n_lights));
   CompressOptions options;
@@ -496,7 +497,7 @@ void Bench::add_haar() {
       "haarlight", "Haar transform, all pixels", bytes,
       [this, n] {
         haar_forward_blocks(std::span<const float>(data_.pixel_major->values()),
-                            data_.out->values(), n);
+                            data_.out->values(), {n, n});
       },
       bits_off)
       .record.error_norm = "arrays whose bits differ from haar_forward";

@@ -49,7 +49,7 @@ int run(int argc, const char* const* argv) {
   const bench::TwinStack made = bench::render_twin(rig_file, scene_file);
   CompressSource source;
   source.stack = &made.stack;
-  source.grid = made.twin.rig.faces.front().rows;
+  source.grid = {made.twin.rig.faces.front().rows, made.twin.rig.faces.front().cols};
   source.rig_toml = twin_rig_text(made.twin.rig);
   source.name = scene_file;
   const CompressSummary summary = compress_stack(source, output, {.relative_l2 = 0.0});

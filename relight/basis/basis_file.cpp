@@ -251,7 +251,7 @@ std::vector<int> coefficient_order(const BasisHeader& header) {
     const std::vector<int> one = haar_order(header.grid);
     for (int g = 0; g < header.n_grids(); ++g) {
       for (const int i : one) {
-        order.push_back(g * header.grid * header.grid + i);
+        order.push_back(g * header.grid.size() + i);
       }
     }
   } else {
@@ -267,9 +267,9 @@ std::vector<int> default_group_ends(const BasisHeader& header) {
   std::vector<int> ends;
   if (header.basis == BasisKind::haar && header.coding == BasisCoding::quantised) {
     for (int g = 0; g < header.n_grids(); ++g) {
-      const int start = g * header.grid * header.grid;
-      for (int n = std::min(8, header.grid); n <= header.grid; n *= 2) {
-        ends.push_back(start + n * n);
+      const int start = g * header.grid.size();
+      for (const int end : haar_group_ends(header.grid)) {
+        ends.push_back(start + end);
       }
     }
   } else {

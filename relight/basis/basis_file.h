@@ -12,6 +12,7 @@
 
 #include "core/files.h"
 #include "relight/basis/block_codec.h"
+#include "relight/basis/haar.h"
 #include "relight/basis/stack_source.h"
 
 /// @file
@@ -25,7 +26,7 @@ inline constexpr std::uint32_t kBasisVersion = 3;
 inline constexpr std::uint32_t kOldestBasisVersion = 2;  ///< that can still be read
 
 enum class BasisKind {
-  haar,    ///< 2-D Haar over each grid of lights
+  haar,    ///< 2-D Haar over each grid of lights (haar.h)
   direct,  ///< the lights themselves; needs no grid
 };
 enum class BasisCoding {
@@ -78,7 +79,7 @@ struct BasisHeader {
   int tile = 32;  ///< pixels a side; tiles at the right and lower edge are smaller
   BasisKind basis = BasisKind::haar;
   BasisCoding coding = BasisCoding::quantised;
-  int grid = 0;                ///< n of each n x n grid, faces in order; 0 for direct
+  HaarGrid grid;               ///< of each face, in order; 0 x 0 where there is none
   double step = 0.0;           ///< quantiser step before a pixel's shift
   double dead_zone = 0.0;      ///< |c| below dead_zone * step became 0
   double dark_norm = 0.0;      ///< see StackError::worst_pixel; 1 % of the rms pixel norm
@@ -108,7 +109,9 @@ struct BasisHeader {
   std::string program;
   std::vector<BasisSection> sections;  ///< as read; the writer's own
 
-  [[nodiscard]] int n_grids() const { return grid > 0 ? dims.n_lights / (grid * grid) : 0; }
+  [[nodiscard]] int n_grids() const {
+    return grid.size() > 0 ? dims.n_lights / grid.size() : 0;
+  }
   /// Numbers of a tile's plate: rank (degree + 1)^2.
   [[nodiscard]] int n_plate() const {
     return plate_rank * (plate_degree + 1) * (plate_degree + 1);
@@ -146,8 +149,8 @@ struct BasisTables {
 /// The order in which coefficients are stored: order[i] is a light-domain index (row * n + col
 /// within its grid, grids one after the other; the index itself for all but quantised Haar).
 [[nodiscard]] std::vector<int> coefficient_order(const BasisHeader& header);
-/// The default groups: per grid 8 x 8 coarse coefficients, then a group a level; 64 lights for
-/// all but quantised Haar.
+/// The default groups: per grid the coarse coefficients of 8 a side, then a group a level; 64
+/// lights for all but quantised Haar.
 [[nodiscard]] std::vector<int> default_group_ends(const BasisHeader& header);
 
 /// One block of the index.

@@ -197,14 +197,36 @@ std::optional<ClippedValues> clipped_from_json(const Fields& fields, const Stack
   return clipped;
 }
 
-void check_basis(const BasisHeader& header, const std::string& where) {
-  if (header.grid > 0 &&
-      (!is_haar_size(header.grid) || header.dims.n_lights % (header.grid * header.grid) != 0)) {
-    throw_bad(fmt::format("{} lights are no grids of {} x {}", header.dims.n_lights,
-                          header.grid, header.grid),
+/// n x n of n = 2^m in `grid`, all others in `rows` and `cols`, so that there is one way only.
+HaarGrid grid_from_json(const Fields& lights, const std::string& where) {
+  const int side = lights.integer("grid", 0, 1024);
+  if (!lights.has("rows") && !lights.has("cols")) {
+    return {side, side};
+  }
+  const HaarGrid grid{lights.integer("rows", 1, 1024), lights.integer("cols", 1, 1024)};
+  if (side != 0 || grid.is_plain()) {
+    throw_bad(fmt::format("header field 'lights.grid' = {} beside 'lights.rows' = {} and "
+                          "'lights.cols' = {}",
+                          side, grid.rows, grid.cols),
               where);
   }
-  if (header.basis == BasisKind::haar && header.grid == 0) {
+  return grid;
+}
+
+/// Programs from before the unbalanced transform must not take it for the plain one.
+std::string basis_name(const BasisHeader& header) {
+  const bool is_unbalanced = header.basis == BasisKind::haar && !header.grid.is_plain();
+  return is_unbalanced ? "unbalanced haar" : std::string(to_string(header.basis));
+}
+
+void check_basis(const BasisHeader& header, const std::string& where) {
+  const HaarGrid& grid = header.grid;
+  if (grid.size() > 0 && (!grid.is_valid() || header.dims.n_lights % grid.size() != 0)) {
+    throw_bad(fmt::format("{} lights are no grids of {} x {}", header.dims.n_lights, grid.rows,
+                          grid.cols),
+              where);
+  }
+  if (header.basis == BasisKind::haar && grid.size() == 0) {
     throw_bad("a Haar basis without a grid", where);
   }
   if (!std::isfinite(header.step) || !std::isfinite(header.gain_step)) {
@@ -252,7 +274,7 @@ std::string basis_header_to_json(const BasisHeader& header) {
         {"height", header.dims.height},
         {"channels", header.dims.channels}}},
       {"tile", header.tile},
-      {"basis", std::string(to_string(header.basis))},
+      {"basis", basis_name(header)},
       {"coding", std::string(to_string(header.coding))},
       {"group_ends", header.group_ends},
       {"step", header.step},
@@ -266,7 +288,7 @@ std::string basis_header_to_json(const BasisHeader& header) {
         {"gain_step", header.gain_step}}},
       {"lights",
        {{"count", header.dims.n_lights},
-        {"grid", header.grid},
+        {"grid", header.grid.is_plain() ? header.grid.rows : 0},
         {"rig_toml", header.rig_toml},
         {"rig_hash", header.rig_hash},
         {"list", lights}}},
@@ -281,6 +303,10 @@ std::string basis_header_to_json(const BasisHeader& header) {
       {"mean_coefficients", header.mean_coefficients},
       {"source", {{"name", header.source}, {"hash", header.source_hash}}},
   };
+  if (header.grid.size() > 0 && !header.grid.is_plain()) {
+    root["lights"]["rows"] = header.grid.rows;
+    root["lights"]["cols"] = header.grid.cols;
+  }
   if (header.coding == BasisCoding::integers) {
     root["units"] = header.units;
   }
@@ -316,18 +342,19 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.tile = top.integer("tile", 1, 256);
   const Fields lights = top.object("lights");
   header.dims.n_lights = lights.integer("count", 1, kMaxLights);
-  header.grid = lights.integer("grid", 0, 1024);
+  header.grid = grid_from_json(lights, where);
   header.rig_toml = lights.text("rig_toml");
   header.rig_hash = lights.text("rig_hash");
   header.lights = lights_from_json(lights.at("list"), where);
   const std::string basis = top.text("basis");
   const std::string coding = top.text("coding");
-  if ((basis != "haar" && basis != "direct") ||
+  const bool is_haar = basis == "haar" || basis == "unbalanced haar";
+  if ((!is_haar && basis != "direct") ||
       (coding != "quantised" && coding != "lossless" && coding != "integers")) {
     throw Error(fmt::format("basis '{}' with coding '{}' is not known here", basis, coding),
                 where, "read it with a newer haarlight");
   }
-  header.basis = basis == "haar" ? BasisKind::haar : BasisKind::direct;
+  header.basis = is_haar ? BasisKind::haar : BasisKind::direct;
   header.coding = coding == "quantised"  ? BasisCoding::quantised
                   : coding == "lossless" ? BasisCoding::lossless
                                          : BasisCoding::integers;
@@ -368,6 +395,11 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
     header.sections = sections_from_json(top.at("sections"), where);
   }
   check_basis(header, where);
+  if (is_haar && basis != basis_name(header)) {
+    throw_bad(fmt::format("basis '{}' over a grid of {} x {}", basis, header.grid.rows,
+                          header.grid.cols),
+              where);
+  }
   return header;
 }
 

@@ -76,11 +76,10 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   header.kind = source.kind;
   header.program = "haarlight " HAARLIGHT_VERSION;
   if (options.basis == BasisKind::haar &&
-      (source.grid <= 0 || !is_haar_size(source.grid) ||
-       header.dims.n_lights % (source.grid * source.grid) != 0)) {
+      (!source.grid.is_valid() || header.dims.n_lights % source.grid.size() != 0)) {
     throw Error(
-        "the Haar basis needs lights in square grids of 2, 4, 8, ... a side; these do not "
-        "form one",
+        "the Haar basis needs lights in grids of rows and columns, at most 1024 of each; these "
+        "do not form one",
         source.place, "use --basis direct, which takes any lights");
   }
   const StackDims& dims = header.dims;

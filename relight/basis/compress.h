@@ -56,7 +56,7 @@ struct CompressSource {
   std::string plate_source;
   /// (n_lights): a step of the camera in the stack's values; empty where they have none.
   std::vector<double> units;
-  int grid = 0;  ///< n where the lights form n x n grids, n a power of two; else 0
+  HaarGrid grid;  ///< of each face, where the lights form grids; else 0 x 0
   std::string rig_toml;
   std::string rig_hash;
   std::vector<BasisLight> lights;  ///< where there is no rig

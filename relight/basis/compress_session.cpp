@@ -20,16 +20,18 @@ namespace haarlight {
 
 namespace {
 
-int rig_grid(const Rig& rig) {
+/// A row of lights has neighbours too; a single light has none.
+bool is_worth_a_wavelet(const HaarGrid& grid) { return grid.is_valid() && grid.size() > 1; }
+
+HaarGrid rig_grid(const Rig& rig) {
   if (rig.faces.empty()) {
-    return 0;
+    return {};
   }
-  for (const Face& face : rig.faces) {
-    if (!face.is_haar_grid() || face.rows != rig.faces.front().rows) {
-      return 0;
-    }
-  }
-  return rig.faces.front().rows;
+  const HaarGrid grid{rig.faces.front().rows, rig.faces.front().cols};
+  const bool are_alike = std::all_of(rig.faces.begin(), rig.faces.end(), [&](const Face& face) {
+    return face.rows == grid.rows && face.cols == grid.cols;
+  });
+  return are_alike && is_worth_a_wavelet(grid) ? grid : HaarGrid{};
 }
 
 /// A session's rows, developed from its frames when they are asked for.
@@ -106,10 +108,10 @@ OpenPlate open_plate(const Session& session, const StackDims& dims, const PlateC
 
 }  // namespace
 
-int haar_grid(const SessionInfo& info) {
-  const int n = info.grid_rows;
+HaarGrid haar_grid(const SessionInfo& info) {
+  const HaarGrid grid{info.grid_rows, info.grid_cols};
   const auto n_lights = static_cast<int>(info.lights.size());
-  return n > 0 && n == info.grid_cols && is_haar_size(n) && n_lights % (n * n) == 0 ? n : 0;
+  return is_worth_a_wavelet(grid) && n_lights % grid.size() == 0 ? grid : HaarGrid{};
 }
 
 PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {
@@ -284,7 +286,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   source.hash = rig.hash;
   source.kind = "plate";
   source.key = rig.hash;
-  if (source.grid == 0) {
+  if (source.grid.size() == 0) {
     rest.basis = BasisKind::direct;
   }
   if (auto summary = compress_smooth_plate(computed, source, file, rest)) {

@@ -15,8 +15,8 @@
 
 namespace haarlight {
 
-/// n where the session's lights form n x n grids with n a power of two, else 0.
-[[nodiscard]] int haar_grid(const SessionInfo& info);
+/// Of each face, where the session's lights form grids of rows and columns; else 0 x 0.
+[[nodiscard]] HaarGrid haar_grid(const SessionInfo& info);
 
 /// The plate that develop shares a shot's light out by, for sessions that light several lights
 /// at once and hold less than all of them (bins, target, some wavelets); empty for all others,

@@ -18,8 +18,26 @@
 
 namespace haarlight {
 
-/// True for 1, 2, 4, ... 1024: the sizes the transforms take.
+/// True for 1, 2, 4, ... 1024: the sizes the plain transforms take.
 [[nodiscard]] bool is_haar_size(int n) noexcept;
+
+/// Lights in rows and columns. Where these are no power of two, or differ, the unbalanced Haar
+/// transform is meant [Girardi97]: neighbours are paired, the last of an odd number waits for
+/// the next level, and a pair of groups of a and b lights with normalised sums x and y becomes
+///     s = (sqrt(a) x + sqrt(b) y) / sqrt(a + b),   d = (sqrt(b) x - sqrt(a) y) / sqrt(a + b),
+/// along x, then along y. It is orthonormal, needs as many coefficients as there are lights
+/// (padding with zeros would need up to four times as many), gives nothing but its mean for a
+/// constant, and is the transform above for an n x n grid.
+struct HaarGrid {
+  int rows = 0;
+  int cols = 0;
+  [[nodiscard]] int size() const noexcept { return rows * cols; }
+  /// Both are the same power of two.
+  [[nodiscard]] bool is_plain() const noexcept { return rows == cols && is_haar_size(rows); }
+  /// Sides of 1 to 1024.
+  [[nodiscard]] bool is_valid() const noexcept;
+  friend bool operator==(const HaarGrid&, const HaarGrid&) = default;
+};
 
 /// In place on x[row][col], n x n values. O(n^2). Pure but for `x`; safe from any thread.
 /// @throws ContractViolation  n no power of two up to 1024, or x of another size
@@ -28,6 +46,12 @@ void haar_forward(std::span<double> x, int n);
 /// The exact inverse up to rounding: 2 log2(n) additions a value.
 void haar_inverse(std::span<float> x, int n);
 void haar_inverse(std::span<double> x, int n);
+/// The same of every rows x cols array of x, one after the other; of a plain grid the same
+/// bits.
+void haar_forward(std::span<float> x, const HaarGrid& grid);
+void haar_forward(std::span<double> x, const HaarGrid& grid);
+void haar_inverse(std::span<float> x, const HaarGrid& grid);
+void haar_inverse(std::span<double> x, const HaarGrid& grid);
 
 /// The lossless integer S-transform: per level along x, then y: d = a - b, s = b + (d >> 1),
 /// s in the first half, d in the second; same layout as above. Values must
@@ -36,13 +60,21 @@ void s_transform_forward(std::span<std::int32_t> x, int n);
 void s_transform_forward(std::span<std::int64_t> x, int n);
 void s_transform_inverse(std::span<std::int32_t> x, int n);
 void s_transform_inverse(std::span<std::int64_t> x, int n);
+/// The same of every rows x cols array of x: the last of an odd number is its own s.
+void s_transform_forward(std::span<std::int64_t> x, const HaarGrid& grid);
+void s_transform_inverse(std::span<std::int64_t> x, const HaarGrid& grid);
 
 /// Level of the coefficient at (row, col): 0 for the mean, j for the details of the 2^(j-1)
 /// grid.
 [[nodiscard]] int haar_level(int row, int col) noexcept;
 
-/// Indices row * n + col from coarse to fine: by level, within a level by index. The order in
-/// which a basis file stores coefficients.
+/// Indices row * cols + col from coarse to fine: by level, within a level by index. The order
+/// in which a basis file stores coefficients.
 [[nodiscard]] std::vector<int> haar_order(int n);
+[[nodiscard]] std::vector<int> haar_order(const HaarGrid& grid);
+
+/// That order cut into groups: the coefficients of at least 8 a side together (all of a smaller
+/// grid), then a group a level. @return  where each ends
+[[nodiscard]] std::vector<int> haar_group_ends(const HaarGrid& grid);
 
 }  // namespace haarlight

@@ -312,21 +312,21 @@ template <class T>
 #endif
 
 template <class T>
-void transform_all(std::span<const T> in, std::span<T> out, int n, bool is_forward) {
-  HAARLIGHT_EXPECTS(is_haar_size(n), "the Haar transform needs a power of two up to 1024");
-  const std::size_t size = static_cast<std::size_t>(n) * static_cast<std::size_t>(n);
+void transform_all(std::span<const T> in, std::span<T> out, const HaarGrid& grid,
+                   bool is_forward) {
+  HAARLIGHT_EXPECTS(grid.is_valid(), "the Haar transform needs sides of 1 to 1024");
+  const auto size = static_cast<std::size_t>(grid.size());
   HAARLIGHT_EXPECTS(in.size() == out.size() && in.size() % size == 0,
-                    "whole n x n arrays, as many out as in");
+                    "whole arrays, as many out as in");
   const std::size_t grain = std::max<std::size_t>(1, kGrainValues / size);
-  if (n == 1 || n > kLargest) {
+  const int n = grid.rows;
+  if (!grid.is_plain() || n == 1 || n > kLargest) {
     parallel_for(in.size() / size, grain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const std::span<T> array = out.subspan(i * size, size);
-        if (in.data() != out.data()) {
-          std::copy_n(in.data() + i * size, size, array.data());
-        }
-        is_forward ? haar_forward(array, n) : haar_inverse(array, n);
+      const std::span<T> arrays = out.subspan(begin * size, (end - begin) * size);
+      if (in.data() != out.data()) {
+        std::copy_n(in.data() + begin * size, arrays.size(), arrays.data());
       }
+      is_forward ? haar_forward(arrays, grid) : haar_inverse(arrays, grid);
     });
     return;
   }
@@ -347,17 +347,21 @@ void transform_all(std::span<const T> in, std::span<T> out, int n, bool is_forwa
 
 }  // namespace
 
-void haar_forward_blocks(std::span<const float> in, std::span<float> out, int n) {
-  transform_all(in, out, n, true);
+void haar_forward_blocks(std::span<const float> in, std::span<float> out,
+                         const HaarGrid& grid) {
+  transform_all(in, out, grid, true);
 }
-void haar_forward_blocks(std::span<const double> in, std::span<double> out, int n) {
-  transform_all(in, out, n, true);
+void haar_forward_blocks(std::span<const double> in, std::span<double> out,
+                         const HaarGrid& grid) {
+  transform_all(in, out, grid, true);
 }
-void haar_inverse_blocks(std::span<const float> in, std::span<float> out, int n) {
-  transform_all(in, out, n, false);
+void haar_inverse_blocks(std::span<const float> in, std::span<float> out,
+                         const HaarGrid& grid) {
+  transform_all(in, out, grid, false);
 }
-void haar_inverse_blocks(std::span<const double> in, std::span<double> out, int n) {
-  transform_all(in, out, n, false);
+void haar_inverse_blocks(std::span<const double> in, std::span<double> out,
+                         const HaarGrid& grid) {
+  transform_all(in, out, grid, false);
 }
 
 }  // namespace haarlight

@@ -2,6 +2,8 @@
 
 #include <span>
 
+#include "relight/basis/haar.h"
+
 /// @file
 /// The Haar transform of haar.h for many arrays at once: the lights of many pixels. Memory is
 /// the limit: one reading, one writing past the caches, all levels in between in the first
@@ -10,12 +12,14 @@
 
 namespace haarlight {
 
-/// Every n x n array of `in`, one after the other, into the same place of `out`. In parallel.
-/// @param in, out  equal sizes, a multiple of n * n; the same memory or apart
-/// @throws ContractViolation  n no power of two up to 1024, other sizes
-void haar_forward_blocks(std::span<const float> in, std::span<float> out, int n);
-void haar_forward_blocks(std::span<const double> in, std::span<double> out, int n);
-void haar_inverse_blocks(std::span<const float> in, std::span<float> out, int n);
-void haar_inverse_blocks(std::span<const double> in, std::span<double> out, int n);
+/// Every array of `in`, one after the other, into the same place of `out`. In parallel.
+/// @param in, out  equal sizes, a multiple of the grid's; the same memory or apart
+/// @throws ContractViolation  no valid grid, other sizes
+void haar_forward_blocks(std::span<const float> in, std::span<float> out, const HaarGrid& grid);
+void haar_forward_blocks(std::span<const double> in, std::span<double> out,
+                         const HaarGrid& grid);
+void haar_inverse_blocks(std::span<const float> in, std::span<float> out, const HaarGrid& grid);
+void haar_inverse_blocks(std::span<const double> in, std::span<double> out,
+                         const HaarGrid& grid);
 
 }  // namespace haarlight

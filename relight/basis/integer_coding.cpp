@@ -37,30 +37,16 @@ std::span<const std::int32_t> IntegerPrediction::of(std::size_t pixel, std::int3
   return predicted_;
 }
 
-namespace {
-
-template <class Transform>
-void for_each_grid(const BasisHeader& header, std::span<std::int64_t> numbers,
-                   Transform transform) {
+void forward_integers(const BasisHeader& header, std::span<std::int64_t> numbers) {
   if (header.basis == BasisKind::haar) {
-    const auto side = static_cast<std::size_t>(header.grid);
-    const std::size_t per_grid = side * side;
-    for (std::size_t g = 0; g < numbers.size(); g += per_grid) {
-      transform(numbers.subspan(g, per_grid), header.grid);
-    }
+    s_transform_forward(numbers, header.grid);
   }
 }
 
-}  // namespace
-
-void forward_integers(const BasisHeader& header, std::span<std::int64_t> numbers) {
-  for_each_grid(header, numbers,
-                [](std::span<std::int64_t> x, int n) { s_transform_forward(x, n); });
-}
-
 void inverse_integers(const BasisHeader& header, std::span<std::int64_t> numbers) {
-  for_each_grid(header, numbers,
-                [](std::span<std::int64_t> x, int n) { s_transform_inverse(x, n); });
+  if (header.basis == BasisKind::haar) {
+    s_transform_inverse(numbers, header.grid);
+  }
 }
 
 }  // namespace haarlight

@@ -24,10 +24,7 @@ std::size_t count(int n) { return static_cast<std::size_t>(n); }
 std::vector<double> light_coefficients(const BasisHeader& header, const Eigen::VectorXd& w) {
   std::vector<double> light(w.data(), w.data() + w.size());
   if (header.basis == BasisKind::haar) {
-    const std::size_t per_grid = count(header.grid) * count(header.grid);
-    for (std::size_t g = 0; g < light.size(); g += per_grid) {
-      haar_forward(std::span(light).subspan(g, per_grid), header.grid);
-    }
+    haar_forward(std::span(light), header.grid);
   }
   return light;
 }

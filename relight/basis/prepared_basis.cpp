@@ -215,8 +215,7 @@ void PreparedBasis::unpack(const BasisFile& basis, std::uint64_t memory_bytes) {
 void PreparedBasis::measure_products(double most) {
   const int n_lights = header_.dims.n_lights;
   const std::size_t channels = count(header_.dims.channels);
-  const std::size_t per_grid =
-      header_.grid > 0 ? count(header_.grid) * count(header_.grid) : count(n_lights);
+  const std::size_t per_grid = count(header_.n_grids() > 0 ? header_.grid.size() : n_lights);
   const std::size_t n_grids = count(n_lights) / per_grid;
   double work = 0.0;
   for (const SparseTile& tile : tiles_) {
@@ -286,8 +285,7 @@ std::vector<double> PreparedBasis::sharper_tails(const LightQuery& query,
                                                  std::span<const int> ranked) const {
   constexpr double kRounding = 0x1p-22;
   const std::size_t n_lights = query.light.size();
-  const std::size_t per_grid =
-      header_.grid > 0 ? count(header_.grid) * count(header_.grid) : n_lights;
+  const std::size_t per_grid = header_.n_grids() > 0 ? count(header_.grid.size()) : n_lights;
   const std::size_t n_grids = n_lights / per_grid;
   std::vector<double> sums(n_lights);  // R x
   std::vector<double> square(n_grids);

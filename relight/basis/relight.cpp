@@ -194,10 +194,7 @@ std::vector<RelitPicture> Relighting::sum() {
     for (const LightQuery& query : queries_) {
       std::vector<double> w = query.light;
       if (header.basis == BasisKind::haar && query.terms < query.terms_all) {
-        const std::size_t per_grid = count(header.grid) * count(header.grid);
-        for (std::size_t g = 0; g < w.size(); g += per_grid) {
-          haar_inverse(std::span(w).subspan(g, per_grid), header.grid);
-        }
+        haar_inverse(std::span(w), header.grid);
       } else if (query.terms == query.terms_all) {
         w = query.given;
       }

@@ -6,16 +6,15 @@
 #include <vector>
 
 #include "core/error.h"
-#include "relight/basis/haar.h"
 
 namespace haarlight {
 
 // The transform is orthonormal: what is dropped is the squared error, but which light it falls
 // on must be seen after going back.
-HaarSize measure_light_haar(const LightSample& sample, int side, int n_kept) {
-  const auto n_grid = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
+HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid, int n_kept) {
   const auto n_lights = static_cast<std::size_t>(sample.n_lights());
-  HAARLIGHT_EXPECTS(is_haar_size(side) && n_lights % n_grid == 0, "whole grids of lights");
+  HAARLIGHT_EXPECTS(grid.is_valid() && n_lights % static_cast<std::size_t>(grid.size()) == 0,
+                    "whole grids of lights");
   std::vector<double> squares(n_lights);
   std::vector<float> values(3 * n_lights);  // channel by channel, grid by grid
   std::vector<float> sizes(values.size());
@@ -25,9 +24,7 @@ HaarSize measure_light_haar(const LightSample& sample, int side, int n_kept) {
         values[c * n_lights + k] = sample.values(static_cast<Eigen::Index>(3 * k + c), j);
       }
     }
-    for (std::size_t at = 0; at < values.size(); at += n_grid) {
-      haar_forward(std::span(values).subspan(at, n_grid), side);
-    }
+    haar_forward(std::span(values), grid);
     std::transform(values.begin(), values.end(), sizes.begin(),
                    [](float value) { return std::abs(value); });
     if (static_cast<std::size_t>(n_kept) < values.size()) {
@@ -38,9 +35,7 @@ HaarSize measure_light_haar(const LightSample& sample, int side, int n_kept) {
         value = std::abs(value) > threshold ? value : 0.0F;
       }
     }
-    for (std::size_t at = 0; at < values.size(); at += n_grid) {
-      haar_inverse(std::span(values).subspan(at, n_grid), side);
-    }
+    haar_inverse(std::span(values), grid);
     for (std::size_t k = 0; k < n_lights; ++k) {
       for (std::size_t c = 0; c < 3; ++c) {
         const auto error = static_cast<double>(

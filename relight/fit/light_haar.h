@@ -1,5 +1,6 @@
 #pragma once
 
+#include "relight/basis/haar.h"
 #include "relight/fit/light_sample.h"
 
 /// @file
@@ -14,7 +15,8 @@ struct HaarSize {
 };
 
 /// The `n_kept` largest of a pixel's coefficients over all three channels, values as they are.
-/// @param side  lights a side of each grid: 1, 2, 4, ...; the sample's lights are whole grids
-[[nodiscard]] HaarSize measure_light_haar(const LightSample& sample, int side, int n_kept);
+/// @param grid  of each face; the sample's lights are whole grids
+[[nodiscard]] HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid,
+                                          int n_kept);
 
 }  // namespace haarlight

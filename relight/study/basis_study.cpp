@@ -376,7 +376,6 @@ void Study::add_subject(const KnownBasis& known, bool has_plate,
 
 void Study::make_subjects() {
   const ArrayGrid& grid = capture_.grid;
-  const bool is_haar = grid.is_grid() && grid.rows == grid.cols && is_haar_size(grid.rows);
   for (const KnownBasis& known : known_bases()) {
     if (!is_wanted(options_, known.name)) {
       continue;
@@ -386,9 +385,15 @@ void Study::make_subjects() {
       continue;
     }
     const bool is_of_haar = known.name.starts_with("haar");
-    if (is_of_haar && !is_haar) {
+    const bool is_standard = known.name == "haar-standard";
+    if (is_of_haar && !HaarGrid{grid.rows, grid.cols}.is_valid()) {
+      left_out_.push_back({known.title, fmt::format("{} x {} lights: more than 1024 a side",
+                                                    grid.rows, grid.cols)});
+      continue;
+    }
+    if (is_standard && !(is_haar_size(grid.rows) && is_haar_size(grid.cols))) {
       left_out_.push_back(
-          {known.title, fmt::format("{} x {} lights are no square of 2, 4, 8, ... a side",
+          {known.title, fmt::format("{} x {} lights: rows and columns must be powers of two",
                                     grid.rows, grid.cols)});
       continue;
     }
@@ -396,7 +401,7 @@ void Study::make_subjects() {
     if (known.name == "direct") {
       transform = make_direct_transform(dims_.n_lights);
     } else if (is_of_haar) {
-      transform = make_haar_transform(grid, known.name == "haar-standard");
+      transform = make_haar_transform(grid, is_standard);
     } else if (known.name == "dct") {
       transform = make_dct_transform(grid);
     } else if (known.name == "cdf53") {

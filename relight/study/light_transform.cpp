@@ -69,15 +69,28 @@ class FaceTransform : public LightTransform {
   ArrayGrid grid_;
 };
 
-class NonstandardHaar final : public FaceTransform {
+/// haar.h of all faces of all pixels.
+class NonstandardHaar final : public LightTransform {
  public:
-  explicit NonstandardHaar(const ArrayGrid& grid) : FaceTransform(grid) {
-    HAARLIGHT_EXPECTS(grid.rows == grid.cols && is_haar_size(grid.rows), "a Haar grid");
+  explicit NonstandardHaar(const ArrayGrid& grid)
+      : grid_{grid.rows, grid.cols}, n_faces_(grid.n_faces) {
+    HAARLIGHT_EXPECTS(grid_.is_valid() && n_faces_ > 0,
+                      "a grid of lights of up to 1024 a side");
+  }
+  [[nodiscard]] int n_lights() const override { return grid_.size() * n_faces_; }
+  [[nodiscard]] int n_coefficients() const override { return n_lights(); }
+  void analyse(std::span<const float> lights, std::span<float> coefficients) const override {
+    std::copy(lights.begin(), lights.end(), coefficients.begin());
+    haar_forward(coefficients, grid_);
+  }
+  void synthesise(std::span<const float> coefficients, std::span<float> lights) const override {
+    std::copy(coefficients.begin(), coefficients.end(), lights.begin());
+    haar_inverse(lights, grid_);
   }
 
- protected:
-  void forward(std::span<float> face) const override { haar_forward(face, grid().rows); }
-  void inverse(std::span<float> face) const override { haar_inverse(face, grid().rows); }
+ private:
+  HaarGrid grid_;
+  int n_faces_;
 };
 
 constexpr auto kHalf = static_cast<float>(1.0 / std::numbers::sqrt2);

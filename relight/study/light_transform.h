@@ -60,7 +60,7 @@ class LightTransform {
 [[nodiscard]] std::unique_ptr<LightTransform> make_direct_transform(int n_lights);
 
 /// 2-D Haar, nonstandard (haar.h) or standard: every row through all levels, then every column.
-/// @throws ContractViolation  rows or cols no power of two; nonstandard: rows != cols
+/// @throws ContractViolation  rows or cols beyond 1024; standard: no power of two
 [[nodiscard]] std::unique_ptr<LightTransform> make_haar_transform(const ArrayGrid& grid,
                                                                   bool is_standard);
 

@@ -186,7 +186,7 @@ class FolderAndList(unittest.TestCase):
         # No grid of lights: the basis is chosen, and that is said with the folder's name.
         done = self.programs.run("compress", "new", "-o", "new.hlb", cwd=self.folder)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("new: its lights form no square grids", done.stderr)
+        self.assertIn("new: its lights form no grids of rows and columns", done.stderr)
         self.assertIn("next: haarlight view new.hlb", done.stderr)
         done = self.programs.run("compress", "new", "-o", "haar.hlb", "--basis", "haar", cwd=self.folder)
         self.assertEqual(done.returncode, BAD_INPUT)
@@ -199,6 +199,30 @@ class FolderAndList(unittest.TestCase):
         # Quiet: results and errors alone.
         done = self.programs.run("compress", "new", "-o", "two.hlb", "--quiet", cwd=self.folder)
         self.assertNotIn("next:", done.stderr)
+
+    def test_lights_in_a_grid_of_any_sides_become_wavelets(self):
+        names = [f"{c}.png" for c in "abcdefghijklmno"]
+        self.renew(lambda f: [put(f / "in" / name) for name in names[4:]], lines(names))
+        self.assertEqual(self.run_verb("import", "--grid", "3x5").returncode, 0)
+        done = self.programs.run("compress", "new", "-o", "wide.hlb", cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("15 lights; haar basis", done.stdout)
+        self.assertNotIn("direct", done.stderr)
+        done = self.programs.run("compress", "new", "-o", "all.hlb", "--max-error", "0", cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(b'"basis":"unbalanced haar"', (self.folder / "all.hlb").read_bytes())
+        # Each light's picture, whole: grey and nothing else.
+        for light, name in ((0, "a.png"), (7, "h.png"), (14, "o.png")):
+            done = self.programs.run("relight", "all.hlb", "--light", str(light), "--against", "new",
+                                     "-o", "one.exr", "--force", cwd=self.folder)
+            self.assertEqual(done.returncode, 0, name + done.stderr)
+            self.assertRegex(done.stdout, "against the session: relative error 0,|relative error [0-9.]*e-0[789]")
+        done = self.programs.run("relight", "wide.hlb", "--lights", "0,7,14", "--max-error", "0.2",
+                                 "-o", "three.exr", cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = self.programs.run("bases", "wide.hlb", "-o", "bases", "--basis", "haar", "--basis", "direct", cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("Haar ", done.stdout)
 
 
 if __name__ == "__main__":

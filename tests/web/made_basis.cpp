@@ -1,6 +1,6 @@
 /// @file
 /// Writes a small basis file for the viewer's tests and benchmarks: a sphere over a plane under
-/// an n x n array, from closed forms. made_basis --help
+/// an array of lights, from closed forms. made_basis --help
 
 #include <cstdio>
 #include <exception>
@@ -28,6 +28,7 @@ struct Options {
   int height = 36;
   int channels = 1;
   int grid = 8;
+  int rows = 0;
   double max_error = 0.01;
   std::optional<double> worst_pixel;
   std::string basis = "haar";
@@ -39,10 +40,12 @@ struct Options {
 void make(const Options& options) {
   test::MadeScene scene{options.width, options.height, options.grid, options.channels};
   scene.noise = options.noise;
+  scene.rows = options.rows;
   std::optional<Rig> rig;
   if (!options.rig.empty()) {
     rig = read_rig_as_written(options.rig);
-    scene.grid = rig->faces.front().rows;
+    scene.grid = rig->faces.front().cols;
+    scene.rows = rig->faces.front().rows;
   }
   const MemoryStack stack = test::render_stack(scene);
   if (options.tile > 0) {
@@ -60,8 +63,9 @@ void make(const Options& options) {
   if (options.worst_pixel) {
     how.worst_pixel = *options.worst_pixel;
   }
-  CompressSource source = test::made_source(stack, options.basis == "haar" ? scene.grid : 0,
-                                            plate ? &*plate : nullptr);
+  const HaarGrid grid =
+      options.basis == "haar" ? HaarGrid{scene.n_rows(), scene.grid} : HaarGrid{};
+  CompressSource source = test::made_source(stack, grid, plate ? &*plate : nullptr);
   if (rig) {
     source.lights.clear();
     source.rig_toml = rig->text;
@@ -77,11 +81,13 @@ int run(int argc, char** argv) {
   Command program = line.root();
   Options options;
   program.option("OUT", &options.output, "File to write", {.is_required = true});
-  program.option("--rig", &options.rig, "Rig of one square face (default: an import's lights)");
+  program.option("--rig", &options.rig, "Rig of one face (default: an import's lights)");
   program.option("--width", &options.width, "Pixels");
   program.option("--height", &options.height, "Pixels");
   program.option("--channels", &options.channels, "1 or 3");
   program.option("--grid", &options.grid, "Lights along a side, without a rig");
+  program.option("--rows", &options.rows,
+                 "Rows of lights, where there are others than columns");
   program.option("--max-error", &options.max_error, "0: lossless");
   program.option("--worst-pixel", &options.worst_pixel, "Bound on a pixel's own error");
   program.option("--basis", &options.basis, "haar or direct");

@@ -81,6 +81,7 @@ const kBases = {
   colour: ['--rig', kSmall8, '--width', 50, '--height', 66, '--channels', 3, '--plate'],
   lossless: ['--grid', 8, '--width', 64, '--height', 70, '--basis', 'direct', '--max-error', 0],
   import: ['--grid', 8, '--width', 50, '--height', 40, '--channels', 3],
+  '9x7': ['--grid', 7, '--rows', 9, '--width', 50, '--height', 40, '--channels', 3],
 };
 for (const [name, words] of Object.entries(kBases)) {
   await suite.test(`${name}: from a plain server below a sub-path, the command's pictures`, async () => {

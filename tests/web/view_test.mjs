@@ -23,6 +23,16 @@ fs.mkdirSync(folder, {recursive: true});
 
 const kSmall8 = path.join(source, 'configs/rigs/small8.toml');
 
+/** That rig with a face of other rows and columns. */
+function rigOf(rows, cols) {
+  const file = path.join(folder, `rig-${rows}x${cols}.toml`);
+  const text = fs.readFileSync(kSmall8, 'utf8').replace(/^rows = .*/m, `rows = ${rows}`)
+    .replace(/^cols = .*/m, `cols = ${cols}`).replace(/^pitch = .*/m, 'pitch = 30.0')
+    .replace(/^emitter = .*/m, 'emitter = [28.0, 28.0]').replace(/^max_watts = .*/m, 'max_watts = 9000.0');
+  fs.writeFileSync(file, text);
+  return file;
+}
+
 /** A basis file of the made scene. */
 function made(name, ...words) {
   const file = path.join(folder, `${name}.hlb`);
@@ -86,11 +96,11 @@ const lit = page => page.evaluate(() => {
 });
 
 /** The pointer pressed over cells of the first map. */
-async function drag(page, cells, cols = 8) {
+async function drag(page, cells, cols = 8, rows = cols) {
   const canvas = page.locator('.face canvas');
   await canvas.scrollIntoViewIfNeeded();
   const box = await canvas.boundingBox();
-  const at = ([row, col]) => [box.x + (col + 0.5) / cols * box.width, box.y + (row + 0.5) / cols * box.height];
+  const at = ([row, col]) => [box.x + (col + 0.5) / cols * box.width, box.y + (row + 0.5) / rows * box.height];
   await page.mouse.move(...at(cells[0]));
   await page.mouse.down();
   for (const cell of cells.slice(1)) {
@@ -111,6 +121,9 @@ const kFiles = {
   'lossless-haar': ['--rig', kSmall8, '--width', 33, '--height', 31, '--channels', 3, '--max-error', 0],
   tiles: ['--grid', 8, '--width', 70, '--height', 53, '--channels', 3, '--tile', 30],
   import: ['--grid', 8, '--width', 50, '--height', 40, '--channels', 3],
+  '17x30': ['--rig', rigOf(17, 30), '--width', 40, '--height', 36, '--plate'],
+  '13x5': ['--rig', rigOf(13, 5), '--width', 50, '--height', 66, '--channels', 3],
+  'lossless-9x11': ['--rig', rigOf(9, 11), '--width', 33, '--height', 31, '--channels', 3, '--max-error', 0],
 };
 const kSums = ['processor', 'graphics'];
 for (const [name, words] of Object.entries(kFiles)) {
@@ -118,7 +131,9 @@ for (const [name, words] of Object.entries(kFiles)) {
     await suite.test(`${name}, summed by ${sums}: one light, nine lights, few terms are the command's pictures`, async () =>
       viewing(made(name, ...words), async (page, viewer) => {
         let share = 0;
-        for (const [lights, terms] of [[{27: 1}, null], [nine, null], [nine, 0], [nine, 1], [nine, 9], [{63: 3}, 4]]) {
+        const last = await page.evaluate(() => window.haarlightView.basis.nLights - 1);
+        for (const [lights, terms] of [[{27: 1}, null], [{[last]: 1}, null], [nine, null], [nine, 0], [nine, 1], [nine, 9],
+                                       [{63: 3}, 4], [{28: 1, [last]: 2}, 7]]) {
           if (terms === 0 && !words.includes('--plate')) {
             continue;  // nothing but the plate would be left
           }
@@ -349,6 +364,34 @@ await suite.test('paint, erase, colours, all dark', async () =>
     await drag(page, [[2, 2], [2, 5]]);
     const left = await lit(page);
     expect([18, 19, 20, 21].every(k => !left.includes(k)), `left ${left}`);
+  }));
+
+await suite.test('rows and columns of any number are painted where they stand', async () =>
+  viewing(made('17x30', ...kFiles['17x30']), async (page, viewer) => {
+    const shape = await page.locator('.face canvas').boundingBox();
+    expect(Math.abs(shape.width / shape.height - 30 / 17) < 0.02, `a face ${shape.width} x ${shape.height}`);
+    await drag(page, [[1, 1], [14, 27]], 30, 17);
+    expect(String(await lit(page)) === String(14 * 30 + 27), `light ${await lit(page)} burns, not ${14 * 30 + 27}`);
+    await page.keyboard.press('ArrowUp');
+    expect(/light 417, row 13, column 27: drive 1/.test(await textOf(page, '#map-readout')),
+      await textOf(page, '#map-readout'));
+    await page.keyboard.press('End');
+    expect(String(await lit(page)) === '509', 'End is the last light');
+    await page.locator('#clear').click();
+    await page.locator('#mode-paint').click();
+    await page.locator('#brush').fill('1');
+    await page.locator('#strength').fill('1');
+    await drag(page, Array.from({length: 27}, (_, i) => [16, 3 + i]), 30, 17);
+    const painted = await lit(page);
+    const row = Array.from({length: 27}, (_, i) => 16 * 30 + 3 + i);
+    expect(row.every(k => painted.includes(k)) && painted.every(k => k >= 14 * 30), `painted ${painted}`);
+    await settled(page);
+    const download = page.waitForEvent('download');
+    await page.locator('#save-drives').click();
+    const drives = path.join(folder, 'drives-17x30.json');
+    await (await download).saveAs(drives);
+    const {worst} = await compareWithPng(page, relight(haarlight, viewer.file, ['--weights', drives], folder).url);
+    expect(worst <= 1, `painted light differs by ${worst}`);
   }));
 
 await suite.test('exposure, hold, and Save PNG', async () =>

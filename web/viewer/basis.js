@@ -34,7 +34,7 @@ export class Basis {
     const {width, height, channels} = about.picture;
     Object.assign(this, {width, height, channels});
     this.nLights = about.lights.count;
-    this.grid = about.lights.grid;
+    this.grid = {rows: about.lights.rows, cols: about.lights.cols};
     this.isHaar = about.basis === 'haar';
     this.isLossless = about.coding === 'lossless';
     this.rank = about.plate.rank;

@@ -1,7 +1,17 @@
 // The 2-D Haar transform of relight/basis/haar.cpp, operation by operation: the same bits.
 
-/** In place on n x n numbers at `start`. */
-export function haarForward(x, start, n) {
+const isPlain = ({rows, cols}) => rows === cols && Number.isInteger(Math.log2(rows));
+
+/** In place on rows x cols numbers at `start`. */
+export function haarForward(x, start, grid) {
+  isPlain(grid) ? plainForward(x, start, grid.rows) : unbalancedForward(x, start, grid);
+}
+
+export function haarInverse(x, start, grid) {
+  isPlain(grid) ? plainInverse(x, start, grid.rows) : unbalancedInverse(x, start, grid);
+}
+
+function plainForward(x, start, n) {
   const scratch = new Float64Array(n * n);
   for (let m = n; m > 1; m /= 2) {
     const h = m / 2;
@@ -29,7 +39,7 @@ export function haarForward(x, start, n) {
   }
 }
 
-export function haarInverse(x, start, n) {
+function plainInverse(x, start, n) {
   const scratch = new Float64Array(n * n);
   for (let m = 2; m <= n; m *= 2) {
     const h = m / 2;
@@ -54,5 +64,75 @@ export function haarInverse(x, start, n) {
         x[bottom + 1] = (sumBottom - differenceBottom) * 0.5;
       }
     }
+  }
+}
+
+/** Along one side of n lights, for each level: its length and the parts of each pair's values in their sum. */
+function levelsOf(n) {
+  const levels = [];
+  let counts = new Array(n).fill(1);
+  while (counts.length > 1) {
+    const pairs = [];
+    const merged = [];
+    for (let j = 0; j + 1 < counts.length; j += 2) {
+      const both = counts[j] + counts[j + 1];
+      pairs.push([Math.sqrt(counts[j] / both), Math.sqrt(counts[j + 1] / both)]);
+      merged.push(both);
+    }
+    if (counts.length % 2 === 1) {
+      merged.push(counts[counts.length - 1]);
+    }
+    levels.push({length: counts.length, pairs});
+    counts = merged;
+  }
+  return levels;
+}
+
+/** Lines as [first, stride, level], along x and along y, in the order of the forward transform. */
+function linesOf({rows, cols}, start) {
+  const [alongX, alongY] = [levelsOf(cols), levelsOf(rows)];
+  const lines = [];
+  for (let i = 0; i < Math.max(alongX.length, alongY.length); ++i) {
+    const height = alongY[i]?.length ?? 1;
+    const width = alongX[i]?.length ?? 1;
+    for (let row = 0; alongX[i] && row < height; ++row) {
+      lines.push([start + row * cols, 1, alongX[i]]);
+    }
+    for (let col = 0; alongY[i] && col < width; ++col) {
+      lines.push([start + col, cols, alongY[i]]);
+    }
+  }
+  return lines;
+}
+
+function unbalancedForward(x, start, grid) {
+  for (const [first, stride, {length, pairs}] of linesOf(grid, start)) {
+    const h = (length + 1) >> 1;
+    const line = new Float64Array(length);
+    pairs.forEach(([a, b], j) => {
+      const [u, v] = [x[first + 2 * j * stride], x[first + (2 * j + 1) * stride]];
+      line[j] = a * u + b * v;
+      line[j + h] = b * u - a * v;
+    });
+    if (length % 2 === 1) {
+      line[h - 1] = x[first + (length - 1) * stride];
+    }
+    line.forEach((value, j) => (x[first + j * stride] = value));
+  }
+}
+
+function unbalancedInverse(x, start, grid) {
+  for (const [first, stride, {length, pairs}] of linesOf(grid, start).reverse()) {
+    const h = (length + 1) >> 1;
+    const line = new Float64Array(length);
+    pairs.forEach(([a, b], j) => {
+      const [s, d] = [x[first + j * stride], x[first + (j + h) * stride]];
+      line[2 * j] = a * s + b * d;
+      line[2 * j + 1] = b * s - a * d;
+    });
+    if (length % 2 === 1) {
+      line[length - 1] = x[first + (h - 1) * stride];
+    }
+    line.forEach((value, j) => (x[first + j * stride] = value));
   }
 }

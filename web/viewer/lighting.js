@@ -5,8 +5,8 @@ import {haarForward, haarInverse} from './haar.js';
 
 function transform(basis, values, one) {
   if (basis.isHaar) {
-    const n = basis.grid ** 2;
-    for (let start = 0; start < values.length; start += n) {
+    const {rows, cols} = basis.grid;
+    for (let start = 0; start < values.length; start += rows * cols) {
       one(values, start, basis.grid);
     }
   }

@@ -42,7 +42,8 @@ class Publish : public ::testing::Test {
 };
 
 /// ||left out||^2 / ||T||^2 from the closed forms themselves, not from the file's tables.
-double left_out_share(MemoryStack stack, int grid, const Json& left_out) {  // at() is not const
+double left_out_share(MemoryStack stack, const HaarGrid& grid,
+                      const Json& left_out) {  // at() is not const
   const StackDims dims = stack.dims();
   double left = 0.0;
   double all = 0.0;
@@ -54,7 +55,7 @@ double left_out_share(MemoryStack stack, int grid, const Json& left_out) {  // a
           row[static_cast<std::size_t>(k)] = double(stack.at(c, y, x, k));
           all += row[static_cast<std::size_t>(k)] * row[static_cast<std::size_t>(k)];
         }
-        if (grid > 0) {
+        if (grid.size() > 0) {
           haar_forward(std::span<double>(row), grid);
         }
         for (const Json& k : left_out) {
@@ -66,8 +67,8 @@ double left_out_share(MemoryStack stack, int grid, const Json& left_out) {  // a
   return left / all;
 }
 
-void expect_error_holds(const MemoryStack& stack, int grid, const PublishedBasis& told,
-                        const Json& about) {
+void expect_error_holds(const MemoryStack& stack, const HaarGrid& grid,
+                        const PublishedBasis& told, const Json& about) {
   const Json& left_out = about.at("published").at("left_out");
   EXPECT_EQ(static_cast<int>(left_out.size()), told.terms_all - told.terms);
   const double truth = std::sqrt(left_out_share(stack, grid, left_out));
@@ -81,7 +82,7 @@ TEST_F(Publish, SaysWhatLeftOutLightsAndCoefficientsCost) {
   const BasisFile import = test::small_import_basis(folder_.path());
   const PublishedBasis fewer = publish(import, "import", {.terms = 9});
   EXPECT_EQ(fewer.terms, 9);
-  expect_error_holds(test::make_stack({.grid = 4, .channels = 3}), 0, fewer,
+  expect_error_holds(test::make_stack({.grid = 4, .channels = 3}), {}, fewer,
                      about_of(site("import")));
 
   const MemoryStack& stack = test::make_stack({.grid = 8});
@@ -90,10 +91,20 @@ TEST_F(Publish, SaysWhatLeftOutLightsAndCoefficientsCost) {
   const PublishedBasis within = publish(haar, "haar", {.max_error = 0.1});
   EXPECT_LE(within.error, 0.1);
   EXPECT_LT(within.terms, 64);
-  expect_error_holds(stack, 8, within, about_of(site("haar")));
+  expect_error_holds(stack, {8, 8}, within, about_of(site("haar")));
   // One term fewer would break it.
   const PublishedBasis less = publish(haar, "less", {.terms = within.terms - 1});
   EXPECT_GT(less.error, 0.1);
+
+  const MemoryStack& wide = test::make_stack({.grid = 9, .rows = 5});
+  (void)compress_stack(test::made_source(wide, HaarGrid{5, 9}), folder_.path() / "wide.hlb",
+                       {});
+  const PublishedBasis part =
+      publish(BasisFile::open(folder_.path() / "wide.hlb"), "wide", {.terms = 20});
+  const Json about = about_of(site("wide"));
+  expect_error_holds(wide, {5, 9}, part, about);
+  EXPECT_EQ(about.at("lights").at("rows"), 5);
+  EXPECT_EQ(about.at("lights").at("cols"), 9);
 }
 
 TEST_F(Publish, AFolderIsWholeOrNotThere) {

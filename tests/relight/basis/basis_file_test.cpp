@@ -135,12 +135,41 @@ TEST(BasisFile, BrokenHeadersAreRefusedByField) {
   refuse("\"basis\":\"haar\"", "\"basis\":\"fourier\"", "fourier");
   refuse("\"grid\":8", "\"grid\":7", "no grids");
   refuse("\"grid\":8", "\"grid\":0", "without a grid");
+  refuse("\"grid\":8", "\"grid\":-8", "'lights.grid'");
+  refuse("\"grid\":8", "\"grid\":8,\"rows\":8,\"cols\":8", "'lights.rows'");
+  refuse("\"grid\":8", "\"grid\":0,\"rows\":8,\"cols\":8", "'lights.rows'");
+  refuse("\"grid\":8", "\"grid\":0,\"rows\":4,\"cols\":16",
+         "basis 'haar' over a grid of 4 x 16");
   refuse("\"count\":64", "\"count\":63", "group_ends");
   refuse("\"tile\":32", "\"tile\":\"x\"", "'tile'");
   refuse("\"tile\":32", "\"tile\":16", "index");
   refuse("\"rank\":", "\"rank\":1", "");
   refuse("\"dead_zone\":0.6", "\"dead_zone\":-1", "'dead_zone'");
   refuse("\"group_ends\":[64", "\"group_ends\":[65", "group_ends");
+}
+
+TEST(BasisFile, BrokenGridsOfOtherSidesAreRefusedByField) {
+  const test::TemporaryFolder folder;
+  const auto path = folder.path() / "wide.hlb";
+  const MemoryStack stack = make_stack({.width = 9, .height = 8, .grid = 5, .rows = 3});
+  (void)compress_stack(made_source(stack, HaarGrid{3, 5}), path, {});
+  const std::string good = read_file(path);
+  const auto changed = [&](const std::string& from, const std::string& to) {
+    return test::with_header(good, [&](const std::string& h) { return replace(h, from, to); });
+  };
+  EXPECT_NO_THROW(read_everything(good));
+  // Fewer lights than rows * cols, 15 lights that are no grids of 3 x 4, other ranges.
+  expect_refused(changed("\"rows\":3", "\"rows\":4"), "15 lights are no grids of 4 x 5");
+  expect_refused(changed("\"cols\":5", "\"cols\":1024"), "15 lights are no grids of 3 x 1024");
+  for (const char* const rows :
+       {"0", "-3", "1025", "2147483648", "4294967299", "\"3\"", "3.0"}) {
+    expect_refused(changed("\"rows\":3", std::string("\"rows\":") + rows), "'lights.rows'");
+  }
+  expect_refused(changed("\"cols\":5", "\"columns\":5"), "'lights.cols' is missing");
+  expect_refused(changed("\"rows\":3", "\"height\":3"), "'lights.rows' is missing");
+  expect_refused(changed("\"grid\":0", "\"grid\":3"), "'lights.grid' = 3");
+  expect_refused(changed("\"basis\":\"unbalanced haar\"", "\"basis\":\"haar\""),
+                 "basis 'haar' over a grid of 3 x 5");
 }
 
 /// What a later program adds is skipped; what this one knows must be what it says.

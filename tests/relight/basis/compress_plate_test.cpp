@@ -136,7 +136,7 @@ TEST(CompressPlateFile, StatesWhatItsOwnModelMisses) {
   source.stack = &plate;
   source.plate = &plate;
   source.plate_kind = "computed";
-  source.grid = 32;
+  source.grid = {32, 32};
   source.rig_toml = rig.text;
   source.kind = "plate";
   const auto path = folder.path() / "plate.hlb";

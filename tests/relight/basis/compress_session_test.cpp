@@ -93,7 +93,7 @@ TEST(CompressPlate, RigsPlateIsAFileThatGivesThePlateBack) {
   EXPECT_TRUE(summary.is_reached());
   const BasisFile basis = BasisFile::open(file);
   EXPECT_EQ(basis.header().kind, "plate");
-  EXPECT_EQ(basis.header().grid, 8);
+  EXPECT_EQ(basis.header().grid, (HaarGrid{8, 8}));
   EXPECT_EQ(basis.header().rig_hash, rig.hash);
   EXPECT_EQ(parse_rig(basis.header().rig_toml, "x").n_lights(), 64);
   const MemoryStack plate = read_all(ComputedPlate(rig));

@@ -42,12 +42,12 @@ template <class T>
 void expect_same_bits(int n, std::size_t n_arrays) {
   const auto in = random_values<T>(n_arrays * static_cast<std::size_t>(n * n));
   std::vector<T> out(in.size());
-  haar_forward_blocks(std::span<const T>(in), std::span(out), n);
+  haar_forward_blocks(std::span<const T>(in), std::span(out), {n, n});
   EXPECT_TRUE(has_same_bits(out, one_by_one(in, n, true))) << n << ' ' << n_arrays;
-  haar_inverse_blocks(std::span<const T>(in), std::span(out), n);
+  haar_inverse_blocks(std::span<const T>(in), std::span(out), {n, n});
   EXPECT_TRUE(has_same_bits(out, one_by_one(in, n, false))) << n << ' ' << n_arrays;
   std::vector<T> in_place = in;
-  haar_forward_blocks(std::span<const T>(in_place), std::span(in_place), n);
+  haar_forward_blocks(std::span<const T>(in_place), std::span(in_place), {n, n});
   EXPECT_TRUE(has_same_bits(in_place, one_by_one(in, n, true))) << n << ' ' << n_arrays;
 }
 
@@ -68,12 +68,26 @@ TEST(HaarBlocks, GiveThemPastTheCachesTooOnAnyNumberOfThreads) {
 TEST(HaarBlocks, RefuseOtherSizes) {
   const std::vector<float> in(64);
   std::vector<float> out(64);
-  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out), 3),
+  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out), {0, 3}),
                ContractViolation);
-  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out), 16),
+  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out), {16, 16}),
                ContractViolation);
-  EXPECT_THROW(haar_forward_blocks(std::span<const float>(in), std::span(out).first(16), 4),
-               ContractViolation);
+  EXPECT_THROW(
+      haar_forward_blocks(std::span<const float>(in), std::span(out).first(16), {4, 4}),
+      ContractViolation);
+}
+
+TEST(HaarBlocks, OfUnbalancedGridsAreThoseOfOneArray) {
+  const HaarGrid grid{17, 30};
+  const auto in = random_values<float>(1000 * static_cast<std::size_t>(grid.size()));
+  std::vector<float> one = in;
+  haar_forward(std::span(one), grid);
+  std::vector<float> out(in.size());
+  haar_forward_blocks(std::span<const float>(in), std::span(out), grid);
+  EXPECT_TRUE(has_same_bits(out, one));
+  haar_inverse_blocks(std::span<const float>(out), std::span(out), grid);
+  haar_inverse(std::span(one), grid);
+  EXPECT_TRUE(has_same_bits(out, one));
 }
 
 }  // namespace

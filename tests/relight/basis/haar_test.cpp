@@ -188,5 +188,229 @@ TEST(Haar, RefusesOtherSizes) {
   EXPECT_THROW(haar_inverse(x, 4), ContractViolation);
 }
 
+// ---- grids of any sides ----
+
+std::vector<double> transformed(const HaarGrid& grid, std::vector<double> x) {
+  haar_forward(std::span(x), grid);
+  return x;
+}
+
+TEST(UnbalancedHaar, IsOrthonormalForAllSmallGrids) {
+  for (int rows = 1; rows <= 9; ++rows) {
+    for (int cols = 1; cols <= 9; ++cols) {
+      const HaarGrid grid{rows, cols};
+      const auto n = static_cast<std::size_t>(grid.size());
+      std::vector<std::vector<double>> columns;
+      for (std::size_t i = 0; i < n; ++i) {
+        std::vector<double> unit(n, 0.0);
+        unit[i] = 1.0;
+        columns.push_back(transformed(grid, unit));
+      }
+      for (std::size_t i = 0; i < n; ++i) {
+        for (std::size_t j = 0; j < n; ++j) {
+          const double dot =
+              std::inner_product(columns[i].begin(), columns[i].end(), columns[j].begin(), 0.0);
+          // At most 8 steps, each with a relative error of 3 roundings.
+          ASSERT_NEAR(dot, i == j ? 1.0 : 0.0, 1e-14) << rows << " x " << cols;
+        }
+      }
+    }
+  }
+}
+
+/// Lights [begin, end) of a side at each level, finest first, as pairing gives them.
+using Groups = std::vector<std::pair<int, int>>;
+std::vector<Groups> levels_by_definition(int n, std::size_t n_levels) {
+  std::vector<Groups> levels(1);
+  for (int i = 0; i < n; ++i) {
+    levels[0].emplace_back(i, i + 1);
+  }
+  while (levels.size() < n_levels) {
+    const Groups fine = levels.back();
+    Groups& coarse = levels.emplace_back();
+    for (std::size_t i = 0; i < fine.size(); i += 2) {
+      coarse.emplace_back(fine[i].first, fine[std::min(i + 1, fine.size() - 1)].second);
+    }
+  }
+  return levels;
+}
+
+/// Along a side: the sum of group `i` of the coarser level, or behind these the difference of
+/// a pair of the finer: constants on the groups, of length 1, at right angles.
+std::vector<long double> line_by_definition(const std::vector<Groups>& levels, std::size_t fine,
+                                            std::size_t i) {
+  std::vector<long double> line(levels[0].size(), 0.0L);
+  const auto fill = [&line](const std::pair<int, int>& group, long double value) {
+    std::fill(line.begin() + group.first, line.begin() + group.second, value);
+  };
+  const auto size_of = [](const std::pair<int, int>& group) {
+    return static_cast<long double>(group.second - group.first);
+  };
+  const Groups& coarse = levels[fine + 1];
+  if (i < coarse.size()) {
+    fill(coarse[i], 1.0L / std::sqrt(size_of(coarse[i])));
+    return line;
+  }
+  const auto& first = levels[fine][2 * (i - coarse.size())];
+  const auto& second = levels[fine][2 * (i - coarse.size()) + 1];
+  const long double a = size_of(first);
+  const long double b = size_of(second);
+  fill(first, std::sqrt(b / (a * (a + b))));
+  fill(second, -std::sqrt(a / (b * (a + b))));
+  return line;
+}
+
+/// All coefficients as sums with the patterns of [Girardi97]'s definition, in long double.
+std::vector<long double> coefficients_by_definition(const HaarGrid& grid,
+                                                    const std::vector<double>& x) {
+  std::size_t n_levels = 1;
+  for (int n = std::max(grid.rows, grid.cols); n > 1; n = (n + 1) / 2) {
+    ++n_levels;
+  }
+  const auto along_y = levels_by_definition(grid.rows, n_levels);
+  const auto along_x = levels_by_definition(grid.cols, n_levels);
+  const auto cols = static_cast<std::size_t>(grid.cols);
+  std::vector<long double> c(x.size(), 0.0L);
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    // The level whose sums the place lies among, but not among the next coarser's.
+    std::size_t fine = 0;
+    while (fine + 2 < n_levels && i / cols < along_y[fine + 1].size() &&
+           i % cols < along_x[fine + 1].size()) {
+      ++fine;
+    }
+    if (n_levels == 1) {
+      c[i] = x[i];
+      continue;
+    }
+    const auto line_y = line_by_definition(along_y, fine, i / cols);
+    const auto line_x = line_by_definition(along_x, fine, i % cols);
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      c[i] += line_y[k / cols] * line_x[k % cols] * static_cast<long double>(x[k]);
+    }
+  }
+  return c;
+}
+
+TEST(UnbalancedHaar, IsTheSumWithEachPatternOfTheDefinition) {
+  for (const HaarGrid grid : {HaarGrid{1, 1},
+                              {1, 7},
+                              {7, 1},
+                              {2, 3},
+                              {3, 3},
+                              {4, 16},
+                              {17, 30},
+                              {31, 33},
+                              {1024, 1},
+                              {1, 1024}}) {
+    std::vector<double> x(static_cast<std::size_t>(grid.size()));
+    double squares = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      x[i] = 2.0 * uniform_unit(hash_key(21, i)) - 1.0;
+      squares += x[i] * x[i];
+    }
+    const std::vector<long double> truth = coefficients_by_definition(grid, x);
+    const std::vector<double> c = transformed(grid, x);
+    double of_c = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      // 2 x 10 steps at most, each of 4 roundings of values of about 1.
+      ASSERT_NEAR(c[i], static_cast<double>(truth[i]), 1e-14)
+          << grid.rows << " x " << grid.cols << ' ' << i;
+      of_c += c[i] * c[i];
+    }
+    EXPECT_NEAR(of_c / squares, 1.0, 1e-14) << grid.rows << " x " << grid.cols;
+    std::vector<double> back = c;
+    haar_inverse(std::span(back), grid);
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      ASSERT_NEAR(back[i], x[i], 2e-14) << grid.rows << " x " << grid.cols << ' ' << i;
+    }
+  }
+}
+
+TEST(UnbalancedHaar, ThreeLightsByHand) {
+  const std::vector<double> c = transformed({1, 3}, {1.0, 2.0, 3.0});
+  EXPECT_NEAR(c[0], 6.0 / std::sqrt(3.0), 1e-15);
+  EXPECT_NEAR(c[1], (3.0 / std::sqrt(2.0) - 3.0 * std::sqrt(2.0)) / std::sqrt(3.0), 1e-15);
+  EXPECT_NEAR(c[2], -1.0 / std::sqrt(2.0), 1e-15);
+  EXPECT_EQ(transformed({3, 1}, {1.0, 2.0, 3.0}), c);
+}
+
+TEST(UnbalancedHaar, AConstantIsItsMeanAlone) {
+  for (const HaarGrid grid : {HaarGrid{1, 2}, {3, 5}, {17, 30}, {1, 1024}, {5, 64}, {33, 31}}) {
+    const std::vector<double> c =
+        transformed(grid, std::vector<double>(static_cast<std::size_t>(grid.size()), 0.25));
+    // Ten steps a side at most.
+    EXPECT_NEAR(c[0], 0.25 * std::sqrt(grid.size()), 1e-13);
+    for (std::size_t i = 1; i < c.size(); ++i) {
+      ASSERT_NEAR(c[i], 0.0, 1e-14) << grid.rows << " x " << grid.cols << ' ' << i;
+    }
+  }
+}
+
+TEST(UnbalancedHaar, OfAPlainGridIsThePlainTransform) {
+  for (const int n : {1, 2, 8, 32}) {
+    const std::vector<double> x = random_values(n, 5);
+    std::vector<double> plain = x;
+    haar_forward(plain, n);
+    EXPECT_EQ(transformed({n, n}, x), plain);
+    EXPECT_EQ(haar_order(HaarGrid{n, n}), haar_order(n));
+  }
+  EXPECT_EQ(haar_group_ends({32, 32}), (std::vector<int>{64, 256, 1024}));
+  EXPECT_EQ(haar_group_ends({4, 4}), std::vector<int>{16});
+  EXPECT_EQ(haar_group_ends({1, 1}), std::vector<int>{1});
+}
+
+TEST(UnbalancedHaar, ComesBackInBothPrecisionsAndAsIntegers) {
+  for (const HaarGrid grid : {HaarGrid{17, 30}, {1, 7}, {7, 1}, {5, 5}, {48, 2}, {3, 1000}}) {
+    const auto n = 2 * static_cast<std::size_t>(grid.size());  // two arrays
+    std::vector<double> x(n);
+    std::vector<float> f(n);
+    std::vector<std::int64_t> whole(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      x[i] = 2.0 * uniform_unit(hash_key(9, i)) - 1.0;
+      f[i] = static_cast<float>(x[i]);
+      whole[i] = static_cast<std::int64_t>(x[i] * 0x1p40);
+    }
+    auto y = x;
+    auto g = f;
+    auto z = whole;
+    haar_forward(std::span(y), grid);
+    haar_inverse(std::span(y), grid);
+    haar_forward(std::span(g), grid);
+    haar_inverse(std::span(g), grid);
+    s_transform_forward(std::span(z), grid);
+    EXPECT_NE(z, whole);
+    s_transform_inverse(std::span(z), grid);
+    EXPECT_EQ(z, whole);
+    for (std::size_t i = 0; i < n; ++i) {
+      ASSERT_NEAR(y[i], x[i], 1e-13);
+      ASSERT_NEAR(g[i], f[i], 5e-6F);  // 2 x 10 steps of 2^-24 of sums up to 30 here
+    }
+  }
+}
+
+TEST(UnbalancedHaar, OrderIsFromCoarseToFineAndGroupsEndWithLevels) {
+  const HaarGrid grid{5, 7};
+  // Sides 5 x 7, 3 x 4, 2 x 2, 1 x 1: so many sums are left after each level.
+  const std::vector<int> order = haar_order(grid);
+  const auto is_within = [&](int i, int rows, int cols) {
+    return i / grid.cols < rows && i % grid.cols < cols;
+  };
+  for (const auto& [rows, cols] : {std::pair(1, 1), {2, 2}, {3, 4}, {5, 7}}) {
+    for (int k = 0; k < grid.size(); ++k) {
+      EXPECT_EQ(is_within(order[static_cast<std::size_t>(k)], rows, cols), k < rows * cols);
+    }
+  }
+  EXPECT_EQ(haar_group_ends(grid), std::vector<int>{35});
+  EXPECT_EQ(haar_group_ends({17, 30}), (std::vector<int>{5 * 8, 9 * 15, 17 * 30}));
+}
+
+TEST(UnbalancedHaar, RefusesWhatIsNoGrid) {
+  std::vector<double> x(12);
+  EXPECT_THROW(haar_forward(std::span(x), HaarGrid{}), ContractViolation);
+  EXPECT_THROW(haar_forward(std::span(x), HaarGrid{5, 1}), ContractViolation);
+  EXPECT_THROW(haar_forward(std::span(x), HaarGrid{1, 2000}), ContractViolation);
+  EXPECT_NO_THROW(haar_forward(std::span(x), HaarGrid{2, 3}));
+}
+
 }  // namespace
 }  // namespace haarlight

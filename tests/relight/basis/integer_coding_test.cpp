@@ -105,15 +105,18 @@ CompressSummary compress_whole(const CompressSource& source, const std::filesyst
 TEST(IntegerCoding, WholeStepsComeBackToTheBit) {
   struct Case {
     MadeScene scene;
-    int grid;
+    HaarGrid grid;
     bool has_plate;
   };
-  for (const Case& c : {Case{{.noise = 0.02}, 16, true},
-                        Case{{.grid = 8, .channels = 3, .noise = 0.02}, 8, true},
-                        Case{{.width = 33, .height = 35, .grid = 8, .noise = 0.5}, 4, false},
-                        Case{{.grid = 8, .noise = 0.02}, 0, true}}) {
+  for (const Case& c :
+       {Case{{.noise = 0.02}, {16, 16}, true},
+        Case{{.grid = 8, .channels = 3, .noise = 0.02}, {8, 8}, true},
+        Case{{.width = 33, .height = 35, .grid = 8, .noise = 0.5}, {4, 4}, false},
+        Case{{.grid = 9, .noise = 0.02, .rows = 5}, {5, 9}, true},
+        Case{{.grid = 1, .noise = 0.02, .rows = 70}, {70, 1}, false},
+        Case{{.grid = 8, .noise = 0.02}, {}, true}}) {
     const TemporaryFolder folder;
-    const int n_lights = c.scene.grid * c.scene.grid;
+    const int n_lights = c.scene.n_lights();
     const std::vector<double> units = made_units(n_lights);
     const MemoryStack stack = whole_stack(c.scene, units);
     MadeScene empty = c.scene;
@@ -125,7 +128,7 @@ TEST(IntegerCoding, WholeStepsComeBackToTheBit) {
     source.units = units;
     const auto file = folder.path() / "whole.hlb";
     const CompressSummary summary =
-        compress_whole(source, file, c.grid == 0 ? BasisKind::direct : BasisKind::haar);
+        compress_whole(source, file, c.grid.size() == 0 ? BasisKind::direct : BasisKind::haar);
     EXPECT_TRUE(summary.is_reached());
     EXPECT_EQ(summary.header.reached.worst_value, 0.0);
     const BasisFile basis = BasisFile::open(file);

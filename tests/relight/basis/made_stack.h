@@ -22,12 +22,15 @@ namespace haarlight::test {
 struct MadeScene {
   int width = 40;
   int height = 36;
-  int grid = 16;
+  int grid = 16;  ///< columns
   int channels = 1;
   bool has_sphere = true;
   double noise = 0.0;  ///< share of a lit value, uniform
+  int rows = 0;        ///< 0: as columns
+  [[nodiscard]] int n_rows() const { return rows > 0 ? rows : grid; }
+  [[nodiscard]] int n_lights() const { return n_rows() * grid; }
   [[nodiscard]] auto key() const {
-    return std::tie(width, height, grid, channels, has_sphere, noise);
+    return std::tie(width, height, grid, channels, has_sphere, noise, rows);
   }
   friend bool operator<(const MadeScene& a, const MadeScene& b) { return a.key() < b.key(); }
 };
@@ -57,14 +60,15 @@ inline double made_value(const MadeScene& scene, int x, int y, int light) {
     normal = (point - ball).normalized();
     albedo = 0.4;
   }
-  const int row = light / scene.grid % scene.grid;
+  const int row = light / scene.grid % scene.n_rows();
   const int col = light % scene.grid;
   double sum = 0.0;
   for (int i = 0; i < 4; ++i) {
     const int right = i % 2;
     const int up = i / 2;
     const Eigen::Vector3d led((col - 0.5 * (scene.grid - 1) + (right - 0.5) / 2.2) * pitch,
-                              (row - 0.5 * (scene.grid - 1) + (up - 0.5) / 2.2) * pitch, 900.0);
+                              (row - 0.5 * (scene.n_rows() - 1) + (up - 0.5) / 2.2) * pitch,
+                              900.0);
     const Eigen::Vector3d to = led - point;
     const double r2 = to.squaredNorm();
     const double cosine = normal.dot(to);
@@ -77,10 +81,10 @@ inline double made_value(const MadeScene& scene, int x, int y, int light) {
 }
 
 inline MemoryStack render_stack(const MadeScene& scene) {
-  MemoryStack stack({scene.width, scene.height, scene.channels, scene.grid * scene.grid});
+  MemoryStack stack({scene.width, scene.height, scene.channels, scene.n_lights()});
   for (int y = 0; y < scene.height; ++y) {
     for (int x = 0; x < scene.width; ++x) {
-      for (int k = 0; k < scene.grid * scene.grid; ++k) {
+      for (int k = 0; k < scene.n_lights(); ++k) {
         const double value = made_value(scene, x, y, k);
         for (int c = 0; c < scene.channels; ++c) {
           const double grain =
@@ -120,7 +124,7 @@ inline std::vector<BasisLight> made_lights(int n) {
   return lights;
 }
 
-inline CompressSource made_source(const MemoryStack& stack, int grid,
+inline CompressSource made_source(const MemoryStack& stack, const HaarGrid& grid,
                                   const StackSource* plate = nullptr) {
   CompressSource source;
   source.stack = &stack;
@@ -130,6 +134,11 @@ inline CompressSource made_source(const MemoryStack& stack, int grid,
   source.lights = made_lights(stack.dims().n_lights);
   source.name = "made";
   return source;
+}
+
+inline CompressSource made_source(const MemoryStack& stack, int side,
+                                  const StackSource* plate = nullptr) {
+  return made_source(stack, HaarGrid{side, side}, plate);
 }
 
 }  // namespace haarlight::test

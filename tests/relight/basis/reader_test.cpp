@@ -77,6 +77,28 @@ TEST_F(NumpyReader, ReadsHaarWithPlateAndPixelShifts) {
   EXPECT_LE(compare_with_numpy(made_source(stack, 16, &plate), {.worst_pixel = 0.03}), 1e-6);
 }
 
+TEST_F(NumpyReader, ReadsUnbalancedGrids) {
+  const MemoryStack stack = make_stack({.grid = 7, .rows = 5});
+  const MemoryStack plate = make_stack({.grid = 7, .has_sphere = false, .rows = 5});
+  CompressSource source = made_source(stack, HaarGrid{5, 7}, &plate);
+  EXPECT_LE(compare_with_numpy(source, {}), 1e-6);
+  EXPECT_EQ(compare_with_numpy(source, {.relative_l2 = 0.0}), 0.0);
+  source.units.assign(35, 1.0 / 6000.0);
+  EXPECT_EQ(compare_with_numpy(source, {.is_integer = true}), 0.0);
+}
+
+TEST_F(NumpyReader, ReadsSeveralUnbalancedGridsAndRows) {
+  const MemoryStack one = make_stack({.grid = 10, .rows = 6});
+  MemoryStack stack({40, 36, 1, 60}, {one.values().begin(), one.values().end()});
+  for (const HaarGrid grid : {HaarGrid{3, 5}, {30, 1}, {1, 60}, {17, 30}}) {
+    if (stack.dims().n_lights % grid.size() != 0) {
+      stack = make_stack({.width = 12, .height = 10, .grid = grid.cols, .rows = grid.rows});
+    }
+    EXPECT_LE(compare_with_numpy(made_source(stack, grid), {}), 1e-6)
+        << grid.rows << " x " << grid.cols;
+  }
+}
+
 TEST_F(NumpyReader, ReadsSeveralGrids) {
   const MemoryStack one = make_stack({.grid = 16});
   MemoryStack stack({40, 36, 1, 256}, {one.values().begin(), one.values().end()});

@@ -264,10 +264,13 @@ TEST(LightHaar, KeepsAsMuchAsItIsAllowed) {
       sample.values(3 * k + c, 1) = k < 8 ? 0.25F : 0.75F;  // two
     }
   }
-  EXPECT_GT(measure_light_haar(sample, 4, 6).psnr_db, 99.0);
-  EXPECT_EQ(measure_light_haar(sample, 4, 6).bytes_a_pixel, 18.0);
+  EXPECT_GT(measure_light_haar(sample, {4, 4}, 6).psnr_db, 99.0);
+  EXPECT_EQ(measure_light_haar(sample, {4, 4}, 6).bytes_a_pixel, 18.0);
   // Three numbers: the means, and 0.25 is missing everywhere in half of the pixels.
-  EXPECT_NEAR(measure_light_haar(sample, 4, 3).psnr_db, -10.0 * std::log10(0.5 * 0.0625), 0.01);
+  EXPECT_NEAR(measure_light_haar(sample, {4, 4}, 3).psnr_db, -10.0 * std::log10(0.5 * 0.0625),
+              0.01);
+  // One column: the two values are the pair of the last step again.
+  EXPECT_GT(measure_light_haar(sample, {16, 1}, 6).psnr_db, 99.0);
 }
 
 TEST(RecipeChoice, OneThreeOrFewLightsGiveAFit) {

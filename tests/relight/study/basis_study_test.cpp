@@ -326,6 +326,26 @@ TEST(BasisStudy, WithoutAGridLeavesOutWhatNeedsOneByName) {
   EXPECT_THROW((void)study_bases(capture, options), Error);
 }
 
+TEST(BasisStudy, HaarTakesGridsOfAnySidesAndStandardHaarSaysWhyNot) {
+  const MemoryStack& stack = make_stack({.width = 12, .height = 10, .grid = 7, .rows = 5});
+  StudyCapture capture = made_capture(stack);
+  capture.grid = {5, 7, 1};
+  capture.lights = made_study_lights(7);
+  capture.lights.resize(5 * 7);
+  capture.lightings = default_lightings(
+      light_directions_from(capture.lights, capture.object_centre), capture.grid);
+  BasisStudyOptions options;
+  options.errors = {0.05};
+  options.sizes = {8.0};
+  options.bases = {"haar", "haar-haar", "haar-standard", "direct"};
+  const BasisStudy study = study_bases(capture, options);
+  EXPECT_EQ(study.results.size(), 3U);
+  EXPECT_LT(point_of(result_of(study, "haar", false), PointKind::error, 0.05).numbers(),
+            point_of(result_of(study, "direct", false), PointKind::error, 0.05).numbers());
+  EXPECT_EQ(study.left_out.front().reason,
+            "5 x 7 lights: rows and columns must be powers of two");
+}
+
 TEST(BasisStudy, TakesOneLight) {
   MemoryStack stack({6, 5, 1, 1});
   for (int y = 0; y < 5; ++y) {
