@@ -193,6 +193,10 @@ PictureFacts read_picture_facts(const std::filesystem::path& path) {
   return read_content(path, PictureWish::header).tags.facts;
 }
 
+std::vector<PictureNote> read_picture_notes(const std::filesystem::path& path) {
+  return read_content(path, PictureWish::header).notes;
+}
+
 PictureFile read_picture(const std::filesystem::path& path) {
   PictureContent content = read_content(path, PictureWish::pixels);
   const PictureColours colours = colours_of({path, {}}, content);

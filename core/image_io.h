@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/image.h"
 
@@ -82,6 +83,11 @@ struct PictureNote {
   std::string name;  ///< letters only: PNG's keyword, OpenEXR's attribute
   std::string text;  ///< Latin-1 where PNG is to show it
 };
+
+/// The notes of an OpenEXR file, in the order of their names; its pixels are not read. Empty of
+/// other formats.
+/// @throws Error  as read_picture
+[[nodiscard]] std::vector<PictureNote> read_picture_notes(const std::filesystem::path& path);
 
 /// Writes by the name's ending: `.exr` linear 32-bit float; `.png` sRGB 8 bit, values times
 /// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears whole or not at

@@ -178,6 +178,17 @@ void read_pixels(const PictureSource& source, Imf::MultiPartInputFile& file,
   }
 }
 
+std::vector<PictureNote> notes_of(const Imf::Header& header) {
+  std::vector<PictureNote> notes;
+  for (auto i = header.begin(); i != header.end(); ++i) {
+    if (i.attribute().typeName() == std::string_view(Imf::StringAttribute::staticTypeName())) {
+      notes.push_back(
+          {i.name(), static_cast<const Imf::StringAttribute&>(i.attribute()).value()});
+    }
+  }
+  return notes;
+}
+
 }  // namespace
 
 PictureContent read_exr(const PictureSource& source, PictureWish wish) {
@@ -196,6 +207,7 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
     };
     PictureContent content{.bits_per_sample = is_all(Imf::HALF) ? 16 : 32,
                            .is_floating = !is_all(Imf::UINT)};
+    content.notes = notes_of(header);
     if (wish == PictureWish::header) {
       return content;
     }

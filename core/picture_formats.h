@@ -32,6 +32,7 @@ struct PictureContent {
   bool is_floating = true;
   bool is_linear = true;  ///< the file says that its integers are linear light
   PictureTags tags;
+  std::vector<PictureNote> notes;  ///< of an OpenEXR file
 };
 
 enum class PictureWish { header, pixels };

@@ -51,6 +51,9 @@ def setup_hash(info):
         SAMPLES[form["sample"]][1], ("linear", "srgb", "unknown").index(form["transfer"]),
         ("none", "rggb", "bggr", "grbg", "gbrg").index(form["bayer"]), form["black_level"],
         form["white_level"], form.get("clip_level", form["white_level"]), info["grid_rows"], info["grid_cols"])
+    for name in ("gains", "crop"):
+        if name in form:
+            data += b"%d:" % len(name) + name.encode() + struct.pack(f"<{len(form[name])}d", *form[name])
     return hashlib.sha256(data).hexdigest()
 
 def read_tiff(data):
@@ -130,6 +133,7 @@ def check_rig(text, info):
     camera, form = rig["camera"][0], info["form"]
     need([light["name"] for light in info["lights"]] == [name for name, _ in expected]
          and {(light["relative_power"], "axis" in light) for light in info["lights"]} == {(1, False)}, "rig.toml: its lights are others")
+    need("gains" not in form and "crop" not in form, "rig.toml: its camera's frames have no gains and are whole")
     need([form[k] for k in ("width", "stored_height", "height", "white_level", "bayer")] ==
          [*camera["size"], camera["active_area"], 2 ** camera["bits"] - 1, camera.get("bayer", "none")],
          "rig.toml: its camera's frames are not those of session.json")

@@ -233,6 +233,19 @@ std::string setup_hash(const SessionInfo& info) {
         form.saturation_dn(), number(info.grid_rows), number(info.grid_cols)}) {
     add_number(value);
   }
+  if (!form.gains.empty()) {
+    add_text("gains");
+    for (const double gain : form.gains) {
+      add_number(gain);
+    }
+  }
+  if (form.crop) {
+    add_text("crop");
+    for (const int value :
+         {form.crop->x, form.crop->y, form.crop->whole_width, form.crop->whole_height}) {
+      add_number(value);
+    }
+  }
   return to_hex(hash.digest());
 }
 

@@ -1,21 +1,17 @@
 #include "session/import.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
-#include <cerrno>
 #include <cmath>
-#include <cstdio>
-#include <cstring>
 #include <ctime>
 #include <limits>
+#include <map>
 #include <utility>
 
-#include <fcntl.h>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "core/error.h"
 #include "core/files.h"
@@ -23,6 +19,8 @@
 #include "core/sha256.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"
+#include "session/import_folder.h"
+#include "session/picture_lights.h"
 #include "session/position_grid.h"
 #include "session/seal.h"
 
@@ -32,81 +30,37 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uintmax_t kMaxSessionJson = std::uintmax_t{64} << 20U;  // 60 000 pictures
-
-/// A folder that is removed unless it got its name.
-class PendingFolder {
- public:
-  explicit PendingFolder(fs::path target) : target_(std::move(target)) {
-    const fs::path name = target_.filename();
-    path_ = target_.parent_path() / fmt::format(".{}.import{}", name.string(), ::getpid());
-    std::error_code error;
-    fs::create_directories(target_.parent_path().empty() ? "." : target_.parent_path(), error);
-    if (!error) {
-      fs::remove_all(path_, error);  // left by a killed import with this process number
-      fs::create_directories(path_ / "frames", error);
-    }
-    if (error) {
-      throw Error("cannot make a folder: " + error.message(), path_.string(),
-                  "check the folder's rights and free space", ExitCode::io);
+void check_finite(const Image<float>& pixels, const fs::path& path) {
+  for (std::size_t i = 0; i < pixels.pixels().size(); ++i) {
+    if (!std::isfinite(pixels.pixels()[i])) {
+      const std::size_t pixel = i / static_cast<std::size_t>(pixels.channels());
+      const auto width = static_cast<std::size_t>(pixels.width());
+      throw Error(fmt::format("pixel (x {}, y {}) is not a finite number", pixel % width,
+                              pixel / width),
+                  path.string(), "repair or replace the picture");
     }
   }
-  ~PendingFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  PendingFolder(const PendingFolder&) = delete;
-  PendingFolder& operator=(const PendingFolder&) = delete;
-
-  [[nodiscard]] const fs::path& path() const { return path_; }
-
-  /// Everything durable, then the name. An older session there is exchanged in one step.
-  void commit(bool replace) {
-    const Fd fd(::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-    if (!fd.is_open() || ::syncfs(fd.get()) != 0) {
-      fail_io("sync");
-    }
-    const unsigned flags = replace ? RENAME_EXCHANGE : RENAME_NOREPLACE;
-    int result = ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target_.c_str(), flags);
-    if (result != 0 && errno == EINVAL && !replace) {  // file systems without these flags
-      result = ::rename(path_.c_str(), target_.c_str());
-    }
-    if (result != 0) {
-      fail_io("rename");
-    }
-    const fs::path parent = target_.has_parent_path() ? target_.parent_path() : fs::path(".");
-    const Fd folder(::open(parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-    if (!folder.is_open() || ::fsync(folder.get()) != 0) {
-      fail_io("sync the folder of");
-    }
-  }
-
- private:
-  [[noreturn]] void fail_io(const char* step) const {
-    throw Error(fmt::format("{}: {}", step, std::strerror(errno)), target_.string(),
-                "check the folder's rights and free space", ExitCode::io);
-  }
-
-  fs::path target_;
-  fs::path path_;
-};
-
-/// A frame's numbers are linear or sRGB's: those of another profile become linear floats,
-/// unless the user says what they are.
-PictureFile read_for_session(const fs::path& path, const ImportOptions& options) {
-  PictureFile picture = read_picture(path);
-  if (picture.colours == nullptr || options.transfer) {
-    return picture;
-  }
-  PictureFile linear{.transfer = Transfer::linear,
-                     .is_turned = picture.is_turned,
-                     .facts = picture.facts,
-                     .profile = picture.profile};
-  linear.pixels = linear_light(std::move(picture), path);
-  return linear;
 }
 
-FrameForm form_of(const PictureFile& picture, const ImportOptions& options) {
+/// A frame's numbers are linear or sRGB's: those of another profile become linear floats,
+/// unless the user says what they are. Finite.
+PictureFile read_for_session(const fs::path& path, const ImportOptions& options) {
+  PictureFile picture = read_picture(path);
+  if (picture.colours != nullptr && !options.transfer) {
+    PictureFile linear{.transfer = Transfer::linear,
+                       .is_turned = picture.is_turned,
+                       .facts = picture.facts,
+                       .profile = picture.profile};
+    linear.pixels = linear_light(std::move(picture), path);
+    picture = std::move(linear);
+  }
+  check_finite(picture.pixels, path);
+  return picture;
+}
+
+/// Of the whole picture as the file has it.
+FrameForm form_of(const PictureFile& picture, const fs::path& path,
+                  const ImportOptions& options) {
   FrameForm form;
   form.width = picture.pixels.width();
   form.height = picture.pixels.height();
@@ -117,6 +71,7 @@ FrameForm form_of(const PictureFile& picture, const ImportOptions& options) {
     form.sample = SampleType::f32;
     form.white_level = 1.0;
     form.transfer = Transfer::linear;
+    form.crop = crop_of_picture(path, form.width, form.height);  // of an earlier session
   } else {
     form.sample = picture.bits_per_sample == 8 ? SampleType::u8 : SampleType::u16;
     form.white_level = picture.bits_per_sample == 8 ? 255.0 : 65535.0;
@@ -129,9 +84,14 @@ std::string words(const FrameForm& form) {
   const char* sample = form.sample == SampleType::u8
                            ? "8 bit"
                            : (form.sample == SampleType::u16 ? "16 bit" : "floating");
-  return fmt::format("{} x {}, {}, {}, {}", form.width, form.height,
-                     form.channels == 1 ? "grey" : "RGB", sample,
-                     form.transfer == Transfer::srgb ? "sRGB" : "linear");
+  std::string text = fmt::format("{} x {}, {}, {}, {}", form.width, form.height,
+                                 form.channels == 1 ? "grey" : "RGB", sample,
+                                 form.transfer == Transfer::srgb ? "sRGB" : "linear");
+  if (form.crop) {
+    text += fmt::format(", cut out of {} x {} at ({}, {})", form.crop->whole_width,
+                        form.crop->whole_height, form.crop->x, form.crop->y);
+  }
+  return text;
 }
 
 void check_same_form(const FrameForm& form, const FrameForm& first, const fs::path& path,
@@ -143,19 +103,95 @@ void check_same_form(const FrameForm& form, const FrameForm& first, const fs::pa
   }
 }
 
-/// Floating-point values have no white of their own: those of raw developers end at 1, those of
-/// renderers and merged exposures nowhere. @return  the largest of all lights' values
-float largest_value(const std::vector<LightPicture>& pictures, std::size_t n_lights,
-                    const ImportOptions& options) {
-  std::vector<float> largest(n_lights, 0.0F);
-  parallel_for(n_lights, 1, [&](std::size_t begin, std::size_t end) {
+/// What all pictures share: the first one's form, and the rectangles in it.
+struct Frame {
+  fs::path first;
+  std::string profile;
+  FrameForm whole;
+  int orientation = 1;                  ///< EXIF's; matters to rectangles alone
+  std::optional<PixelRectangle> crop;   ///< of the stored pixels
+  std::optional<PixelRectangle> white;  ///< of the stored pixels
+};
+
+Frame frame_of(const fs::path& first, const ImportOptions& options) {
+  const PictureFile picture = read_for_session(first, options);
+  Frame frame{
+      first, picture.profile, form_of(picture, first, options), picture.facts.orientation, {},
+      {}};
+  const auto stored = [&](const PixelRectangle& rectangle, const char* option) {
+    return stored_rectangle(rectangle, frame.whole.width, frame.whole.height, frame.orientation,
+                            option);
+  };
+  if (options.crop) {
+    frame.crop = stored(*options.crop, "--crop");
+  }
+  if (options.white) {
+    frame.white = stored(options.white->patch, "--white");
+  }
+  return frame;
+}
+
+PictureFile read_in_frame(const fs::path& path, const Frame& frame,
+                          const ImportOptions& options) {
+  PictureFile picture = read_for_session(path, options);
+  check_same_form(form_of(picture, path, options), frame.whole, path, frame.first);
+  if (frame.crop || frame.white) {
+    const std::array<fs::path, 2> paths = {frame.first, path};
+    const std::array<int, 2> orientations = {frame.orientation, picture.facts.orientation};
+    require_same_orientation(paths, orientations);
+  }
+  return picture;
+}
+
+/// What is seen of the pictures before the first is written.
+struct Survey {
+  float largest = 0.0F;  ///< of all lights' values
+  std::vector<PatchSample> patches;
+};
+
+PatchSample patch_of(const PictureFile& picture, const Frame& frame) {
+  Image<float> patch = cut(picture.pixels, *frame.white);
+  for (float& value : patch.pixels()) {
+    value = frame.whole.transfer == Transfer::srgb ? linear_from_srgb(value) : value;
+  }
+  constexpr double kWhite = 1.0;
+  return sample_patch(patch, kWhite);
+}
+
+Survey survey(const std::vector<LightPicture>& pictures, std::size_t n_lights,
+              const Frame& frame, const ImportOptions& options) {
+  std::vector<float> largest(pictures.size(), 0.0F);
+  Survey seen;
+  seen.patches.resize(frame.white ? pictures.size() : 0);
+  parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const PictureFile picture = read_for_session(pictures[i].path, options);
-      largest[i] =
-          *std::max_element(picture.pixels.pixels().begin(), picture.pixels.pixels().end());
+      const PictureFile picture = read_in_frame(pictures[i].path, frame, options);
+      if (i < n_lights) {
+        largest[i] =
+            *std::max_element(picture.pixels.pixels().begin(), picture.pixels.pixels().end());
+      }
+      if (frame.white) {
+        seen.patches[i] = patch_of(picture, frame);
+      }
     }
   });
-  return *std::max_element(largest.begin(), largest.end());
+  seen.largest = *std::max_element(largest.begin(), largest.end());
+  return seen;
+}
+
+/// The mean of the dark pictures' patches is taken from the lights'.
+std::vector<PatchSample> lit_patches(const Survey& seen, std::size_t n_lights) {
+  std::vector<PatchSample> lit(seen.patches.begin(),
+                               seen.patches.begin() + static_cast<std::ptrdiff_t>(n_lights));
+  const auto n_dark = static_cast<double>(seen.patches.size() - n_lights);
+  for (std::size_t i = n_lights; i < seen.patches.size(); ++i) {
+    for (PatchSample& patch : lit) {
+      for (std::size_t c = 0; c < patch.mean.size(); ++c) {
+        patch.mean[c] -= seen.patches[i].mean[c] / n_dark;
+      }
+    }
+  }
+  return lit;
 }
 
 template <class T>
@@ -166,18 +202,6 @@ Image<T> to_integers(const Image<float>& pixels, float white) {
         static_cast<T>(std::lround(std::clamp(pixels.pixels()[i], 0.0F, 1.0F) * white));
   }
   return result;
-}
-
-void check_finite(const Image<float>& pixels, const fs::path& path) {
-  for (std::size_t i = 0; i < pixels.pixels().size(); ++i) {
-    if (!std::isfinite(pixels.pixels()[i])) {
-      const std::size_t pixel = i / static_cast<std::size_t>(pixels.channels());
-      const auto width = static_cast<std::size_t>(pixels.width());
-      throw Error(fmt::format("pixel (x {}, y {}) is not a finite number", pixel % width,
-                              pixel / width),
-                  path.string(), "repair or replace the picture");
-    }
-  }
 }
 
 /// One picture as a frame's bytes; the evidence's pixel part is filled.
@@ -201,13 +225,33 @@ std::vector<std::byte> encode_picture(const PictureFile& picture, const FrameFor
   return encode(picture.pixels, form, description);
 }
 
+nlohmann::ordered_json to_json(const PixelRectangle& r) {
+  return {r.x, r.y, r.width, r.height};
+}
+
 /// What was asked, with the sources' hashes: the session's plan.json.
-std::string make_plan(const std::vector<LightPicture>& pictures, const fs::path& light_file,
-                      const std::vector<std::string>& hashes) {
+std::string make_plan(const std::vector<LightPicture>& pictures, const std::string& lights,
+                      const std::vector<std::string>& hashes, const ImportOptions& options,
+                      const std::optional<WhiteReference>& white) {
   nlohmann::ordered_json plan;
   plan["schema"] = 1;
   plan["kind"] = "import";
-  plan["lights"] = light_file.filename().string();
+  plan["lights"] = lights;
+  if (options.crop) {
+    plan["crop"] = to_json(*options.crop);
+  }
+  if (white) {
+    nlohmann::ordered_json json = {{"patch", to_json(options.white->patch)}};
+    if (options.white->reflectance) {
+      json["reflectance"] = *options.white->reflectance;
+    }
+    json["gains"] = white->gains;
+    json["scatter"] = white->scatter;
+    json["lights_used"] = white->n_used;
+    json["lights_clipped"] = white->n_clipped;
+    json["lights_dark"] = white->n_dark;
+    plan["white"] = json;
+  }
   plan["pictures"] = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     plan["pictures"].push_back({{"name", pictures[i].name}, {"hash", hashes[i]}});
@@ -217,48 +261,6 @@ std::string make_plan(const std::vector<LightPicture>& pictures, const fs::path&
 
 std::string now_for_people() {
   return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)));
-}
-
-bool is_replaceable(const fs::path& target) {
-  const fs::path file = target / "session.json";
-  std::error_code ignored;
-  if (!fs::exists(file, ignored)) {
-    return false;
-  }
-  const SessionInfo info =
-      session_info_from_json(read_file(file, kMaxSessionJson), file.string());
-  return info.evidence == EvidenceKind::asserted;
-}
-
-/// @return  whether an older import is to be replaced
-bool check_target(const fs::path& target, bool force) {
-  std::error_code ignored;
-  if (!fs::exists(target, ignored)) {
-    return false;
-  }
-  require_absent(target, force);
-  if (!is_replaceable(target)) {
-    throw Error("exists and is not an imported session", target.string(),
-                "choose another name; --force replaces imports only, never a capture",
-                ExitCode::usage);
-  }
-  return true;
-}
-
-void write_plain(const fs::path& path, std::span<const std::byte> bytes) {
-  std::FILE* file = std::fopen(path.c_str(), "wb");
-  const bool is_written =
-      file != nullptr && std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
-  const int error = errno;
-  const bool is_closed = file != nullptr && std::fclose(file) == 0;
-  if (!is_written || !is_closed) {
-    throw Error(fmt::format("write: {}", std::strerror(is_written ? errno : error)),
-                path.string(), "check the disk's free space", ExitCode::io);
-  }
-}
-
-void write_plain(const fs::path& path, const std::string& text) {
-  write_plain(path, std::as_bytes(std::span(text)));
 }
 
 /// Into the order of the grid that the lights' positions form, if they form one.
@@ -296,75 +298,141 @@ void take_grid(const std::array<int, 2>& grid, std::size_t n_lights, SessionInfo
   info.grid_cols = grid[1];
 }
 
-}  // namespace
+/// Everything that is known before a picture is written.
+struct Job {
+  fs::path lights_from;  ///< for people: the list, or the folder whose pictures name them
+  LightList list;
+  std::vector<LightPicture> pictures;  ///< the lights', then the dark ones
+  std::size_t n_lights = 0;
+  Frame frame;
+  SessionInfo info;
+  std::optional<WhiteReference> white;
+};
 
-ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
-                             const fs::path& target_path, const ImportOptions& options) {
-  fs::path target = target_path;
-  if (!target.has_filename()) {
-    target = target.parent_path();  // "out/" means "out"
-  }
-  const bool is_replacing = check_target(target, options.force);
-  LightList list = read_light_file(light_file, options.places);
-  std::vector<LightPicture> pictures = match_pictures(folder, light_file, list, options.match);
-  const std::size_t n_lights = pictures.size();
-  ImportResult result;
-  SessionInfo& info = result.info;
+void find_pictures(const fs::path& folder, const fs::path& light_file,
+                   const ImportOptions& options, Job& job) {
+  const bool is_listed = !light_file.empty();
+  const fs::path own = folder.has_filename() ? folder : folder.parent_path();  // not "in/"
+  job.lights_from = is_listed ? light_file : own;
+  job.list = is_listed ? read_light_file(light_file, options.places)
+                       : lights_of_pictures(folder, light_picture_names(folder, options.match));
+  job.pictures = match_pictures(folder, job.lights_from, job.list, options.match);
+  job.n_lights = job.pictures.size();
   if (options.grid) {
-    take_grid(*options.grid, n_lights, info);
+    take_grid(*options.grid, job.n_lights, job.info);
   } else {
-    order_by_grid(light_file, list, pictures, info);
+    order_by_grid(job.lights_from, job.list, job.pictures, job.info);
+  }
+  if (!is_listed) {
+    job.list.notes.push_back(
+        fmt::format("{}: each picture says where its light is ({})", folder.string(),
+                    job.list.lights.front().is_position ? "positions" : "directions"));
   }
   for (const fs::path& dark : options.match.dark) {
     std::error_code ignored;
     const fs::path path = fs::exists(dark, ignored) ? dark : folder / dark;
-    pictures.push_back({dark.filename().string(), path});
+    job.pictures.push_back({dark.filename().string(), path});
   }
-  const PictureFile first = read_for_session(pictures[0].path, options);
+}
 
-  info.evidence = EvidenceKind::asserted;
-  info.form = form_of(first, options);
-  if (first.is_floating) {
-    const float most = largest_value(pictures, n_lights, options);
-    if (most > 1.0F) {
-      info.form.clip_level = static_cast<double>(std::numeric_limits<float>::max());
-      list.notes.push_back(fmt::format(
-          "floating-point values up to {:.4g}, above 1: none counts as clipped", most));
+void take_white(const Survey& seen, const fs::path& folder, const ImportOptions& options,
+                Job& job) {
+  std::vector<PatchSample> patches = lit_patches(seen, job.n_lights);
+  if (job.info.form.clip_level) {  // floating-point values without an end
+    for (PatchSample& patch : patches) {
+      patch.is_clipped = false;
     }
   }
-  info.lights = list.lights;
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
+  const PixelRectangle& r = options.white->patch;
+  WhiteReference& white = job.white.emplace(find_white_reference(
+      patches, job.list.lights,
+      {options.white->reflectance, job.info.form.sample != SampleType::f32,
+       fmt::format("{}, --white {},{},{},{}", folder.string(), r.x, r.y, r.width, r.height)}));
+  job.info.form.gains = white.gains;
+  job.list.notes.push_back("white: " + words(white, job.n_lights));
+  constexpr double kFarOff = 0.1;  // a warning, not a limit
+  if (white.distance > kFarOff) {
+    job.list.disagreements.push_back(fmt::format(
+        "under light {} the white patch's colour is {:.0f} % off the gains of the whole set: "
+        "its lamp has another colour, or something lies on the patch",
+        job.pictures[static_cast<std::size_t>(white.furthest)].name, 100.0 * white.distance));
+  }
+}
+
+/// The frames' form, and what is told of it.
+void choose_form(const fs::path& folder, const ImportOptions& options, Job& job) {
+  job.frame = frame_of(job.pictures[0].path, options);
+  const FrameForm& whole = job.frame.whole;
+  FrameForm& form = job.info.form;
+  form = whole;
+  const bool is_floating = whole.sample == SampleType::f32;
+  Survey seen;
+  if (is_floating || job.frame.white) {
+    seen = survey(job.pictures, job.n_lights, job.frame, options);
+  }
+  if (seen.largest > 1.0F && is_floating) {
+    form.clip_level = static_cast<double>(std::numeric_limits<float>::max());
+    job.list.notes.push_back(fmt::format(
+        "floating-point values up to {:.4g}, above 1: none counts as clipped", seen.largest));
+  }
+  if (job.frame.white) {
+    take_white(seen, folder, options, job);
+  }
+  if (const std::optional<PixelRectangle>& cut_out = job.frame.crop) {
+    const FrameCrop before = whole.crop.value_or(FrameCrop{0, 0, whole.width, whole.height});
+    form.crop = FrameCrop{before.x + cut_out->x, before.y + cut_out->y, before.whole_width,
+                          before.whole_height};
+    form.width = cut_out->width;
+    form.height = cut_out->height;
+    form.stored_height = cut_out->height;
+    job.list.notes.push_back(fmt::format(
+        "crop: {} x {} of {} x {} pixels", options.crop->width, options.crop->height,
+        job.frame.orientation >= 5 ? whole.height : whole.width,
+        job.frame.orientation >= 5 ? whole.width : whole.height));
+  }
+}
+
+/// The session without its frames. @return  plan.json
+std::string describe_session(const ImportOptions& options, Job& job) {
+  SessionInfo& info = job.info;
+  info.evidence = EvidenceKind::asserted;
+  info.lights = job.list.lights;
+  for (std::size_t i = 0; i < job.pictures.size(); ++i) {
     Shot shot;
     shot.index = static_cast<int>(i);
-    if (i < n_lights) {
+    if (i < job.n_lights) {
       shot.lit = {{shot.index, 65535}};
     } else {
       shot.kind = ShotKind::dark;
     }
     info.shots.push_back(shot);
   }
-  const std::vector<std::string> hashes = hashes_of_different(pictures, n_lights);
-  const std::string plan = make_plan(pictures, light_file, hashes);
+  const std::vector<std::string> hashes = hashes_of_different(job.pictures, job.n_lights);
+  std::string plan =
+      make_plan(job.pictures, job.lights_from.filename().string(), hashes, options, job.white);
   info.plan_hash = content_hash(plan);
   info.plan_file_hash = info.plan_hash;
   constexpr std::size_t kIdLength = 16;
   info.id = content_hash(plan + session_info_to_json(info)).substr(0, kIdLength);
   info.created = now_for_people();
   info.program = program_name();
-  const std::string setup = setup_hash(info);
+  return plan;
+}
 
-  PendingFolder pending(target);
-  info.frames.resize(pictures.size());
+/// @return  how many pictures carry an EXIF rotation
+int write_frames(const fs::path& folder, const ImportOptions& options, Job& job) {
+  SessionInfo& info = job.info;
+  const std::string setup = setup_hash(info);
+  info.frames.resize(job.pictures.size());
   std::atomic<int> n_turned = 0;
-  Progress progress("import", pictures.size(), options.progress);
-  parallel_for(pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
+  Progress progress("import", job.pictures.size(), options.progress);
+  parallel_for(job.pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const PictureFile picture = read_for_session(pictures[i].path, options);
-      FrameForm form = form_of(picture, options);
-      form.clip_level = info.form.clip_level;
-      check_same_form(form, info.form, pictures[i].path, pictures[0].path);
-      check_finite(picture.pixels, pictures[i].path);
+      PictureFile picture = read_in_frame(job.pictures[i].path, job.frame, options);
       n_turned += picture.is_turned ? 1 : 0;
+      if (job.frame.crop) {
+        picture.pixels = cut(picture.pixels, *job.frame.crop);
+      }
       FrameEvidence evidence;
       evidence.kind = EvidenceKind::asserted;
       evidence.pattern_id = static_cast<int>(i);
@@ -373,7 +441,7 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
           describe_frame(info, setup, static_cast<int>(i), 0, evidence);
       const std::vector<std::byte> bytes = encode_picture(picture, info.form, description);
       const std::string name = frame_file_name(description.shot, 0);
-      write_plain(pending.path() / name, bytes);
+      write_plain(folder / name, bytes);
       info.frames[i] = {description.shot,
                         0,
                         name,
@@ -383,36 +451,79 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
       progress.advance();
     }
   });
-  SessionInfo start = info;
-  start.frames.clear();
-  write_plain(pending.path() / "plan.json", plan);
-  write_plain(pending.path() / "start.json", session_info_to_json(start));
-  info.made_by = MadeBy::import;
-  seal_session(pending.path(), "", info);
-  write_plain(pending.path() / "session.json", session_info_to_json(info));
-  pending.commit(is_replacing);
+  return n_turned;
+}
 
-  result.notes = list.notes;
-  result.disagreements = list.disagreements;
+/// Files may differ where the pixels taken do not; `verify` would not let that pass.
+void check_different_pixels(const Job& job) {
+  std::map<std::string, std::size_t> seen;
+  for (std::size_t i = 0; i < job.n_lights; ++i) {
+    const FrameEvidence& e = job.info.frames[i].evidence;
+    if (!(1.0 - e.saturated_share - e.black_share > 0.0)) {
+      continue;  // nothing but black or white: alike by nature
+    }
+    const auto [at, is_new] = seen.emplace(e.pixel_hash, i);
+    if (!is_new) {
+      throw Error(fmt::format("the same pixels{} as {}", job.frame.crop ? " in the crop" : "",
+                              job.pictures[at->second].path.filename().string()),
+                  job.pictures[i].path.string(),
+                  "two lights cannot give the same picture: one was saved twice, or --crop "
+                  "leaves too little");
+    }
+  }
+}
+
+void tell_pictures(int n_turned, const ImportOptions& options, const Job& job,
+                   ImportResult& result) {
   if (n_turned > 0) {
-    const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
+    const bool are_all = static_cast<std::size_t>(n_turned) == job.pictures.size();
     (are_all ? result.notes : result.disagreements)
         .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
                                "taken as stored",
-                               n_turned.load(), pictures.size()));
+                               n_turned, job.pictures.size()));
   }
-  if (!first.profile.empty()) {
+  if (!job.frame.profile.empty()) {
     result.notes.push_back(fmt::format("the pictures' colour profile (\"{}\") is {}",
-                                       first.profile,
+                                       job.frame.profile,
                                        options.transfer ? "not applied: --transfer is given"
                                                         : "applied: frames are linear light, "
                                                           "32-bit floats"));
   }
-  if (info.form.transfer == Transfer::srgb) {
+  if (job.info.form.transfer == Transfer::srgb) {
     result.notes.emplace_back(
         "integer pictures are taken as sRGB and linearised by develop (--transfer linear: "
         "not)");
   }
+}
+
+}  // namespace
+
+ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
+                             const fs::path& target_path, const ImportOptions& options) {
+  fs::path target = target_path;
+  if (!target.has_filename()) {
+    target = target.parent_path();  // "out/" means "out"
+  }
+  const bool is_replacing = check_import_target(target, options.force);
+  Job job;
+  find_pictures(folder, light_file, options, job);
+  choose_form(folder, options, job);
+  const std::string plan = describe_session(options, job);
+
+  PendingFolder pending(target);
+  const int n_turned = write_frames(pending.path(), options, job);
+  check_different_pixels(job);
+  SessionInfo start = job.info;
+  start.frames.clear();
+  write_plain(pending.path() / "plan.json", plan);
+  write_plain(pending.path() / "start.json", session_info_to_json(start));
+  job.info.made_by = MadeBy::import;
+  seal_session(pending.path(), "", job.info);
+  write_plain(pending.path() / "session.json", session_info_to_json(job.info));
+  pending.commit(is_replacing);
+
+  ImportResult result{job.info, job.list.notes, job.list.disagreements, job.white};
+  tell_pictures(n_turned, options, job, result);
   return result;
 }
 

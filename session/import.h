@@ -7,9 +7,11 @@
 #include <vector>
 
 #include "core/image_io.h"
+#include "core/picture_rectangle.h"
 #include "core/progress.h"
 #include "session/picture_match.h"
 #include "session/session.h"
+#include "session/white_reference.h"
 
 /// @file
 /// Others' captures (a folder of pictures and a list of lights) become a session like any
@@ -17,6 +19,12 @@
 /// libraries of picture files, which the daemon does not link.
 
 namespace haarlight {
+
+/// Where a neutral patch is in every picture.
+struct WhitePatch {
+  PixelRectangle patch;               ///< of the whole upright picture
+  std::optional<double> reflectance;  ///< of it; nothing: only its colour counts
+};
 
 struct ImportOptions {
   LightPlaces places = LightPlaces::automatic;
@@ -27,6 +35,10 @@ struct ImportOptions {
   /// Rows and columns of each face's lights, which are listed row by row, face after face;
   /// nothing: looked for in the lights' positions (session/position_grid.h).
   std::optional<std::array<int, 2>> grid{};
+  /// The frames' gains come from this patch (session/white_reference.h).
+  std::optional<WhitePatch> white{};
+  /// Only these pixels of the upright pictures enter; nothing: all.
+  std::optional<PixelRectangle> crop{};
   bool force = false;  ///< replace an imported session of that name
   ProgressStyle progress = ProgressStyle::none;
 };
@@ -35,15 +47,19 @@ struct ImportResult {
   SessionInfo info;
   std::vector<std::string> notes;          ///< what was assumed or passed over, for people
   std::vector<std::string> disagreements;  ///< of list and folder: each a warning
+  std::optional<WhiteReference> white;     ///< where one was asked for
 };
 
 /// Reads the pictures that match_pictures() finds in the order of the light list and writes the
 /// session `target`, which appears whole or not at all. 8-bit pictures stay as coded with their
 /// transfer named; those with a colour profile that is neither sRGB nor linear become linear
 /// floats (unless `transfer` is given) and the notes name it; EXIF rotation is ignored and
-/// noted.
+/// noted, but rectangles are of the upright picture.
+/// @param light_file  empty: each picture says where its light is (session/picture_lights.h)
 /// @throws Error  naming picture and pixel: a picture missing, of another size or kind, with a
-///                number that is none; a wrong count; a target that exists
+///                number that is none, with another one's pixels; a wrong count; a rectangle
+///                outside of the pictures, or in pictures that are turned differently; no light
+///                under which the white patch can be used; a target that exists
 [[nodiscard]] ImportResult import_pictures(const std::filesystem::path& folder,
                                            const std::filesystem::path& light_file,
                                            const std::filesystem::path& target,

@@ -299,6 +299,11 @@ std::vector<std::string> picture_names(const fs::path& folder) {
   return names;
 }
 
+std::vector<std::string> light_picture_names(const fs::path& folder,
+                                             const MatchOptions& options) {
+  return lights_pictures(picture_names(folder), options);
+}
+
 std::vector<LightPicture> match_pictures(const fs::path& folder, const fs::path& light_file,
                                          LightList& list, const MatchOptions& options) {
   const PictureFinder finder(folder, options);

@@ -33,6 +33,10 @@ struct LightPicture {
 /// @throws Error  a folder that cannot be listed
 [[nodiscard]] std::vector<std::string> picture_names(const std::filesystem::path& folder);
 
+/// The same without those that are no light's by `options`.
+[[nodiscard]] std::vector<std::string> light_picture_names(const std::filesystem::path& folder,
+                                                           const MatchOptions& options);
+
 /// One picture for each light, in the list's order. A name is looked for in `folder` as written
 /// (with / or \), then by its last part alone (lists carry another machine's folders), then
 /// likewise whatever the case of its letters; last in `pictures_from`. Each step but the first

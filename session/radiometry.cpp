@@ -193,7 +193,8 @@ Radiometry::Factors Radiometry::factors_of(const ScaledFrame& frame) const {
 
 double Radiometry::step_of(const ScaledFrame& frame) const {
   const Factors factors = factors_of(frame);
-  return linear_.is_linear() && factors.per_unit > 0.0
+  const bool is_alike = session_->info().form.gains.empty();  // every channel has its own
+  return linear_.is_linear() && is_alike && factors.per_unit > 0.0
              ? factors.electrons_per_step / factors.per_unit
              : 0.0;
 }
@@ -270,7 +271,8 @@ void Radiometry::measure_strip(const PatternGroup& group, const Rows& rows, int 
     const std::span<ExposureSample> samples =
         std::span(row).subspan(i % row_samples * n_frames, n_frames);
     const std::size_t at = in_picture + i;
-    const double flat = flat_.relative.is_empty() ? 1.0 : flat_.relative.pixels()[at];
+    const double gain = form.gains.empty() ? 1.0 : form.gains[i % form.gains.size()];
+    const double flat = (flat_.relative.is_empty() ? 1.0 : flat_.relative.pixels()[at]) / gain;
     for (std::size_t k = 0; k < n_frames; ++k) {
       const Factors& f = factors[k];
       const float dn = words[k].pixels()[i];
@@ -388,6 +390,9 @@ std::string Radiometry::record(const MergeTally& tally) const {
                    {"black_dn", response_.black_dn},
                    {"white_dn", response_.white_dn},
                    {"clip_dn", response_.clip_dn}};
+  if (!session_->info().form.gains.empty()) {
+    json["gains"] = session_->info().form.gains;
+  }
   json["dark"] = {{"frames", dark_.n_frames()}};
   if (!dark_.is_empty()) {
     json["dark"]["exposures"] = dark_.n_exposures();

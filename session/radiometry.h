@@ -95,7 +95,7 @@ class Radiometry {
   [[nodiscard]] double flat_variance() const { return flat_.relative_variance; }
 
   /// What one step of the camera is in the radiance of a frame's pattern, flat field left out;
-  /// 0 where the curve is not linear.
+  /// 0 where the curve is not linear, or channels have gains of their own.
   [[nodiscard]] double step_of(const ScaledFrame& frame) const;
 
   /// Pixels around a band that inpainting looks at, 0 when nothing is bad.

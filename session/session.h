@@ -58,6 +58,15 @@ struct SessionLight {
 
 enum class SampleType { u8, u16, f32 };
 
+/// Where frames lie in the pictures that they were cut out of, along the frames' own axes.
+struct FrameCrop {
+  int x = 0;  ///< of the whole picture: its pixel (x, y) is the frames' (0, 0)
+  int y = 0;
+  int whole_width = 0;
+  int whole_height = 0;
+  friend bool operator==(const FrameCrop&, const FrameCrop&) = default;
+};
+
 /// The frames' common form.
 struct FrameForm {
   int width = 0;
@@ -71,6 +80,11 @@ struct FrameForm {
   double white_level = 65535.0;
   /// From here on a sample counts as saturated (session/clip_level.h); nothing: white_level.
   std::optional<double> clip_level = {};
+  /// (channels): develop multiplies linear values by these (an import's white reference); the
+  /// frames are without. Empty: by none.
+  std::vector<double> gains = {};
+  /// Of frames that are a part of their pictures; nothing: they are whole.
+  std::optional<FrameCrop> crop = {};
   [[nodiscard]] double saturation_dn() const { return clip_level.value_or(white_level); }
   friend bool operator==(const FrameForm&, const FrameForm&) = default;
 };

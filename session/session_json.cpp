@@ -50,15 +50,52 @@ Json form_to_json(const FrameForm& form) {
   if (form.clip_level) {
     json["clip_level"] = *form.clip_level;
   }
+  if (!form.gains.empty()) {
+    json["gains"] = form.gains;
+  }
+  if (form.crop) {
+    json["crop"] = {form.crop->x, form.crop->y, form.crop->whole_width,
+                    form.crop->whole_height};
+  }
   return json;
 }
 
+constexpr int kMaxPixels = 1 << 20;  // a side
+
+std::vector<double> gains_from_json(const JsonValue& value, const FrameForm& form) {
+  constexpr double kMostGain = 1e6;
+  std::vector<double> gains;
+  for (const JsonValue& gain : value.elements()) {
+    gains.push_back(gain.number(1.0 / kMostGain, kMostGain));
+  }
+  if (gains.size() != static_cast<std::size_t>(form.channels) ||
+      form.bayer != BayerPattern::none) {
+    value.refuse(fmt::format("{} gains of {} channels", gains.size(), form.channels),
+                 "one a channel; a mosaic has none");
+  }
+  return gains;
+}
+
+FrameCrop crop_from_json(const JsonValue& value, const FrameForm& form) {
+  const std::vector<JsonValue> numbers = value.elements();
+  if (numbers.size() != 4) {
+    value.refuse(fmt::format("{} numbers", numbers.size()),
+                 "write [x, y, the whole picture's width, its height]");
+  }
+  FrameCrop crop;
+  crop.whole_width = static_cast<int>(numbers[2].integer(form.width, kMaxPixels));
+  crop.whole_height = static_cast<int>(numbers[3].integer(form.height, kMaxPixels));
+  crop.x = static_cast<int>(numbers[0].integer(0, crop.whole_width - form.width));
+  crop.y = static_cast<int>(numbers[1].integer(0, crop.whole_height - form.height));
+  return crop;
+}
+
 FrameForm form_from_json(const JsonValue& value) {
-  constexpr int kMaxSide = 1 << 20;
   FrameForm form;
-  form.width = static_cast<int>(value["width"].integer(1, kMaxSide));
-  form.height = static_cast<int>(value["height"].integer(1, kMaxSide));
-  form.stored_height = static_cast<int>(value["stored_height"].integer(form.height, kMaxSide));
+  form.width = static_cast<int>(value["width"].integer(1, kMaxPixels));
+  form.height = static_cast<int>(value["height"].integer(1, kMaxPixels));
+  form.stored_height =
+      static_cast<int>(value["stored_height"].integer(form.height, kMaxPixels));
   form.channels = static_cast<int>(value["channels"].integer(1, 3));
   if (form.channels == 2) {
     value["channels"].refuse("2 channels", "a frame has 1 (grey or Bayer) or 3");
@@ -81,6 +118,12 @@ FrameForm form_from_json(const JsonValue& value) {
         form.black_level, form.sample == SampleType::f32
                               ? static_cast<double>(std::numeric_limits<float>::max())
                               : form.white_level);
+  }
+  if (value.has("gains")) {
+    form.gains = gains_from_json(value["gains"], form);
+  }
+  if (value.has("crop")) {
+    form.crop = crop_from_json(value["crop"], form);
   }
   return form;
 }
@@ -229,6 +272,9 @@ FrameRecord frame_from_json(const JsonValue& value, std::size_t n_shots) {
 
 void check_finite(const SessionInfo& info) {
   bool is_finite = std::isfinite(info.form.black_level) && std::isfinite(info.form.white_level);
+  for (const double gain : info.form.gains) {
+    is_finite = is_finite && std::isfinite(gain);
+  }
   for (const SessionLight& light : info.lights) {
     is_finite = is_finite && light.place.allFinite() && std::isfinite(light.relative_power);
   }

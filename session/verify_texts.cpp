@@ -180,7 +180,8 @@ std::string compare_form(const FrameForm& expected, const FrameForm& form) {
       expected.stored_height == form.stored_height && expected.channels == form.channels &&
       expected.sample == form.sample && expected.transfer == form.transfer &&
       expected.bayer == form.bayer && is_near(expected.black_level, form.black_level) &&
-      is_near(expected.white_level, form.white_level) &&
+      is_near(expected.white_level, form.white_level) && expected.gains == form.gains &&
+      expected.crop == form.crop &&
       // Sessions of older programs have no clip level.
       (!form.clip_level || is_near(expected.saturation_dn(), form.saturation_dn()));
   return is_same ? std::string()

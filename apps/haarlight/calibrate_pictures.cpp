@@ -59,6 +59,11 @@ LightPictures LightPictures::open(const FindLightsArguments& arguments,
     }
     out.session_ = Session::open(arguments.input);
     const SessionInfo& info = out.session_->info();
+    if (info.form.crop) {
+      throw Error(
+          "holds a part of its pictures: lights are found from the middle of whole ones",
+          arguments.input, "import them without --crop and calibrate on that");
+    }
     out.unknown_as_ = arguments.transfer == "file" ? "" : arguments.transfer;
     for (std::size_t k = 0; k < info.lights.size(); ++k) {
       const std::string& name = info.lights[k].name;
@@ -103,14 +108,15 @@ void LightPictures::for_each(const Visit& visit) const {
   const Developed developed =
       develop_all(*session_, develop_options(*session_, common_, unknown_as_));
   const std::vector<float> clip = clip_levels(*session_);
-  for_each_light_image(developed.stack, common_.memory_bytes,
-                       [&](int k, const Image<float>& picture) {
-                         float most = kAny;
-                         if (!clip.empty()) {
-                           most = clip[static_cast<std::size_t>(k)];
-                         }
-                         visit(k, picture, most);
-                       });
+  for_each_light_image(
+      developed.stack, common_.memory_bytes, [&](int k, const Image<float>& picture) {
+        float most = kAny;
+        // Of channels with gains of their own the least: cautious.
+        for (auto i = static_cast<std::size_t>(k); i < clip.size(); i += names_.size()) {
+          most = std::min(most, clip[i]);
+        }
+        visit(k, picture, most);
+      });
 }
 
 void LightPictures::for_each_file(const Visit& visit) const {

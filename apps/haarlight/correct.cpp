@@ -49,6 +49,7 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
   const fs::path folder = arguments.out;
   fs::create_directories(folder / "fall-off");
   std::vector<std::string> names;
+  const std::vector<Eigen::Vector3d> directions = picture_directions(session);
   double least = 1.0;
   std::uint64_t bytes = 0;
   Progress progress("correct", static_cast<std::size_t>(shape.n_lights), common.progress());
@@ -61,12 +62,13 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
     PictureNotes notes = notes_of(session.info());
     add_light(session.info(), k, notes);
     write_image(folder / "fall-off" / name, map.view(), 1.0, notes);
+    add_direction(directions[static_cast<std::size_t>(k)], notes);  // far, once corrected
     write_image(folder / name, correction.corrected(picture.view(), k).view(), 1.0, notes);
     bytes += fs::file_size(folder / name) + fs::file_size(folder / "fall-off" / name);
     names.push_back(name);
     progress.advance();
   });
-  write_file_atomically(folder / "lights.lp", format_lp(picture_directions(session), names));
+  write_file_atomically(folder / "lights.lp", format_lp(directions, names));
   report.add_reached("lights", std::int64_t{shape.n_lights});
   report.add_reached("least_fall_off", least);
   report.set_bytes(bytes);

@@ -15,6 +15,7 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "relight/basis/compress_session.h"
+#include "relight/light/near_light.h"
 
 namespace haarlight {
 
@@ -48,10 +49,14 @@ std::uint64_t write_pictures(const Session& session, const LightStack& stack,
   Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights),
                     common.progress());
   std::uint64_t bytes = 0;
+  const std::vector<SessionLight> seen = lights_in_picture(session);
   for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const fs::path file = folder / fmt::format("light_{:04}{}.exr", k, ending);
     PictureNotes notes = notes_of(session.info());
     add_light(session.info(), k, notes);
+    if (ending.empty()) {  // standard errors are no light's picture
+      add_seen_light(session.info(), seen, k, notes);
+    }
     write_image(file, picture.view(), 1.0, notes);
     bytes += fs::file_size(file);
     progress.advance();

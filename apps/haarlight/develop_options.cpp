@@ -40,9 +40,12 @@ std::vector<float> clip_levels(const Session& session) {
   const float top = form.transfer == Transfer::srgb
                         ? linear_from_srgb(static_cast<float>(coded))
                         : static_cast<float>(coded);
+  const std::vector<double> gains = form.gains.empty() ? std::vector<double>{1.0} : form.gains;
   std::vector<float> levels;
-  for (const SessionLight& light : session.info().lights) {
-    levels.push_back(kJustBelow * top / static_cast<float>(light.relative_power));
+  for (const double gain : gains) {
+    for (const SessionLight& light : session.info().lights) {
+      levels.push_back(kJustBelow * top * static_cast<float>(gain / light.relative_power));
+    }
   }
   return levels;
 }

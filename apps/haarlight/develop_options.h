@@ -25,8 +25,8 @@ void add_transfer_option(Command verb, std::string& transfer);
                                              const CommonOptions& common,
                                              const std::string& transfer = {});
 
-/// Where each light's values end, as develop has them; empty where pictures are no integers, or
-/// the session is a rig's.
+/// Where each light's values end, as develop has them, (n_lights), or (channels, n_lights)
+/// where channels have gains; empty where pictures are no integers, or the session is a rig's.
 [[nodiscard]] std::vector<float> clip_levels(const Session& session);
 
 /// Where the picture's reference plane is.

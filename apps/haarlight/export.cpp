@@ -15,6 +15,7 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/log.h"
+#include "relight/light/near_light.h"
 #include "session/develop.h"
 
 namespace haarlight {
@@ -58,11 +59,13 @@ std::vector<std::string> write_pictures(const Session& session,
   const fs::path folder = is_exr ? arguments.exr : arguments.png;
   require_absent(folder, common.force);
   fs::create_directories(folder);
+  const std::vector<SessionLight> seen = lights_in_picture(session);
   std::vector<std::string> names;
   for_each_light_image(stack, common.memory_bytes / 2, [&](int k, const Image<float>& picture) {
     const fs::path file = folder / fmt::format("light_{:04}.{}", k, is_exr ? "exr" : "png");
     PictureNotes notes = notes_of(session.info());
     add_light(session.info(), k, notes);
+    add_seen_light(session.info(), seen, k, notes);
     write_image(file, picture.view(), exposure, notes);
     names.push_back(fs::absolute(file)
                         .lexically_normal()
@@ -95,6 +98,11 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
     (void)export_transforms(session, std::vector<std::string>(session.info().lights.size()));
   }
   std::vector<std::string> pictures;
+  if (!arguments.is_developed() && !session.info().form.gains.empty()) {
+    log_warning(
+        "the frames are as imported: the gains of their white reference are not in them, but "
+        "are in developed pictures (--exr DIR or --png DIR)");
+  }
   if (arguments.is_developed()) {
     pictures = write_pictures(session, arguments, common);
   }

@@ -68,11 +68,13 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   (void)hashes_of_different(pictures, pictures.size());
   OpenCapture capture;
   std::vector<fs::path> files;
+  std::vector<int> orientations;
   int n_turned = 0;
   for (std::size_t k = 0; k < pictures.size(); ++k) {
     files.push_back(pictures[k].path);
     capture.directions.push_back(list.lights[k].place.normalized());
-    n_turned += is_picture_turned(pictures[k].path) ? 1 : 0;
+    orientations.push_back(read_picture_facts(pictures[k].path).orientation);
+    n_turned += orientations.back() != 1 ? 1 : 0;
   }
   if (n_turned > 0) {  // of all: that is how the camera stood; of some: the pictures differ
     const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
@@ -86,7 +88,7 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   if (!arguments.out.empty()) {
     options.work_folder = fs::absolute(arguments.out).parent_path();
   }
-  PictureFiles opened = picture_rows(std::move(files), options);
+  PictureFiles opened = picture_rows(files, options);
   if (!opened.profile.empty()) {
     list.notes.push_back(fmt::format(
         "the pictures' colour profile (\"{}\") is applied: the fit's colours are sRGB's",
@@ -94,10 +96,21 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   }
   tell_match(list.notes, list.disagreements, common);
   capture.rows = std::move(opened.rows);
+  if (const std::optional<PixelRectangle> crop = crop_asked(arguments.list)) {
+    require_same_orientation(files, orientations);
+    const PictureShape shape = capture.rows->shape();
+    capture.rows = cropped_rows(
+        std::move(capture.rows),
+        stored_rectangle(*crop, shape.width, shape.height, orientations.front(), "--crop"));
+  }
   return capture;
 }
 
 OpenCapture open_session(const FitArguments& arguments, const CommonOptions& common) {
+  if (!arguments.list.crop.empty()) {
+    throw Error("a session's pictures cannot be cropped", "--crop",
+                "crop them when they are imported: haarlight import --crop", ExitCode::usage);
+  }
   OpenCapture capture;
   capture.session = Session::open(arguments.capture);
   SessionRowsOptions options;
@@ -588,6 +601,7 @@ void add_fit(Command root, Invocation& invocation) {
       "  haarlight fit door.session -o door-web\n"
       "  haarlight fit door.session -o door-small --bytes 400k\n"
       "  haarlight fit door.session --basis hsh9 -o door.rti\n"
+      "  haarlight fit door/ --lights door/dirs.lp --crop 1,1,6,6 -o door-detail\n"
       "  haarlight fit cube.session --basis ptm --near exact -o cube.ptm\n"
       "  haarlight fit door.session --compare --hold-out 6:2");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {

@@ -23,6 +23,7 @@ struct ImportArguments {
   std::string transfer = "file";
   std::vector<std::string> dark;
   std::string grid;
+  std::string white;
 };
 
 /// "32x32"
@@ -37,10 +38,40 @@ std::array<int, 2> parse_grid(const std::string& text) {
   return grid;
 }
 
+/// "40,30,12,10" or "40,30,12,10=0.9"
+WhitePatch parse_white(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  WhitePatch white{parse_rectangle(text.substr(0, equals), "--white"), {}};
+  if (equals != std::string::npos) {
+    double reflectance = 0.0;
+    char rest = '\0';
+    if (std::sscanf(text.c_str() + equals + 1, "%lf%c", &reflectance, &rest) != 1 ||
+        !(reflectance > 0.0 && reflectance <= 1.0)) {
+      throw Error("not a reflectance above 0 and up to 1", "--white " + text,
+                  "for example: --white 40,30,12,10=0.18 for a grey card", ExitCode::usage);
+    }
+    white.reflectance = reflectance;
+  }
+  return white;
+}
+
+void report_white(const WhiteReference& white, Report& report) {
+  report.add_reached("white lights used", std::int64_t{white.n_used});
+  report.add_reached("white lights clipped", std::int64_t{white.n_clipped});
+  report.add_reached("white lights dark", std::int64_t{white.n_dark});
+  report.add_detail("white gains", white.gains);
+  report.add_detail("white scatter", white.scatter);
+}
+
 ExitCode run_import(const ImportArguments& arguments, const CommonOptions& common,
                     Report& report) {
   report.add_input(arguments.folder);
-  report.add_input(arguments.lights);
+  if (!arguments.lights.empty()) {
+    report.add_input(arguments.lights);
+  } else if (arguments.list.places != "automatic") {
+    throw Error("pictures that say where their lights are say in what, too", "--places",
+                "leave it out, or name the list of lights: --lights FILE", ExitCode::usage);
+  }
   report.add_asked("places", arguments.list.places);
   report.add_asked("transfer", arguments.transfer);
   ImportOptions options;
@@ -52,6 +83,10 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   options.match.dark.assign(arguments.dark.begin(), arguments.dark.end());
   if (!arguments.grid.empty()) {
     options.grid = parse_grid(arguments.grid);
+  }
+  options.crop = crop_asked(arguments.list);
+  if (!arguments.white.empty()) {
+    options.white = parse_white(arguments.white);
   }
   options.force = common.force;
   options.progress = common.progress();
@@ -65,6 +100,9 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
   report.set_bytes(bytes);
   report.add_reached("lights", static_cast<std::int64_t>(result.info.lights.size()));
   report.add_reached("frames", static_cast<std::int64_t>(result.info.frames.size()));
+  if (result.white) {
+    report_white(*result.white, report);
+  }
   tell_match(result.notes, result.disagreements, common);
   fmt::print("{}: {} lights, {} x {} x {}, {} MiB\n", arguments.target,
              result.info.lights.size(), form.width, form.height, form.channels, bytes >> 20U);
@@ -80,8 +118,9 @@ void add_import(Command root, Invocation& invocation) {
   verb.option("DIR", &arguments->folder, "Folder with one picture per light",
               {.is_required = true});
   verb.option("--lights", &arguments->lights,
-              "List of lights: .lp, .dome, .json or transforms.json",
-              {.type = "FILE", .is_required = true});
+              "List of lights: .lp, .dome, .json or transforms.json (default: each picture "
+              "says where its light is, as EXRs of export do)",
+              {.type = "FILE"});
   verb.option("-o,--output", &arguments->target, "Session folder to make",
               {.type = "SESSION", .is_required = true});
   add_picture_list_options(verb, arguments->list);
@@ -94,10 +133,19 @@ void add_import(Command root, Invocation& invocation) {
               "The lights are grids, row by row, face after face (default: looked for in their "
               "positions)",
               {.type = "ROWSxCOLUMNS"});
+  verb.option(
+      "--white", &arguments->white,
+      "A neutral patch in every picture: all are scaled by the gains that make it "
+      "grey. R: its reflectance, 0..1; a white that faces the light is then 1 (default: "
+      "the patch keeps its brightest channel)",
+      {.type = "X,Y,W,H[=R]"});
   verb.footer(
       "Examples:\n"
       "  haarlight import door/ --lights door/dirs.lp -o door.session\n"
       "  haarlight import rig/ --lights rig.lp --places positions --grid 8x8 -o rig.session\n"
+      "  haarlight import card/ --lights card/relief.lp --white 75,51,14,14 \\\n"
+      "    --crop 0,0,72,72 -o card.session\n"
+      "  haarlight import lit/ -o lit.session\n"
       "  haarlight import ball/ --lights lights.txt --exclude mask -o ball.session");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     return run_import(*arguments, common, report);

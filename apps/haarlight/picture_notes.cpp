@@ -12,6 +12,10 @@ void add(PictureNotes& notes, const char* name, const std::string& text) {
   }
 }
 
+std::string words_of(const Eigen::Vector3d& v) {
+  return fmt::format("{:.9g} {:.9g} {:.9g}", v.x(), v.y(), v.z());
+}
+
 }  // namespace
 
 PictureNotes notes_of(const SessionInfo& info) {
@@ -59,11 +63,32 @@ void add_light(const SessionInfo& info, int light, PictureNotes& notes) {
   add(notes, "haarlightLight",
       fmt::format("{} {}", light, k < info.lights.size() ? info.lights[k].name : ""));
   if (k < info.lights.size()) {
-    const Eigen::Vector3d& place = info.lights[k].place;
-    add(notes,
-        info.lights[k].is_position ? "haarlightLightPosition" : "haarlightLightDirection",
-        fmt::format("{:.9g} {:.9g} {:.9g}", place.x(), place.y(), place.z()));
+    if (info.lights[k].is_position) {
+      add(notes, "haarlightLightPosition", words_of(info.lights[k].place));
+    } else {
+      add_direction(info.lights[k].place, notes);
+    }
   }
+}
+
+void add_seen_light(const SessionInfo& info, const std::vector<SessionLight>& seen, int light,
+                    PictureNotes& notes) {
+  const auto k = static_cast<std::size_t>(light);
+  if (k < seen.size() && seen[k].is_position) {
+    add(notes, "haarlightLightFromObject", words_of(seen[k].place));
+    if (seen[k].lobe) {
+      add(notes, "haarlightLightLobe",
+          fmt::format("{} {:.9g}", words_of(seen[k].lobe->axis), seen[k].lobe->mu));
+    }
+  }
+  if (const std::optional<FrameCrop>& crop = info.form.crop) {
+    add(notes, "haarlightCrop",
+        fmt::format("{} {} {} {}", crop->x, crop->y, crop->whole_width, crop->whole_height));
+  }
+}
+
+void add_direction(const Eigen::Vector3d& direction, PictureNotes& notes) {
+  add(notes, "haarlightLightDirection", words_of(direction));
 }
 
 }  // namespace haarlight

@@ -32,7 +32,13 @@ void add_error(std::optional<double> asked, double reached, PictureNotes& notes)
 /// What that error does not cover: the share of the values under the lights in use that were
 /// clipped in every exposure.
 void add_clipped(const RelightBound& bound, PictureNotes& notes);
-/// One light alone: number and name.
+/// Number, name and place of one light, alone.
 void add_light(const SessionInfo& info, int light, PictureNotes& notes);
+/// The same light as the picture sees it, by which `haarlight import` needs no list.
+/// @param seen  lights_in_picture(); empty: not known, nothing is added
+void add_seen_light(const SessionInfo& info, const std::vector<SessionLight>& seen, int light,
+                    PictureNotes& notes);
+/// The unit vector to a light, in the picture's frame.
+void add_direction(const Eigen::Vector3d& direction, PictureNotes& notes);
 
 }  // namespace haarlight

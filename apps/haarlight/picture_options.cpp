@@ -19,6 +19,10 @@ void add_picture_list_options(Command verb, PictureListArguments& list) {
       {.type = "FOLDER"});
   verb.flag("--strict", &list.is_strict,
             "Refuse a list and a folder that disagree instead of warning");
+  verb.option("--crop", &list.crop,
+              "Only these pixels of each picture, from the upper left corner as it is seen "
+              "upright",
+              {.type = "X,Y,W,H"});
 }
 
 LightPlaces light_places(const PictureListArguments& list) {
@@ -33,6 +37,13 @@ MatchOptions match_options(const PictureListArguments& list) {
   options.pictures_from = list.pictures_from;
   options.is_strict = list.is_strict;
   return options;
+}
+
+std::optional<PixelRectangle> crop_asked(const PictureListArguments& list) {
+  if (list.crop.empty()) {
+    return {};
+  }
+  return parse_rectangle(list.crop, "--crop");
 }
 
 void tell_match(const std::vector<std::string>& notes,

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "apps/haarlight/verb.h"
+#include "core/picture_rectangle.h"
 #include "session/picture_match.h"
 
 /// @file
@@ -16,13 +18,17 @@ struct PictureListArguments {
   std::vector<std::string> exclude;
   std::string pictures_from;
   bool is_strict = false;
+  std::string crop;
 };
 
-/// Adds --places, --exclude, --pictures-from and --strict.
+/// Adds --places, --exclude, --pictures-from, --strict and --crop.
 void add_picture_list_options(Command verb, PictureListArguments& list);
 
 [[nodiscard]] LightPlaces light_places(const PictureListArguments& list);
 [[nodiscard]] MatchOptions match_options(const PictureListArguments& list);
+
+/// What --crop says. @throws Error(usage)  no rectangle
+[[nodiscard]] std::optional<PixelRectangle> crop_asked(const PictureListArguments& list);
 
 /// Notes unless --quiet, and warnings, to standard error.
 void tell_match(const std::vector<std::string>& notes,

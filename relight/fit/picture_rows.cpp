@@ -31,7 +31,8 @@ bool is_display_coded(const Session& session, Transfer transfer) {
                   [](const SessionLight& light) { return light.relative_power != 1.0; });
   return info.evidence == EvidenceKind::asserted && info.form.transfer == transfer &&
          info.form.sample != SampleType::f32 && info.form.bayer == BayerPattern::none &&
-         info.frames.size() == info.lights.size() && !has_dark_or_flat && !has_powers;
+         info.form.gains.empty() && info.frames.size() == info.lights.size() &&
+         !has_dark_or_flat && !has_powers;
 }
 
 /// Frames straight from their strips of 64 rows.
@@ -209,6 +210,47 @@ class SelectedRows final : public PictureRows {
   std::vector<std::uint16_t> band_;
 };
 
+class CroppedRows final : public PictureRows {
+ public:
+  CroppedRows(std::unique_ptr<PictureRows> whole, const PixelRectangle& rectangle)
+      : whole_(std::move(whole)), rectangle_(rectangle) {
+    const PictureShape shape = whole_->shape();
+    HAARLIGHT_EXPECTS(rectangle.x >= 0 && rectangle.y >= 0 && rectangle.height > 0 &&
+                          rectangle.x + rectangle.width <= shape.width &&
+                          rectangle.y + rectangle.height <= shape.height,
+                      "a rectangle of the pictures");
+    CroppedRows::rewind();
+  }
+  [[nodiscard]] PictureShape shape() const override {
+    return {rectangle_.width, rectangle_.height, whole_->shape().n_lights};
+  }
+  [[nodiscard]] Transfer transfer() const override { return whole_->transfer(); }
+  void rewind() override {
+    whole_->rewind();
+    whole_->skip(rectangle_.y);
+  }
+  void skip(int n_rows) override { whole_->skip(n_rows); }
+  void read(int n_rows, std::span<std::uint16_t> out) override {
+    const PictureShape shape = whole_->shape();
+    const std::size_t n_whole = static_cast<std::size_t>(shape.width) * 3;
+    const std::size_t n_row = static_cast<std::size_t>(rectangle_.width) * 3;
+    const std::size_t lines =
+        static_cast<std::size_t>(n_rows) * static_cast<std::size_t>(shape.n_lights);
+    band_.resize(lines * n_whole);
+    whole_->read(n_rows, band_);
+    const std::uint16_t* from = band_.data() + static_cast<std::size_t>(rectangle_.x) * 3;
+    for (std::size_t i = 0; i < lines; ++i) {
+      std::copy_n(from + i * n_whole, n_row,
+                  out.begin() + static_cast<std::ptrdiff_t>(i * n_row));
+    }
+  }
+
+ private:
+  std::unique_ptr<PictureRows> whole_;
+  PixelRectangle rectangle_;
+  std::vector<std::uint16_t> band_;
+};
+
 }  // namespace
 
 std::unique_ptr<PictureRows> session_rows(const Session& session,
@@ -221,6 +263,11 @@ std::unique_ptr<PictureRows> session_rows(const Session& session,
 
 std::unique_ptr<PictureRows> image_rows(std::vector<Image<float>> pictures, Transfer transfer) {
   return std::make_unique<ImageRows>(std::move(pictures), transfer);
+}
+
+std::unique_ptr<PictureRows> cropped_rows(std::unique_ptr<PictureRows> whole,
+                                          const PixelRectangle& rectangle) {
+  return std::make_unique<CroppedRows>(std::move(whole), rectangle);
 }
 
 std::unique_ptr<PictureRows> selected_rows(PictureRows& all, std::vector<int> lights) {

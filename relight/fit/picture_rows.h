@@ -10,6 +10,7 @@
 #include <Eigen/Core>
 
 #include "core/image_io.h"
+#include "core/picture_rectangle.h"
 #include "session/develop.h"
 #include "session/session.h"
 
@@ -75,5 +76,10 @@ struct SessionRowsOptions {
 /// Some lights of other rows only, in the order given. Borrows `all`.
 [[nodiscard]] std::unique_ptr<PictureRows> selected_rows(PictureRows& all,
                                                          std::vector<int> lights);
+
+/// A rectangle of other rows only, which it keeps.
+/// @param rectangle  within the pictures
+[[nodiscard]] std::unique_ptr<PictureRows> cropped_rows(std::unique_ptr<PictureRows> whole,
+                                                        const PixelRectangle& rectangle);
 
 }  // namespace haarlight

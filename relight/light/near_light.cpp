@@ -176,12 +176,41 @@ std::vector<Eigen::Vector3d> picture_directions(const Session& session) {
                                    : capture_lights(session).directions;
 }
 
+std::vector<SessionLight> lights_in_picture(const Rig& rig, std::vector<SessionLight> lights) {
+  if (rig.cameras.empty()) {
+    return {};
+  }
+  const std::vector<LightElement> elements = light_elements(rig);
+  HAARLIGHT_EXPECTS(elements.size() == lights.size(), "the rig's lights");
+  const Eigen::Matrix3d turn = turn_of(rig.cameras.front().model);
+  for (std::size_t k = 0; k < lights.size(); ++k) {
+    lights[k].place = turn * (lights[k].place - rig.object_centre);
+    if (elements[k].lobe_mu > 0.0) {
+      lights[k].lobe = LightLobe{turn * elements[k].emits, elements[k].lobe_mu};
+    }
+  }
+  return lights;
+}
+
+std::vector<SessionLight> lights_in_picture(const Session& session) {
+  return session.rig().has_value() ? lights_in_picture(*session.rig(), session.info().lights)
+                                   : session.info().lights;
+}
+
 PixelPoints PixelPoints::orthographic(int width, int height, double width_mm) {
   HAARLIGHT_EXPECTS(width > 0 && height > 0 && width_mm > 0.0, "a picture with a width");
   PixelPoints points;
   points.camera_.width = width;
   points.camera_.height = height;
   points.mm_per_pixel_ = width_mm / width;
+  points.middle_ = {0.5 * width, 0.5 * height};
+  return points;
+}
+
+PixelPoints PixelPoints::orthographic(int width, int height, double width_mm,
+                                      const FrameCrop& crop) {
+  PixelPoints points = orthographic(width, height, width_mm);
+  points.middle_ = {0.5 * crop.whole_width - crop.x, 0.5 * crop.whole_height - crop.y};
   return points;
 }
 
@@ -204,8 +233,7 @@ PixelPoints PixelPoints::on_plane(const CameraModel& camera, const Eigen::Vector
 
 Eigen::Vector3d PixelPoints::at(double x, double y) const {
   if (!is_camera_) {
-    return {mm_per_pixel_ * (x - 0.5 * camera_.width),
-            mm_per_pixel_ * (0.5 * camera_.height - y), 0.0};
+    return {mm_per_pixel_ * (x - middle_.x()), mm_per_pixel_ * (middle_.y() - y), 0.0};
   }
   const CameraRay ray = ray_through(camera_, x, y);
   const double t = -(n_.dot(ray.origin_world) + d_) / n_.dot(ray.direction_world);
@@ -253,7 +281,8 @@ PixelPoints pixel_points(const Session& session, double width_mm, double height_
     throw Error("near lights need the picture's width in mm", session.folder().string(),
                 "say how wide the target is across the whole picture: --width-mm");
   }
-  return PixelPoints::orthographic(form.width, form.height, width_mm);
+  return form.crop ? PixelPoints::orthographic(form.width, form.height, width_mm, *form.crop)
+                   : PixelPoints::orthographic(form.width, form.height, width_mm);
 }
 
 }  // namespace haarlight

@@ -74,11 +74,22 @@ struct CaptureLights {
 /// Of a rig, as its first camera sees it.
 [[nodiscard]] std::vector<Eigen::Vector3d> picture_directions(const Rig& rig);
 
+/// A session's lights as its picture sees them: x right, y up, z to the camera; an import's as
+/// they are, a rig's from its object_centre with their lobes. Empty of a rig without a camera.
+[[nodiscard]] std::vector<SessionLight> lights_in_picture(const Session& session);
+/// Of a rig.
+/// @param lights  its elements, in order
+[[nodiscard]] std::vector<SessionLight> lights_in_picture(const Rig& rig,
+                                                          std::vector<SessionLight> lights);
+
 /// Where each pixel sees the target's reference plane, and which way the picture lies.
 class PixelPoints {
  public:
   /// Parallel projection: `width_mm` across the picture, the plane z = 0.
   static PixelPoints orthographic(int width, int height, double width_mm);
+  /// The same of a picture that was cut out of a larger one, in whose middle the origin is.
+  static PixelPoints orthographic(int width, int height, double width_mm,
+                                  const FrameCrop& crop);
   /// A camera and a plane n.x + d = 0. @throws Error  the plane is not in front of the camera
   static PixelPoints on_plane(const CameraModel& camera, const Eigen::Vector3d& n, double d);
 
@@ -105,11 +116,13 @@ class PixelPoints {
   Eigen::Vector3d n_ = Eigen::Vector3d::UnitZ();
   double d_ = 0.0;
   double mm_per_pixel_ = 1.0;
+  Eigen::Vector2d middle_ = Eigen::Vector2d::Zero();  ///< pixels; of parallel projection
   Eigen::Matrix3d turn_ = Eigen::Matrix3d::Identity();
 };
 
 /// Of a session with a rig: its camera and its first shadow plane (moved up by `height_mm`); of
-/// an import: parallel projection over `width_mm`.
+/// an import: parallel projection over `width_mm`, the origin in the middle of the whole
+/// picture where the session holds a part of it.
 /// @throws Error  an import without width_mm (> 0)
 [[nodiscard]] PixelPoints pixel_points(const Session& session, double width_mm,
                                        double height_mm = 0.0);

@@ -279,8 +279,10 @@ SurfaceEstimate photometric_stereo(const StackSource& stack, const StereoLights&
   HAARLIGHT_EXPECTS(
       mask.is_empty() || (mask.height() == dims.height && mask.width() == dims.width),
       "a mask of the picture's size");
-  HAARLIGHT_EXPECTS(options.saturation.empty() || options.saturation.size() == n_lights,
-                    "a clip level a light");
+  HAARLIGHT_EXPECTS(
+      options.saturation.empty() || options.saturation.size() == n_lights ||
+          options.saturation.size() == n_lights * static_cast<std::size_t>(dims.channels),
+      "a clip level a light, or one for each of its channels");
   require_three_components(lights, points, dims.n_lights);
   SurfaceEstimate out{Image<float>(dims.height, dims.width, 3),
                       Image<float>(dims.height, dims.width, dims.channels),

@@ -22,7 +22,7 @@ namespace haarlight {
 
 struct StereoOptions {
   LambertOptions fit{};
-  /// (n_lights): a value at or above is clipped; empty: none is.
+  /// (n_lights) or (channels, n_lights): a value at or above is clipped; empty: none is.
   std::vector<float> saturation{};
   /// Standard errors of the stack's values: -1 marks a clipped value. May be null.
   const StackSource* errors = nullptr;

@@ -83,10 +83,12 @@ void PixelSamples::take(std::span<const float> values, int i, int width) {
 bool PixelSamples::is_clipped(std::span<const float> values, std::span<const float> errors,
                               std::span<const float> saturation, int i, int j,
                               int width) const {
+  // One level a light, or one for each of its channels.
+  const std::size_t step = saturation.size() > count(n_lights_) ? count(n_lights_) : 0;
   for (int c = 0; c < channels_; ++c) {
     const std::size_t at = index(c, i, j, width);
     if ((!errors.empty() && errors[at] < 0.0F) ||
-        (!saturation.empty() && values[at] >= saturation[count(light(j))])) {
+        (!saturation.empty() && values[at] >= saturation[count(c) * step + count(light(j))])) {
       return true;
     }
   }

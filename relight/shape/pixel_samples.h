@@ -44,7 +44,8 @@ class PixelSamples {
 
   /// Whether sample j of pixel i only says "at least this".
   /// @param errors      as `values`, -1 marks a clipped one; may be empty
-  /// @param saturation  (n_lights), a value at or above is clipped; may be empty
+  /// @param saturation  (n_lights) or (channels, n_lights), a value at or above is clipped; may
+  ///                    be empty
   [[nodiscard]] bool is_clipped(std::span<const float> values, std::span<const float> errors,
                                 std::span<const float> saturation, int i, int j,
                                 int width) const;

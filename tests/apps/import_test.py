@@ -3,15 +3,19 @@
 refuse or say so, and never give a light another's picture. import_test.py BIN, the build's folder
 apps/."""
 
+import json
 import os
 import pathlib
 import shutil
+import struct
+import subprocess
 import sys
 import tempfile
 import unittest
 
-from programs import Programs, write_png
+from programs import SOURCE, Programs, write_capture, write_png
 
+USAGE = 2
 BAD_INPUT = 65
 SIZE = 8
 NAMES = ["a.png", "b.png", "c.png", "d.png"]
@@ -223,6 +227,221 @@ class FolderAndList(unittest.TestCase):
         done = self.programs.run("bases", "wide.hlb", "-o", "bases", "--basis", "haar", "--basis", "direct", cwd=self.folder)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("Haar ", done.stdout)
+
+
+def session_of(folder):
+    return json.loads((folder / "session.json").read_text())
+
+
+def floats_of(frame):
+    """The samples of a session's frame of 32-bit floats."""
+    data = frame.read_bytes()
+    at = struct.unpack_from("<I", data, 4)[0]
+    tags = {}
+    for i in range(struct.unpack_from("<H", data, at)[0]):
+        tag, kind, count, value = struct.unpack_from("<HHII", data, at + 2 + 12 * i)
+        tags[tag] = (kind, count, value)
+    strips = []
+    for tag in (273, 279):  # offsets, bytes
+        _, count, value = tags[tag]
+        strips.append([value] if count == 1 else struct.unpack_from(f"<{count}I", data, value))
+    return [v for begin, size in zip(*strips) for v in struct.unpack_from(f"<{size // 4}f", data, begin)]
+
+
+class SmallRti(unittest.TestCase):
+    """tests/data/small_rti: sixteen JPEGs with a grey card, whose truth its README tells."""
+
+    CARD = "75,51,14,14"
+
+    def setUp(self):
+        self.programs = Programs(BIN)
+        place = tempfile.TemporaryDirectory(prefix="haarlight-small-rti.")
+        self.addCleanup(place.cleanup)
+        self.folder = pathlib.Path(place.name)
+        shutil.copytree(SOURCE / "tests/data/small_rti", self.folder / "set")
+
+    def run_line(self, line, expected=0):
+        done = self.programs.run(*line.split(), cwd=self.folder)
+        self.assertEqual(done.returncode, expected, f"{line}\n{done.stdout}{done.stderr}")
+        return done
+
+    def check_session(self, name):
+        self.run_line(f"verify {name}")
+        done = subprocess.run([sys.executable, SOURCE / "docs/verify_session.py", self.folder / name],
+                              capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        return session_of(self.folder / name)
+
+    def test_it_is_small_and_complete(self):
+        files = list((SOURCE / "tests/data/small_rti").iterdir())
+        self.assertEqual(sum(f.suffix == ".jpg" for f in files), 16)
+        self.assertLess(sum(f.stat().st_size for f in files), 60_000)
+
+    def test_a_card_makes_the_warm_lamps_white(self):
+        done = self.run_line(f"import set --lights set/relief.lp --white {self.CARD} -o s --report r.json")
+        self.assertRegex(done.stderr, r"white: gains R 1\.0000, G 1\.2\d+, B 1\.8\d+, from 16 of 16 lights")
+        info = self.check_session("s")
+        # 8 bits, quality 88: flat blocks are coded by their mean, to half a step of the DC quantiser (2 of 8
+        # x 8 means of 255 steps); 1 % of the value at blue's darkest, 0.12.
+        for gain, truth in zip(info["form"]["gains"], (1.0, 1 / 0.8, 1 / 0.55)):
+            self.assertAlmostEqual(gain, truth, delta=0.01 * truth)
+        report = json.loads((self.folder / "r.json").read_text())
+        self.assertEqual(report["reached"]["white lights used"], 16)
+        self.assertLess(max(report["details"]["white scatter"]), 0.02)
+        plan = json.loads((self.folder / "s/plan.json").read_text())
+        self.assertEqual(plan["white"]["patch"], [75, 51, 14, 14])
+        self.assertEqual(plan["white"]["gains"], info["form"]["gains"])
+
+    def test_with_its_reflectance_shape_finds_the_cards_albedo(self):
+        self.run_line(f"import set --lights set/relief.lp --white {self.CARD}=0.5 -o s")
+        info = self.check_session("s")
+        for gain, lamp in zip(info["form"]["gains"], (1.0, 0.8, 0.55)):
+            self.assertAlmostEqual(gain * lamp, 1.0, delta=0.01)
+        self.run_line("shape s -o shape")
+        albedo = self.pixels_of("shape/albedo.exr")
+        for place in ((77, 53), (82, 58), (87, 63)):
+            for value in albedo(*place):
+                self.assertAlmostEqual(value, 0.5, delta=0.01)
+
+    def pixels_of(self, exr):
+        """Its colour at (x, y), read through a session's plain frames."""
+        folder = self.folder / "one"
+        folder.mkdir()
+        shutil.copy(self.folder / exr, folder / "one.exr")
+        (self.folder / "one.lp").write_text("1\none.exr 0 0 1\n")
+        self.run_line("import one --lights one.lp -o one.session")
+        values = floats_of(self.folder / "one.session/frames/000000_a0.tif")
+        return lambda x, y: values[(96 * y + x) * 3:(96 * y + x) * 3 + 3]
+
+    def test_what_is_compressed_and_relit_has_the_gains(self):
+        self.run_line(f"import set --lights set/relief.lp --white {self.CARD} -o s")
+        self.run_line("compress s -o s.hlb --max-error 0.0001")
+        self.run_line("relight s.hlb --light 3 --light 9=0.5 -o lit.exr")
+        red, green, blue = self.pixels_of("lit.exr")(82, 58)
+        self.assertGreater(red, 0.1)
+        self.assertAlmostEqual(green / red, 1.0, delta=0.02)  # a code of 8 bits under each light
+        self.assertAlmostEqual(blue / red, 1.0, delta=0.02)
+        done = self.run_line("compress s -o whole.hlb --whole-steps", BAD_INPUT)
+        self.assertIn("no whole steps", done.stderr)
+
+    def test_a_patch_that_cannot_be_used_is_refused(self):
+        for patch, code, word in (("90,50,14,14", USAGE, "96 x 72"), ("1,1,0,4", USAGE, "--white"),
+                                  ("75,51,14,14=1.5", USAGE, "reflectance"), ("75,51,14,14=", USAGE, "reflectance"),
+                                  ("75,51,14", USAGE, "X,Y,W,H")):
+            done = self.run_line(f"import set --lights set/relief.lp --white {patch} -o s", code)
+            self.assertIn(word, done.stderr)
+        for level, word in ((255, "clipped under 2"), (1, "dark under 2")):
+            rgb = self.folder / "flat"
+            rgb.mkdir(exist_ok=True)
+            for k in range(2):  # colour by TIFF, which the test can write: the card at one end of the range
+                write_tiff(rgb / f"{k}.tif", 12, 9,
+                           lambda x, y, k=k: [level] * 3 if x < 4 else [90 + k, 80 + x, 70 + y])
+            (self.folder / "flat.lp").write_text("2\n0.tif 0 0 1\n1.tif .6 0 .8\n")
+            done = self.run_line("import flat --lights flat.lp --white 0,0,4,9 -o s", BAD_INPUT)
+            self.assertIn(word, done.stderr)
+            self.assertIn("cure: ", done.stderr)
+        self.assertFalse((self.folder / "s").exists())
+
+    def test_a_lamp_of_another_colour_is_named(self):
+        folder = self.folder / "lamps"
+        folder.mkdir()
+        for k in range(5):
+            warm = 60 if k == 3 else 100
+            write_tiff(folder / f"{k}.tif", 12, 9,
+                       lambda x, y, k=k, warm=warm: [160 + k, 140 + k, warm] if x < 4 else [90 + k, x, y])
+        (self.folder / "lamps.lp").write_text(
+            "5\n" + "".join(f"{k}.tif {0.1 * k} 0 1\n" for k in range(5)))
+        done = self.run_line("import lamps --lights lamps.lp --white 0,0,4,9 -o s")
+        self.assertRegex(done.stderr, r"warning under light 3\.tif the white patch's colour is \d+ % off")
+
+    def test_fit_states_what_it_is_worth(self):
+        self.run_line(f"import set --lights set/relief.lp --white {self.CARD} -o s")
+        for words, least in (("set --lights set/relief.lp", 40.5), ("s", 38.7)):
+            done = self.run_line(f"fit {words} --basis hsh9 -o out.rti --report f.json")
+            self.assertIn("file dB", done.stdout)
+            found = json.loads((self.folder / "f.json").read_text())["reached"]["file dB"]
+            self.assertGreater(found, least)  # measured: 40.8 and 39.0
+            for name in ("f.json", "out.rti"):
+                (self.folder / name).unlink()
+
+    def test_fit_crops_as_import_does(self):
+        crop = "10,6,48,60"
+        self.run_line(f"import set --lights set/relief.lp --crop {crop} -o s")
+        info = self.check_session("s")
+        self.assertEqual(info["form"]["crop"], [10, 6, 96, 72])
+        self.assertEqual((info["form"]["width"], info["form"]["height"]), (48, 60))
+        self.run_line("fit s --basis ptm -o a.ptm")
+        self.run_line(f"fit set --lights set/relief.lp --crop {crop} --basis ptm -o b.ptm")
+        self.assertEqual((self.folder / "a.ptm").read_bytes(), (self.folder / "b.ptm").read_bytes())
+        for verb in ("import", "fit"):
+            for bad in ("0,0,97,72", "96,0,1,1", "0,0,0,5", "1,2,3"):
+                done = self.run_line(f"{verb} set --lights set/relief.lp --crop {bad} -o none", USAGE)
+                self.assertIn("--crop", done.stderr)
+                self.assertIn("cure: ", done.stderr)
+            self.assertIn("96 x 72", self.run_line(
+                f"{verb} set --lights set/relief.lp --crop 0,0,97,72 -o none", USAGE).stderr)
+        self.assertIn("haarlight import --crop", self.run_line("fit s --crop 0,0,4,4 -o none", USAGE).stderr)
+        self.assertFalse((self.folder / "none").exists())
+
+    def test_exrs_that_say_where_their_lights_are_need_no_list(self):
+        """Directions and positions: export, import, export, import give the same."""
+        write_capture(self.folder / "far", n_lights=9)
+        write_capture(self.folder / "near", n_lights=9, scale=800.0)
+        for name, places in (("far", "directions"), ("near", "positions")):
+            self.run_line(f"import {name} --lights {name}/dirs.lp --places {places} -o {name}.0")
+            for k in range(2):
+                self.run_line(f"export {name}.{k} --lp -o {name}{k}.lp --exr {name}.exr{k}")
+                done = self.run_line(f"import {name}.exr{k} -o {name}.{k + 1}")
+                self.assertIn(f"each picture says where its light is ({places})", done.stderr)
+            first, again = (self.check_session(f"{name}.{k}") for k in (1, 2))
+            self.assertEqual([light["name"] for light in first["lights"]],
+                             [f"light_{k:04}.exr" for k in range(9)])
+            self.assertEqual(first["lights"], again["lights"])
+            key = "direction" if name == "far" else "position_mm"
+            for a, b in zip(session_of(self.folder / f"{name}.0")["lights"], first["lights"]):
+                for x, y in zip(a[key], b[key]):
+                    self.assertAlmostEqual(x, y, delta=1e-8 * max(1.0, abs(x)))  # nine digits
+            self.assertEqual([f["evidence"]["pixel_hash"] for f in first["frames"]],
+                             [f["evidence"]["pixel_hash"] for f in again["frames"]])
+            grey = 40 / 255  # write_capture's first pixel
+            self.assertAlmostEqual(floats_of(self.folder / f"{name}.1/frames/000000_a0.tif")[0],
+                                   ((grey + 0.055) / 1.055) ** 2.4, delta=1e-6)
+        # One that says nothing is named, and so is the way out.
+        file = self.folder / "near.exr0/light_0004.exr"
+        file.write_bytes(file.read_bytes().replace(b"haarlightLightFromObject", b"haarlightLightFromNowher"))
+        done = self.run_line("import near.exr0 -o none", BAD_INPUT)
+        self.assertIn("light_0004.exr", done.stderr)
+        self.assertIn("--lights FILE", done.stderr)
+        self.run_line("import near.exr0 --exclude 0004 -o eight")
+        done = self.run_line("import set -o none", BAD_INPUT)
+        self.assertIn("relief_00.jpg", done.stderr)
+        self.assertIn("no list of lights", done.stderr)
+        self.run_line("import near.exr0 --places positions -o none", USAGE)
+        self.assertFalse((self.folder / "none").exists())
+
+    def test_a_crop_survives_export_and_import(self):
+        write_capture(self.folder / "near", n_lights=9, scale=800.0)
+        self.run_line("import near --lights near/dirs.lp --places positions --crop 1,2,6,5 -o s")
+        self.run_line("export s --lp -o s.lp --exr s.exr")
+        self.run_line("import s.exr --crop 1,1,4,3 -o t")
+        self.assertEqual(self.check_session("t")["form"]["crop"], [2, 3, 8, 8])
+        done = self.run_line("calibrate t --target ball -o lights.json", BAD_INPUT)
+        self.assertIn("without --crop", done.stderr)
+
+    def test_frames_without_their_gains_are_not_passed_on_in_silence(self):
+        self.run_line(f"import set --lights set/relief.lp --white {self.CARD} -o s")
+        self.assertIn("gains", self.run_line("export s --lp -o raw.lp").stderr)
+        self.assertNotIn("gains", self.run_line("export s --lp -o dev.lp --exr dev").stderr)
+
+
+def write_tiff(path, width, height, value):
+    """An 8-bit RGB picture; value(x, y) gives three codes."""
+    pixels = bytes(c for y in range(height) for x in range(width) for c in value(x, y))
+    tags = [(256, 4, 1, width), (257, 4, 1, height), (258, 3, 3, 8 + len(pixels)), (259, 3, 1, 1),
+            (262, 3, 1, 2), (273, 4, 1, 8), (277, 3, 1, 3), (278, 4, 1, height), (279, 4, 1, len(pixels))]
+    path.write_bytes(b"II*\0" + struct.pack("<I", 14 + len(pixels)) + pixels + struct.pack("<3H", 8, 8, 8) +
+                     struct.pack("<H", len(tags)) + b"".join(struct.pack("<HHII", *tag) for tag in tags) +
+                     struct.pack("<I", 0))
 
 
 if __name__ == "__main__":

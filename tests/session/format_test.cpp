@@ -75,6 +75,8 @@ TEST(SessionFormat, DocumentsEveryFieldAndNoOther) {
   info.lights[1].place = Eigen::Vector3d::UnitZ();
   info.lights[0].lobe = LightLobe{-Eigen::Vector3d::UnitZ(), 1.0};  // else left out
   info.form.clip_level = 4000.0;  // else left out, as "patterns" is
+  info.form.gains = {1.5};
+  info.form.crop = FrameCrop{1, 2, 40, 30};
   info.patterns = {PatternFamily::s_matrix, {{1, 2}}, 0, {}};  // else "patterns" is left out
   Names written;
   add_keys(Json::parse(session_info_to_json(info)), "", written);

@@ -213,6 +213,12 @@ void make_import(const fs::path& folder, Random& random) {
   if (has_dark) {
     options.match.dark = {std::string("dark.") + ending};
   }
+  if (below(random, 2) == 0) {
+    options.crop = PixelRectangle{2, 1, 6, 5};
+  }
+  if (channels == 3 && below(random, 2) == 0) {
+    options.white = WhitePatch{{1, 1, 4, 4}, {}};
+  }
   (void)import_pictures(from, from / "list.lp", folder, options);
   fs::remove_all(from);
 }

@@ -334,6 +334,16 @@ def change_clip(info):
     info["form"]["clip_level"] = info["form"]["white_level"] - 500.0
 
 
+def change_gains(info):
+    form = info["form"]
+    form["gains"] = [1.25 * gain for gain in form.get("gains", [1.0] * form["channels"])]
+
+
+def change_crop(info):
+    form = info["form"]
+    form["crop"] = [1, 2, form["width"] + 4, form["height"] + 4]
+
+
 def change_exposure(info):
     info["shots"][0]["exposure_us"] += 0.5
 
@@ -481,6 +491,8 @@ KINDS = {
     **everywhere("power_changed", change_power),
     **everywhere("lobe_added", add_lobe),
     **everywhere("clip_level_changed", change_clip),
+    **everywhere("gains_changed", change_gains),
+    **everywhere("crop_changed", change_crop),
     **everywhere("exposure_changed", change_exposure),
     **everywhere("kind_changed", change_kind),
     **everywhere("drive_level_changed", change_levels),

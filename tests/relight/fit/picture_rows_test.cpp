@@ -178,5 +178,57 @@ TEST(SelectedRows, AreTheLightsAsked) {
   EXPECT_EQ(read_all(*some), read_all(*truth));
 }
 
+TEST(CroppedRows, AreARectangleOfTheWhole) {
+  const testing::TemporaryFolder folder;
+  write_jpeg(folder / "a.jpg", 3, false, 0);
+  write_jpeg(folder / "b.jpg", 3, false, 1);
+  const auto whole = jpeg_rows({folder / "a.jpg", folder / "b.jpg"});
+  const std::vector<std::uint16_t> all = read_all(*whole);
+  constexpr PixelRectangle kPart{7, 11, 20, 60};  // to the last row
+  const auto part = cropped_rows(jpeg_rows({folder / "a.jpg", folder / "b.jpg"}), kPart);
+  EXPECT_EQ(part->shape().width, 20);
+  EXPECT_EQ(part->shape().height, 60);
+  for (int round = 0; round < 2; ++round) {
+    const std::vector<std::uint16_t> found = read_all(*part);
+    std::size_t at = 0;
+    for (int y = 0; y < 60; ++y) {
+      for (int k = 0; k < 2; ++k) {
+        for (int i = 0; i < 20 * 3; ++i) {
+          const int from = (((y + 11) * 2 + k) * kWidth + 7) * 3 + i;
+          ASSERT_EQ(found[at++], all[static_cast<std::size_t>(from)]) << y << " " << i;
+        }
+      }
+    }
+  }
+  part->rewind();
+  part->skip(59);
+  std::vector<std::uint16_t> last(std::size_t{2} * 20 * 3);
+  part->read(1, last);
+  EXPECT_EQ(last[0], all[static_cast<std::size_t>(((70 * 2) * kWidth + 7) * 3)]);
+}
+
+/// What a fit reads of a session with a white reference is neutral where the card is; without,
+/// the same codes come straight from the frames.
+TEST(SessionRows, HaveTheGainsOfTheWhiteReference) {
+  const testing::TemporaryFolder folder;
+  const fs::path set = HAARLIGHT_SOURCE_DIR "/tests/data/small_rti";
+  (void)import_pictures(set, set / "relief.lp", folder / "s",
+                        {.white = WhitePatch{{75, 51, 14, 14}, {}}});
+  const Session session = Session::open(folder / "s");
+  const auto rows = session_rows(session, {});
+  const PictureShape shape = rows->shape();
+  const std::vector<std::uint16_t> all = read_all(*rows);
+  ASSERT_EQ(shape.n_lights, 16);
+  for (int k = 0; k < shape.n_lights; ++k) {
+    const int at = ((58 * shape.n_lights + k) * shape.width + 82) * 3;
+    for (int c = 1; c < 3; ++c) {
+      // A code of 8 bits and the JPEG's own rounding, of 255.
+      EXPECT_NEAR(all[static_cast<std::size_t>(at)], all[static_cast<std::size_t>(at + c)],
+                  3 * 257)
+          << k;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace haarlight

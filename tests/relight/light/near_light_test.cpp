@@ -5,6 +5,9 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
+#include "session/json_value.h"
+#include "session/rig_session.h"
+#include "session/transforms_file.h"
 
 namespace haarlight {
 namespace {
@@ -28,6 +31,43 @@ TEST(NearLight, OrthographicPixelsLieInTheirFrame) {
   EXPECT_TRUE(points.at(100, 50).isZero());
   EXPECT_TRUE(points.at(0, 0).isApprox(Eigen::Vector3d(-200, 100, 0)));
   EXPECT_TRUE(points.at(199.5, 99.5).isApprox(Eigen::Vector3d(199, -99, 0)));
+}
+
+/// The origin stays in the middle of the whole picture.
+TEST(NearLight, PixelsOfACropLieWhereTheyLayInTheWhole) {
+  constexpr double kMmAPixel = 2.0;
+  const PixelPoints whole = PixelPoints::orthographic(200, 100, 200 * kMmAPixel);
+  const PixelPoints part =
+      PixelPoints::orthographic(60, 40, 60 * kMmAPixel, FrameCrop{120, 7, 200, 100});
+  for (const double x : {0.0, 0.5, 59.5}) {
+    for (const double y : {0.0, 17.5, 40.0}) {
+      EXPECT_TRUE(part.at(x, y).isApprox(whole.at(x + 120, y + 7), 1e-14)) << x << " " << y;
+    }
+  }
+  EXPECT_DOUBLE_EQ(part.mm_per_pixel(), kMmAPixel);
+}
+
+/// What an EXR says of its light is what the transforms.json beside it says.
+TEST(NearLight, LightsInThePictureAreThoseOfTheTransformsFile) {
+  const Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/cube32.toml");
+  SessionInfo info;
+  describe_rig(rig, info);
+  const std::vector<SessionLight> seen = lights_in_picture(rig, info.lights);
+  std::vector<std::string> names;
+  for (const SessionLight& light : info.lights) {
+    names.push_back(light.name + ".exr");
+  }
+  const std::string text =
+      format_transforms(rig.cameras.front().model, rig.object_centre, info.lights, names);
+  const LightList list =
+      parse_transforms(JsonValue::parse(text, "transforms.json"), LightPlaces::automatic);
+  ASSERT_EQ(seen.size(), list.lights.size());
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    // Of hundreds of mm, two turns in double precision apart.
+    ASSERT_LT((seen[k].place - list.lights[k].place).norm(), 1e-9) << k;
+    ASSERT_TRUE(seen[k].lobe.has_value());
+    ASSERT_NEAR(seen[k].lobe->axis.norm(), 1.0, 1e-12);
+  }
 }
 
 TEST(NearLight, CameraPixelsLieOnThePlane) {

@@ -273,6 +273,30 @@ TEST(PhotometricStereo, HopelessPixelsSayWhyAndAreNeverNaN) {
   }
 }
 
+/// Channels with gains of their own end at values of their own.
+TEST(PhotometricStereo, EveryChannelMayHaveItsOwnClipLevel) {
+  const StereoLights lights = far_lights(8);
+  MemoryStack stack({1, 1, 3, 8});
+  for (int c = 0; c < 3; ++c) {
+    MemoryStack grey = far_capture(1, 1, 1, lights.directions, bowl());
+    for (int k = 0; k < 8; ++k) {
+      stack.at(c, 0, 0, k) = static_cast<float>(c + 1) * grey.at(0, 0, 0, k);
+    }
+  }
+  const float top = 1.01F * stack.at(0, 0, 0, 0);
+  StereoOptions options = with(LambertMethod::least_squares);
+  options.saturation.assign(24, 100.0F);
+  const SurfaceEstimate all = photometric_stereo(stack, lights, {}, {}, options);
+  for (int c = 0; c < 3; ++c) {  // of light 0 each channel just below its end: nothing changes
+    options.saturation[8 * static_cast<std::size_t>(c)] = static_cast<float>(c + 1) * top;
+  }
+  const SurfaceEstimate below = photometric_stereo(stack, lights, {}, {}, options);
+  EXPECT_EQ(below.n_used(0, 0), all.n_used(0, 0));
+  options.saturation[8] = top;  // green's end is red's
+  const SurfaceEstimate clipped = photometric_stereo(stack, lights, {}, {}, options);
+  EXPECT_EQ(clipped.n_used(0, 0) + 1, all.n_used(0, 0));
+}
+
 TEST(PhotometricStereo, ClippedSamplesAreLeftOut) {
   const StereoLights lights = far_lights(12);
   MemoryStack stack = far_capture(1, 1, 1, lights.directions, bowl());

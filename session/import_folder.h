@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <span>
+#include <string>
+
+/// @file
+/// Where an import is written: a folder that appears whole or not at all.
+
+namespace haarlight {
+
+/// A folder beside `target` that is removed unless it got that name.
+class PendingFolder {
+ public:
+  /// Makes it, with a folder frames/ in it. @throws Error(io)
+  explicit PendingFolder(std::filesystem::path target);
+  ~PendingFolder();
+  PendingFolder(const PendingFolder&) = delete;
+  PendingFolder& operator=(const PendingFolder&) = delete;
+
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+  /// Everything durable, then the name. An older session there is exchanged in one step.
+  /// @throws Error(io)
+  void commit(bool replace);
+
+ private:
+  [[noreturn]] void fail_io(const char* step) const;
+
+  std::filesystem::path target_;
+  std::filesystem::path path_;
+};
+
+/// @return  whether an older import is to be replaced
+/// @throws Error  it exists and is none, or `force` is not given
+[[nodiscard]] bool check_import_target(const std::filesystem::path& target, bool force);
+
+/// @throws Error(io)
+void write_plain(const std::filesystem::path& path, std::span<const std::byte> bytes);
+void write_plain(const std::filesystem::path& path, const std::string& text);
+
+}  // namespace haarlight

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/image.h"
+#include "session/session.h"
+
+/// @file
+/// What a neutral patch in the pictures (a white or grey card) says of their colours: a gain a
+/// channel that makes it neutral. Pure. Notes: docs/import.md.
+
+namespace haarlight {
+
+/// The patch under one light.
+struct PatchSample {
+  std::vector<double> mean;  ///< (channels), linear, dark subtracted, in shares of the range
+  bool is_clipped = false;   ///< a sample of it is
+};
+
+/// @param patch      its pixels, linear
+/// @param clip_from  a value at or above is clipped
+[[nodiscard]] PatchSample sample_patch(const Image<float>& patch, double clip_from);
+
+struct WhiteReference {
+  /// (channels), what linear values are multiplied by. Without a reflectance the least is 1: a
+  /// neutral thing keeps its brightest channel, and what is clipped stays white.
+  std::vector<double> gains;
+  /// (channels), relative: 1.4826 times the median distance of single lights' gains from the
+  /// median; of green, to which they are taken, 0.
+  std::vector<double> scatter;
+  /// The same of the patch's reflectance under single lights; nothing without one.
+  std::optional<double> reflectance_scatter;
+  int n_used = 0;
+  int n_clipped = 0;
+  int n_dark = 0;
+  int furthest = -1;      ///< the light whose colour is furthest off
+  double distance = 0.0;  ///< relative, of its worst channel
+};
+
+/// How the patches are judged.
+struct WhiteTask {
+  std::optional<double> reflectance;  ///< of the patch, 0 .. 1
+  bool are_integers = true;           ///< values end at 1
+  std::string where;                  ///< for errors
+};
+
+/// The gains of all pictures: of each channel the median over the lights under which no sample
+/// of the patch is clipped and its darkest channel is lit: above kLeastPatchShare of the range,
+/// or of floating-point values, which have none, of the brightest such patch. With a
+/// reflectance they also bring the patch, which lies in the picture's plane, to reflectance *
+/// cos(angle of the light to the view), in the median over the lights above 3 degrees: a white
+/// that faces the light is then 1.
+/// @param patches  (n_lights)
+/// @throws Error  no light under which the patch can be used; one channel and no reflectance
+[[nodiscard]] WhiteReference find_white_reference(const std::vector<PatchSample>& patches,
+                                                  const std::vector<SessionLight>& lights,
+                                                  const WhiteTask& task);
+
+/// Below it 8-bit sRGB is too coarse (a step is 4.5 % of the value), and what lights a patch in
+/// shadow is other light.
+inline constexpr double kLeastPatchShare = 0.02;
+
+/// "R 1.000, G 1.220 ... under 14 of 16 lights", for people.
+[[nodiscard]] std::string words(const WhiteReference& white, std::size_t n_lights);
+
+}  // namespace haarlight
