@@ -165,7 +165,8 @@ class PictureFinder {
     throw Error(fmt::format("the picture \"{}\" is missing", name), folder_.string(),
                 nearest.empty()
                     ? "put it there, take its line out of the list of lights, or say where it "
-                      "lies: --pictures-from"
+                      "lies: --pictures-from; where the pictures have other names but the "
+                      "list's order, take all names out of the list"
                     : fmt::format("is it \"{}\"? correct the name in the list; or say where it "
                                   "lies: --pictures-from",
                                   nearest));
