@@ -97,6 +97,11 @@ std::string last_part(const std::string& name) {
   return slash == std::string::npos ? name : name.substr(slash + 1);
 }
 
+bool is_same_file(const fs::path& a, const fs::path& b) {
+  std::error_code ignored;
+  return fs::equivalent(a, b, ignored);
+}
+
 /// What the notes of a match gather: one line each, however many pictures it concerns.
 struct MatchNotes {
   std::vector<std::string> bare;   ///< found by their last part
@@ -116,8 +121,11 @@ std::string names_of(const std::vector<std::string>& names) {
 
 class PictureFinder {
  public:
-  PictureFinder(fs::path folder, const MatchOptions& options)
-      : folder_(std::move(folder)), options_(options), present_(picture_names(folder_)) {
+  PictureFinder(fs::path folder, const fs::path& light_file, const MatchOptions& options)
+      : folder_(std::move(folder)),
+        list_folder_(light_file.parent_path()),
+        options_(options),
+        present_(picture_names(folder_)) {
     for (const std::string& name : present_) {
       by_lower_[lower(name)].push_back(name);
     }
@@ -133,7 +141,10 @@ class PictureFinder {
     }
     const std::string bare = last_part(name);
     if (!bare.empty() && bare != ".." && is_file(folder_ / bare)) {
-      notes.bare.push_back(name);
+      // A name written from where the list stands is no other machine's.
+      if (!within || !is_same_file(list_folder_ / *within, folder_ / bare)) {
+        notes.bare.push_back(name);
+      }
       return folder_ / bare;
     }
     const auto cased = by_lower_.find(lower(bare));
@@ -174,6 +185,7 @@ class PictureFinder {
 
  private:
   fs::path folder_;
+  fs::path list_folder_;
   const MatchOptions& options_;
   std::vector<std::string> present_;
   std::map<std::string, std::vector<std::string>> by_lower_;
@@ -302,7 +314,7 @@ std::vector<std::string> picture_names(const fs::path& folder) {
 
 std::vector<LightPicture> match_pictures(const fs::path& folder, const fs::path& light_file,
                                          LightList& list, const MatchOptions& options) {
-  const PictureFinder finder(folder, options);
+  const PictureFinder finder(folder, light_file, options);
   const std::vector<std::string> present = lights_pictures(finder.present(), options);
   std::vector<LightPicture> pictures;
   if (list.lights[0].name.empty()) {
