@@ -207,6 +207,49 @@ std::string unknown_verb(const CLI::App& app, int argc, const char* const* argv)
                      near.empty() ? "" : fmt::format(": did you mean {}?", near));
 }
 
+/// The verb that the line names, "haarlight rig doctor"; its words, and itself.
+std::pair<std::string, const CLI::App*> chosen_verb(const CLI::App& app) {
+  std::string words = app.get_name();
+  const CLI::App* verb = &app;
+  for (auto chosen = app.get_subcommands(); !chosen.empty(); chosen = verb->get_subcommands()) {
+    verb = chosen.front();
+    words += " " + verb->get_name();
+  }
+  return {words, verb};
+}
+
+/// The first word that the verb does not know, and the option that was perhaps meant.
+std::string unknown_word(const CLI::App& app, const CLI::App& verb) {
+  std::vector<std::string> options;
+  for (const CLI::Option* option : verb.get_options()) {
+    for (const std::string& name : option->get_lnames()) {
+      options.push_back("--" + name);
+    }
+  }
+  const std::vector<std::string> unknown = app.remaining(true);
+  const auto word = std::find_if(unknown.begin(), unknown.end(),
+                                 [](const std::string& w) { return w.front() == '-'; });
+  if (word == unknown.end()) {
+    return unknown.empty() ? std::string() : fmt::format("what is {}?", unknown.front());
+  }
+  const std::string near = nearest_word(*word, options);
+  return fmt::format("there is no option {}{}", *word,
+                     near.empty() ? "" : fmt::format(": did you mean {}?", near));
+}
+
+/// What is wrong with the line, of which command, and where its options are told.
+std::string usage_words(const CLI::App& app, const CLI::ParseError& error) {
+  const auto chosen = chosen_verb(app);
+  const bool is_unknown =
+      error.get_exit_code() == static_cast<int>(CLI::ExitCodes::ExtrasError);
+  std::string problem = is_unknown ? unknown_word(app, *chosen.second) : std::string();
+  if (problem.empty()) {
+    problem = error.what();
+  }
+  return fmt::format("{0}: {1}\n  cure: {0} --help tells what it takes\n", chosen.first,
+                     problem);
+}
+
 }  // namespace
 
 void Command::option(const std::string& names, OptionTarget target, const std::string& help,
@@ -273,7 +316,7 @@ std::optional<ExitCode> CommandLine::parse(int argc, const char* const* argv) {
     if (const std::string wrong = unknown_verb(*app_, argc, argv); !wrong.empty()) {
       std::cerr << wrong << "Run with --help for more information.\n";
     } else {
-      app_->exit(error, std::cout, std::cerr);
+      std::cerr << usage_words(*app_, error);
     }
     return ExitCode::usage;
   }

@@ -22,6 +22,7 @@ figcaption { font-size: .9rem; margin-top: .4rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 1rem 0; }
 th, td { text-align: left; padding: .25rem .8rem .25rem 0; border-bottom: 1px solid #ddd; }
+th:not(:first-child) { text-align: right; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 code { background: #eee; padding: .1rem .3rem; }
 summary { cursor: pointer; font-weight: bold; }
@@ -72,6 +73,7 @@ class Page:
         body = "\n".join(self.parts)
         text = ("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
                 "<meta name=\"viewport\" content=\"width=device-width\">"
+                "<link rel=\"icon\" href=\"data:,\">"
                 f"<title>haarlight: the demo</title><style>{STYLE}</style></head>\n"
                 f"<body>\n{body}\n</body></html>\n")
         temporary = self.folder / "index.html.tmp"

@@ -97,6 +97,11 @@ std::string last_part(const std::string& name) {
   return slash == std::string::npos ? name : name.substr(slash + 1);
 }
 
+bool is_same_file(const fs::path& a, const fs::path& b) {
+  std::error_code ignored;
+  return fs::equivalent(a, b, ignored);
+}
+
 /// What the notes of a match gather: one line each, however many pictures it concerns.
 struct MatchNotes {
   std::vector<std::string> bare;   ///< found by their last part
@@ -116,8 +121,11 @@ std::string names_of(const std::vector<std::string>& names) {
 
 class PictureFinder {
  public:
-  PictureFinder(fs::path folder, const MatchOptions& options)
-      : folder_(std::move(folder)), options_(options), present_(picture_names(folder_)) {
+  PictureFinder(fs::path folder, const fs::path& light_file, const MatchOptions& options)
+      : folder_(std::move(folder)),
+        list_folder_(light_file.parent_path()),
+        options_(options),
+        present_(picture_names(folder_)) {
     for (const std::string& name : present_) {
       by_lower_[lower(name)].push_back(name);
     }
@@ -133,7 +141,10 @@ class PictureFinder {
     }
     const std::string bare = last_part(name);
     if (!bare.empty() && bare != ".." && is_file(folder_ / bare)) {
-      notes.bare.push_back(name);
+      // A name written from where the list stands is no other machine's.
+      if (!within || !is_same_file(list_folder_ / *within, folder_ / bare)) {
+        notes.bare.push_back(name);
+      }
       return folder_ / bare;
     }
     const auto cased = by_lower_.find(lower(bare));
@@ -165,7 +176,8 @@ class PictureFinder {
     throw Error(fmt::format("the picture \"{}\" is missing", name), folder_.string(),
                 nearest.empty()
                     ? "put it there, take its line out of the list of lights, or say where it "
-                      "lies: --pictures-from"
+                      "lies: --pictures-from; where the pictures have other names but the "
+                      "list's order, take all names out of the list"
                     : fmt::format("is it \"{}\"? correct the name in the list; or say where it "
                                   "lies: --pictures-from",
                                   nearest));
@@ -173,6 +185,7 @@ class PictureFinder {
 
  private:
   fs::path folder_;
+  fs::path list_folder_;
   const MatchOptions& options_;
   std::vector<std::string> present_;
   std::map<std::string, std::vector<std::string>> by_lower_;
@@ -306,7 +319,7 @@ std::vector<std::string> light_picture_names(const fs::path& folder,
 
 std::vector<LightPicture> match_pictures(const fs::path& folder, const fs::path& light_file,
                                          LightList& list, const MatchOptions& options) {
-  const PictureFinder finder(folder, options);
+  const PictureFinder finder(folder, light_file, options);
   const std::vector<std::string> present = lights_pictures(finder.present(), options);
   std::vector<LightPicture> pictures;
   if (list.lights[0].name.empty()) {

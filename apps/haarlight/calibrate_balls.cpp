@@ -23,6 +23,7 @@ using Eigen::Vector3d;
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr double kRivalShare = 0.25;   // a highlight has this share of its picture's brightest
 constexpr double kLeastWander = 0.01;  // of the radius: what does not move is no light
+constexpr double kLeastSeen = 0.5;     // of a ball's outline: a ball before a wall shows more
 
 /// The highlights of each light on each circle, and why there is none.
 struct Highlights {
@@ -261,6 +262,11 @@ void tell_balls(const SeenBalls& seen, Report& report) {
         "ball at ({:.2f}, {:.2f}), radius {:.2f} +- {:.2f} pixels, {:.0f} % of its "
         "outline seen\n",
         c.x, c.y, c.radius, std::sqrt(ball.covariance(2, 2)), 100.0 * ball.seen);
+    if (ball.seen < kLeastSeen) {
+      log_warning(
+          "less than half of that outline is in the pictures: is it a ball? Look at "
+          "balls.png; where it is not, say where the ball is: --ball MASK");
+    }
     numbers.insert(numbers.end(), {c.x, c.y, c.radius});
   }
   report.add_reached("balls_px", numbers);

@@ -118,8 +118,12 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   report.add_reached("moved_share", developed.moved_share);
   report.add_detail("steps", developed.record);
   report.set_bytes(bytes);
-  fmt::print("{}: {} x {} x {} under {} lights, {} bands\n", arguments.session, shape.width,
-             shape.height, shape.channels, shape.n_lights, shape.n_bands());
+  fmt::print("{}: {} x {} x {} under {} lights, {} band{}\n", arguments.session, shape.width,
+             shape.height, shape.channels, shape.n_lights, shape.n_bands(),
+             shape.n_bands() == 1 ? "" : "s");
+  fmt::print("  kept in {} for compress, relight and the others{}\n",
+             arguments.cache.empty() ? (session.folder() / "cache").string() : arguments.cache,
+             arguments.exr.empty() ? "; --exr DIR writes pictures" : "");
   if (developed.n_saturated > 0) {
     fmt::print("{} values are clipped in every exposure: lower bounds, not measurements\n",
                developed.n_saturated);

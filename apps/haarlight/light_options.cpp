@@ -5,7 +5,7 @@
 namespace haarlight {
 
 void add_light_options(Command verb, LightOptions& options) {
-  verb.option("--cubemap", &options.cubemap,
+  verb.option("--cubemap,--environment", &options.cubemap,
               "Environment: lat-long, cross or strip picture, or a folder of six faces",
               {.type = "ENV"});
   verb.option("--light,--lights", &options.lights,

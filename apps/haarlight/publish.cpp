@@ -161,7 +161,7 @@ void add_publish(Command root, Invocation& invocation) {
               {.type = "BASIS.hlb", .is_required = true});
   verb.option("-o,--output", &arguments->out, "Folder to make",
               {.type = "DIR", .is_required = true});
-  verb.option("--environment", &arguments->environments,
+  verb.option("--environment,--cubemap", &arguments->environments,
               "Of a basis file: a picture of a room or sky to light it with; may be repeated",
               {.type = "FILE"});
   verb.option("--terms", &arguments->terms,

@@ -16,6 +16,7 @@
 #include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/light_options.h"
 #include "apps/haarlight/picture_notes.h"
+#include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -295,6 +296,7 @@ ExitCode run_frames(const RelightArguments& arguments, const CommonOptions& comm
 
 ExitCode run_relight(const RelightArguments& arguments, const CommonOptions& common,
                      Report& report) {
+  refuse_not_basis(arguments.basis, "relight");
   report.add_input(arguments.basis);
   require_picture_name(arguments.output);
   if (arguments.frames) {

@@ -12,6 +12,7 @@
 #include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/light_options.h"
 #include "apps/haarlight/picture_notes.h"
+#include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -394,6 +395,7 @@ ExitCode run_shadow(const ShadowArguments& arguments, const CommonOptions& commo
                       "object and scene have one brightness through it",
                 ExitCode::usage);
   }
+  refuse_not_basis(arguments.basis, "shadow");
   report.add_input(arguments.basis);
   report.add_input(arguments.scene);
   std::vector<std::unique_ptr<Capture>> captures;

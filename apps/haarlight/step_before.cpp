@@ -10,14 +10,27 @@
 
 namespace haarlight {
 
+namespace fs = std::filesystem;
+
+namespace {
+
+bool holds(const std::string& folder, const char* name) {
+  std::error_code ignored;
+  return fs::exists(fs::path(folder) / name, ignored);
+}
+
+bool is_session(const std::string& folder) {
+  return holds(folder, "session.json") || holds(folder, "journal.sqlite");
+}
+
+}  // namespace
+
 void refuse_step_before(const std::string& file, const std::string& verb) {
-  namespace fs = std::filesystem;
   std::error_code ignored;
   if (!fs::is_directory(file, ignored)) {
     return;
   }
-  if (fs::exists(fs::path(file) / "session.json", ignored) ||
-      fs::exists(fs::path(file) / "journal.sqlite", ignored)) {
+  if (is_session(file)) {
     throw Error(
         "a session: what is made from it can be looked at", file,
         fmt::format("haarlight compress {0} -o NAME.hlb (its lights and shadows under any "
@@ -35,6 +48,34 @@ void refuse_step_before(const std::string& file, const std::string& verb) {
   }
   throw Error("a folder without info.json, session.json or pictures", file,
               "give a basis file (.hlb), a .ptm, an .rti or a fitted folder");
+}
+
+void refuse_not_basis(const std::string& file, const std::string& verb) {
+  std::error_code ignored;
+  if (!fs::is_directory(file, ignored)) {
+    return;
+  }
+  if (is_session(file)) {
+    throw Error("a session, not a basis file", file,
+                fmt::format("haarlight compress {} -o NAME.hlb, then haarlight {} NAME.hlb",
+                            file, verb));
+  }
+  if (holds(file, "info.json")) {
+    throw Error(
+        "a picture lit from one direction at a time, not a basis file", file,
+        fmt::format("haarlight compress of the session that it was fitted to, then "
+                    "haarlight {}; or light it from one direction: haarlight convert {} "
+                    "OUT.png --light X,Y,Z",
+                    verb, file));
+  }
+  if (picture_names(file).empty()) {
+    throw Error("a folder, not a basis file", file,
+                "name a file that haarlight compress wrote");
+  }
+  throw Error("a folder of pictures, not a basis file", file,
+              fmt::format("haarlight import {} --lights LIST.lp -o NAME.session, haarlight "
+                          "compress of that, then haarlight {}",
+                          file, verb));
 }
 
 }  // namespace haarlight

@@ -234,6 +234,84 @@ class CommandLine(unittest.TestCase):
         self.assertIn("did you mean relight?", shown.stderr)
         self.assertEqual(self.programs.run().returncode, USAGE)
 
+    def test_a_wrong_line_is_said_with_its_verb_the_option_meant_and_a_cure(self):
+        for line, problem in (
+                ("relight object.hlb --exposur 2 -o new.png", "there is no option --exposur: did you mean --exposure?"),
+                ("import photos -o new", "--lights is required"),
+                ("rig doctor", "RIG is required"),
+                ("relight object.hlb other.hlb --light 0 -o new.png", "what is other.hlb?")):
+            with self.subTest(line=line):
+                shown = self.run_line(line)
+                verb = line.split()[0]
+                self.assertEqual(shown.returncode, USAGE)
+                self.assertEqual(shown.stderr, f"haarlight {verb}: {problem}\n  cure: haarlight {verb} "
+                                               "--help tells what it takes\n")
+
+    def test_an_environment_is_named_alike_by_every_verb(self):
+        """publish calls it --environment, relight --cubemap: each takes both words."""
+        for word in ("--environment", "--cubemap"):
+            with self.subTest(word=word):
+                for line in (f"relight object.hlb {word} {{room}} -o {word[2:]}.png",
+                             f"publish object.hlb {word} {{room}} -o {word[2:]}-site"):
+                    done = self.run_line(line)
+                    self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertEqual((self.folder / "cubemap.png").read_bytes(),
+                         (self.folder / "environment.png").read_bytes())
+
+    def test_a_folder_given_for_a_basis_file_is_told_the_step_that_lacks(self):
+        self.assertEqual(self.run_line("convert object.ptm fitted").returncode, DONE)
+        for folder, problem, cure in (
+                ("session", "a session, not a basis file", "haarlight compress session -o NAME.hlb, then haarlight {} NAME.hlb"),
+                ("fitted", "one direction at a time, not a basis file", "haarlight convert fitted OUT.png --light X,Y,Z"),
+                ("photos", "a folder of pictures, not a basis file", "haarlight import photos --lights LIST.lp")):
+            for line in (f"relight {folder} --light 0 -o new.png",
+                         f"shadow {folder} --scene {{scene}} --light 0 -o new.png"):
+                with self.subTest(line=line):
+                    shown = self.run_line(line)
+                    self.assertEqual(shown.returncode, BAD_INPUT, shown.stderr)
+                    self.assertIn(problem, shown.stderr)
+                    self.assertIn("cure: ", shown.stderr)
+                    self.assertIn(cure.format(line.split()[0]), shown.stderr)
+
+    def test_pictures_of_other_names_than_the_lists_are_told_the_cure(self):
+        lines = (self.folder / "photos/dirs.lp").read_text().splitlines()
+        named = [f"scan-{i}-of-march.tif {line.split(maxsplit=1)[1]}" for i, line in enumerate(lines[1:])]
+        (self.folder / "other.lp").write_text("\n".join([lines[0], *named]) + "\n")
+        shown = self.run_line("import photos --lights other.lp -o new.session")
+        self.assertEqual(shown.returncode, BAD_INPUT)
+        self.assertIn("take all names out of the list", shown.stderr)
+        nameless = [line.split(maxsplit=1)[1] for line in named]
+        (self.folder / "other.lp").write_text("\n".join([lines[0], *nameless]) + "\n")
+        done = self.run_line("import photos --lights other.lp -o nameless.session")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+
+    def test_a_ball_of_which_little_is_seen_is_doubted(self):
+        """Its wall is as dark as itself, but for 140 degrees; what is no ball at all looks like this too."""
+        (self.folder / "arc").mkdir()
+        for k in range(6):
+            def value(x, y, k=k):
+                right, down = x + 0.5 - 58.2, y + 0.5 - 35.7
+                if math.hypot(right + 8.2 - 3 * k, down + 5.7 - 4 * (k % 3)) < 1.7:
+                    return 250
+                is_dark = math.hypot(right, down) < 24.4 or abs(math.atan2(down, right)) > math.radians(70)
+                return 20 if is_dark else 120 + (x + 2 * k) % 7
+
+            write_png(self.folder / f"arc/light{k}.png", 120, 80, value)
+        done = self.run_line("calibrate arc --target ball -o arc.lights")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        self.assertRegex(done.stdout, "(3[0-9]|4[0-9]) % of its outline seen")
+        self.assertIn("is it a ball? Look at balls.png", done.stderr)
+        self.assertIn("--ball MASK", done.stderr)
+        whole = self.run_line("calibrate ball --target ball -o whole.lights")
+        self.assertEqual(whole.returncode, DONE, whole.stderr)
+        self.assertNotIn("is it a ball", whole.stderr)
+
+    def test_develop_says_where_its_pictures_are(self):
+        done = self.run_line("develop session")
+        self.assertEqual(done.returncode, DONE, done.stderr)
+        place = re.search(r"kept in (\S+)", done.stdout)[1]
+        self.assertTrue(any((self.folder / place).iterdir()), place)
+
     def test_numbers_out_of_range_nan_and_infinity_are_usage_errors(self):
         for line in ("plate {rig} -o new.hlb --max-error nan", "plate {rig} -o new.hlb --max-error 2",
                      "relight object.hlb --light 0 -o new.png --rotate inf",

@@ -224,6 +224,18 @@ class Examples(unittest.TestCase):
         for picture in ("sky.png", "shadow.exr"):
             self.assertGreater((place / picture).stat().st_size, 1000)
 
+    def test_the_readmes_outputs_are_nothing_that_the_checkout_has(self):
+        """The README is typed beside README.md, not in an empty folder as above."""
+        commands = shown_commands("README.md")
+        names = [name for command in commands
+                 for name in re.findall(r" (?:-o|--png) (\S+)", command)]
+        self.assertGreaterEqual(len(names), 12)
+        found = subprocess.run(["git", "-C", SOURCE, "ls-files", "--", *names], capture_output=True,
+                               text=True, check=False)
+        if found.returncode != 0:
+            self.skipTest("not a git checkout")
+        self.assertEqual(found.stdout, "", "the command would find something there already")
+
     def type_in_order(self, commands, folder, url=None):
         """As a person types them into one shell; what ends in & runs until the last."""
         served = []

@@ -118,6 +118,9 @@ TEST_F(PictureMatch, FindsWhatAnotherMachineNamed) {
   EXPECT_THAT(m.disagreements, ElementsAre(HasSubstr("by the last part of the name")));
   EXPECT_THAT(of({"jpeg-exports/a.jpg", "b.jpg", "c.jpg"}, {.is_strict = true}).refusal,
               HasSubstr("jpeg-exports/a.jpg"));
+  // From where the list stands, as `haarlight export --png` writes it: nothing to warn of.
+  EXPECT_THAT(of({"in/a.jpg", "in/b.jpg", "in\\c.jpg"}, {.is_strict = true}).paths,
+              ElementsAre("in/a.jpg", "in/b.jpg", "in/c.jpg"));
   // As written wins: below the folder it is no other machine's.
   EXPECT_THAT(of({"sub\\d.jpg", "a.jpg", "b.jpg", "c.jpg"}).paths[0], "in/sub/d.jpg");
   EXPECT_THAT(of({"./sub/../sub/d.jpg", "a.jpg", "b.jpg", "c.jpg"}).paths[0], "in/sub/d.jpg");

@@ -331,6 +331,30 @@ await suite.test('it pans and zooms to every full pixel, and loads what is seen 
   });
 });
 
+await suite.test('in a window of any width the picture is there, stands still, and fills its box', async () => {
+  const {site} = publish(kObjects.ptm(), 'widths-tiles');
+  for (const [width, deviceScaleFactor] of [[320, 1], [390, 1], [390, 3], [412, 2.625], [701, 1], [1280, 1.25]]) {
+    await showing(site, async page => {
+      const box = () => page.evaluate(() => {
+        const {canvas} = window.haarlightView.renderer;
+        return [canvas.clientWidth, canvas.clientHeight, canvas.width, canvas.height];
+      });
+      const first = await box();
+      await page.evaluate(() => new Promise(resolve => setTimeout(resolve, 300)));
+      await settled(page);
+      const what = `${width} pixels × ${deviceScaleFactor}`;
+      expect(String(await box()) === String(first), `${what}: it grew from ${first} to ${await box()}`);
+      const fitted = first[0] * 700 / 1300;  // and of a low picture 16rem, to move it in
+      expect(Math.abs(first[1] - Math.max(256, fitted)) <= 1, `${what}: a box of ${first} for 1300 × 700`);
+      const lit = await page.evaluate(() => {
+        const {data} = window.haarlightView.renderer.pixels();
+        return data.reduce((n, v, i) => n + (i % 4 < 3 && v > 8), 0) / (data.length * 3 / 4);
+      });
+      expect(lit > 0.8 * fitted / first[1], `${what}: ${lit} of the canvas is lit`);
+    }, {context: {viewport: {width, height: 844}, deviceScaleFactor}});
+  }
+});
+
 await suite.test('normals and gloss go across tiles without a seam', async () => {
   const {site} = publish(kObjects.ptm(), 'normals-tiles');
   await showing(site, async page => {
@@ -344,7 +368,7 @@ await suite.test('normals and gloss go across tiles without a seam', async () =>
       const [left, top] = renderer.origin;
       const change = x => {
         let sum = 0;
-        for (let y = 60; y < 200; ++y) {
+        for (let y = 200; y < 340; ++y) {
           const at = 4 * ((top + y) * width + left + x);
           sum += Math.abs(data[at] - data[at + 4]);
         }

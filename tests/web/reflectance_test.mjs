@@ -137,7 +137,7 @@ await suite.test('the light follows the arrow keys and stays on the half ball', 
     await settled(page);
     const [x, y, z] = await light();
     expect(Math.abs(Math.hypot(x, y, z) - 1) < 1e-9 && z >= 0 && y > 0.95, `on the rim: ${[x, y, z]}`);
-    expect(/° over the picture/.test(await textOf(page, '#light-readout')), 'it is told');
+    expect(/° above the picture, -?\d+° counter-clockwise from the right/.test(await textOf(page, '#light-readout')), 'it is told');
     expect(/^haarlight convert ball\.ptm picture\.png --light /.test(await textOf(page, '#command')), 'the command');
   }));
 

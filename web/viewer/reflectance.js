@@ -69,8 +69,8 @@ function draw() {
   const [x, y, z] = shown.light;
   const height = Math.round(Math.asin(z) * 180 / Math.PI);
   const numbers = shown.light.map(v => Number(v.toFixed(4)));
-  byId('light-readout').textContent = `${numbers.join(', ')}: ${height}° over the picture` +
-    (Math.hypot(x, y) > 1e-3 ? `, from ${Math.round(Math.atan2(y, x) * 180 / Math.PI)}° against the clock from the right` : '');
+  byId('light-readout').textContent = `${numbers.join(', ')}: ${height}° above the picture` +
+    (Math.hypot(x, y) > 1e-3 ? `, ${Math.round(Math.atan2(y, x) * 180 / Math.PI)}° counter-clockwise from the right` : '');
   byId('command').textContent =
     `haarlight convert ${shellWord(page.about.file)} picture.png --light ${numbers.join(',')}`;
 }
@@ -123,6 +123,8 @@ async function loadWhole(canvas) {
 
 /** A published folder's tiles, as they are seen. */
 function openTiles(canvas) {
+  const {width, height} = page.about.picture;
+  byId('stage').style.setProperty('--shape', `${width} / ${height}`);
   byId('stage').classList.add('tiled');
   let request = null;
   const again = () => {

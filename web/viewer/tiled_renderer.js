@@ -44,8 +44,12 @@ export class TiledRenderer extends RelitPainter {
     const {canvas} = this;
     const ratio = window.devicePixelRatio || 1;
     const most = this.gl.getParameter(this.gl.MAX_RENDERBUFFER_SIZE);
-    canvas.width = Math.max(1, Math.min(most, Math.round(canvas.clientWidth * ratio)));
-    canvas.height = Math.max(1, Math.min(most, Math.round(canvas.clientHeight * ratio)));
+    for (const [side, shown] of [['width', canvas.clientWidth], ['height', canvas.clientHeight]]) {
+      const pixels = Math.max(1, Math.min(most, Math.round(shown * ratio)));
+      if (canvas[side] !== pixels) {
+        canvas[side] = pixels;  // which empties it, even where nothing changes
+      }
+    }
     if (this.isFit) {
       this.fit();
     }
