@@ -76,7 +76,7 @@ CompressSource source_of(const Twin& twin, const Rig& rig, const StackSource* pl
   source.stack = &twin.stack;
   source.plate = plate;
   source.plate_kind = "computed";
-  source.grid = 8;
+  source.grid = {8, 8};
   source.rig_toml = rig.text;
   source.name = "twin";
   return source;

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <map>
 #include <string>
 #include <vector>
@@ -111,9 +112,9 @@ std::map<int, TreadError> errors_by_tread(const std::map<int, int>& treads,
 class StairScene : public ::testing::Test {
  protected:
   StairScene() {
-    rig_ = read_rig(std::string(kRoot) + "/configs/rigs/cube32.toml");
-    stairs_ = read_scene(std::string(kRoot) + "/configs/scenes/stairs.toml");
-    object_ = read_scene(std::string(kRoot) + "/configs/scenes/airplane.toml").scene;
+    rig_ = read_rig(std::filesystem::path(kRoot) / "configs/rigs/cube32.toml");
+    stairs_ = read_scene(std::filesystem::path(kRoot) / "configs/scenes/stairs.toml");
+    object_ = read_scene(std::filesystem::path(kRoot) / "configs/scenes/airplane.toml").scene;
     remove_plane_triangles(object_, make_plane_frame(rig_.planes[0]));
     camera_ = stairs_.camera;
     camera_.width = 160;
