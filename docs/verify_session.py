@@ -7,8 +7,7 @@ Prints each broken promise; exit code 0: none. Unsigned this finds accident and 
 ssh-keygen) everything after signing. XXH3 is left to `haarlight verify`: SHA-256 covers the same bytes."""
 import array, contextlib, hashlib, json, math, os, re, sqlite3, stat, struct, subprocess, sys, tomllib, urllib.parse
 
-OWN = set("start.json session.json session.json.sig plan.json rig.toml frames aside journal.sqlite "
-          "aborted.txt cache".split())
+OWN = set("start.json session.json session.json.sig plan.json rig.toml frames aside journal.sqlite aborted.txt cache".split())
 TABLES = ("SELECT type, name, sql FROM sqlite_master ORDER BY type, name",
           "SELECT format, session FROM meta ORDER BY rowid",
           "SELECT id, shot, attempt, file, file_hash, evidence, state FROM frames ORDER BY id",
@@ -51,9 +50,8 @@ def setup_hash(info):
         SAMPLES[form["sample"]][1], ("linear", "srgb", "unknown").index(form["transfer"]),
         ("none", "rggb", "bggr", "grbg", "gbrg").index(form["bayer"]), form["black_level"],
         form["white_level"], form.get("clip_level", form["white_level"]), info["grid_rows"], info["grid_cols"])
-    for name in ("gains", "crop"):
-        if name in form:
-            data += b"%d:" % len(name) + name.encode() + struct.pack(f"<{len(form[name])}d", *form[name])
+    for name in (name for name in ("gains", "crop") if name in form):
+        data += b"%d:" % len(name) + name.encode() + struct.pack(f"<{len(form[name])}d", *form[name])
     return hashlib.sha256(data).hexdigest()
 
 def read_tiff(data):
@@ -133,10 +131,9 @@ def check_rig(text, info):
     camera, form = rig["camera"][0], info["form"]
     need([light["name"] for light in info["lights"]] == [name for name, _ in expected]
          and {(light["relative_power"], "axis" in light) for light in info["lights"]} == {(1, False)}, "rig.toml: its lights are others")
-    need("gains" not in form and "crop" not in form, "rig.toml: its camera's frames have no gains and are whole")
     need([form[k] for k in ("width", "stored_height", "height", "white_level", "bayer")] ==
-         [*camera["size"], camera["active_area"], 2 ** camera["bits"] - 1, camera.get("bayer", "none")],
-         "rig.toml: its camera's frames are not those of session.json")
+         [*camera["size"], camera["active_area"], 2 ** camera["bits"] - 1, camera.get("bayer", "none")]
+         and not {"gains", "crop"} & form.keys(), "rig.toml: its camera's frames are not those of session.json")
     if "# haarlight measured values" in text:
         return notes.append("rig.toml: measured values stand over it: places and times are left to haarlight verify")
     need(form["black_level"] == camera.get("noise", {}).get("black", 0) and all(
@@ -144,8 +141,7 @@ def check_rig(text, info):
         for light, (_, place) in zip(info["lights"], expected)), "rig.toml: other places of lights, or black level")
 
 def journal_content(path):
-    uri = "file:" + urllib.parse.quote(os.path.abspath(path)) + "?mode=ro"
-    with contextlib.closing(sqlite3.connect(uri, uri=True)) as base:
+    with contextlib.closing(sqlite3.connect(f"file:{urllib.parse.quote(os.path.abspath(path))}?mode=ro", uri=True)) as base:
         base.text_factory = bytes
         need(base.execute("PRAGMA integrity_check(1)").fetchone() == (b"ok",), "journal.sqlite: damaged")
         plain = lambda value: str(value).encode() if isinstance(value, (int, float)) else value or b""
@@ -188,8 +184,7 @@ def check_signature(folder, signers):
     notes.append(answer.stdout.strip())
 
 def check(folder, signers):
-    read = lambda name: open(os.path.join(folder, name), "rb").read()
-    present = set()
+    read, present = lambda name: open(os.path.join(folder, name), "rb").read(), set()
     for path, folders, names in os.walk(folder):
         inside = os.path.relpath(path, folder)
         for name in folders + names:
@@ -205,8 +200,7 @@ def check(folder, signers):
     sealed = {n for n in present if "/" in n or n in ("start.json", "plan.json", "rig.toml")} - listed
     if "root" in info:
         tail = f',\n"root": "{info["root"]}"\n}}\n'.encode()
-        leaves = [leaf("session.json", whole[:-len(tail)])]
-        leaves += [bytes.fromhex(f["sha256"]) for f in info["frames"] + info["files"]]
+        leaves = [leaf("session.json", whole[:-len(tail)])] + [bytes.fromhex(f["sha256"]) for f in info["frames"] + info["files"]]
         need(whole.endswith(tail) and merkle(leaves).hex() == info["root"], "session.json: altered: another root")
         need(sealed == set(files) - {"journal.sqlite"}, f"files came or went: {sealed ^ set(files)}")
         for name in sealed & set(files):
