@@ -218,8 +218,8 @@ double kept_for_two_percent(std::vector<double> coefficients, double energy, dou
 TEST(UnbalancedHaarGain, FewerCoefficientsThanPaddingWithZeros) {
   const MemoryStack stack = make_stack({.width = 16, .height = 12, .grid = 30, .rows = 17});
   const std::vector<double> lights(stack.values().begin(), stack.values().end());
-  constexpr std::size_t kLights = 17 * 30;
-  constexpr std::size_t kPadded = 32 * 32;
+  constexpr std::size_t kLights = std::size_t{17} * 30;
+  constexpr std::size_t kPadded = std::size_t{32} * 32;
   const std::size_t n_pixels = lights.size() / kLights;
   std::vector<double> padded(n_pixels * kPadded, 0.0);
   double energy = 0.0;

@@ -331,7 +331,7 @@ TEST(BasisStudy, HaarTakesGridsOfAnySidesAndStandardHaarSaysWhyNot) {
   StudyCapture capture = made_capture(stack);
   capture.grid = {5, 7, 1};
   capture.lights = made_study_lights(7);
-  capture.lights.resize(5 * 7);
+  capture.lights.resize(35);  // 5 rows of 7
   capture.lightings = default_lightings(
       light_directions_from(capture.lights, capture.object_centre), capture.grid);
   BasisStudyOptions options;

@@ -102,7 +102,7 @@ TEST(LightTransform, NonstandardHaarIsTheCodersHaar) {
   haar_forward(std::span<float>(x), 16);
   EXPECT_EQ(coefficients, x);
 
-  std::vector<float> wide = noise(2 * 15, 4);  // two faces
+  std::vector<float> wide = noise(30, 4);  // two faces
   std::vector<float> of_wide(wide.size());
   make_haar_transform({3, 5, 2}, false)->analyse(wide, of_wide);
   haar_forward(std::span<float>(wide), HaarGrid{3, 5});
