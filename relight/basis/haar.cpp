@@ -107,13 +107,12 @@ void inverse(std::span<T> x, int n) {
 
 /// Splits m values `stride` apart into (m + 1) / 2 sums and m / 2 differences; the last of an
 /// odd number is its own sum.
-template <class T>
-void split_line(T* x, T* scratch, Index m, Index stride) {
+void split_line(std::int64_t* x, std::int64_t* scratch, Index m, Index stride) {
   const Index h = (m + 1) / 2;
   for (Index j = 0; j < m / 2; ++j) {
-    const T a = x[2 * j * stride];
-    const T b = x[(2 * j + 1) * stride];
-    const T d = a - b;
+    const std::int64_t a = x[2 * j * stride];
+    const std::int64_t b = x[(2 * j + 1) * stride];
+    const std::int64_t d = a - b;
     scratch[j] = b + (d >> 1);
     scratch[j + h] = d;
   }
@@ -125,13 +124,12 @@ void split_line(T* x, T* scratch, Index m, Index stride) {
   }
 }
 
-template <class T>
-void join_line(T* x, T* scratch, Index m, Index stride) {
+void join_line(std::int64_t* x, std::int64_t* scratch, Index m, Index stride) {
   const Index h = (m + 1) / 2;
   for (Index j = 0; j < m / 2; ++j) {
-    const T s = x[j * stride];
-    const T d = x[(j + h) * stride];
-    const T b = s - (d >> 1);
+    const std::int64_t s = x[j * stride];
+    const std::int64_t d = x[(j + h) * stride];
+    const std::int64_t b = s - (d >> 1);
     scratch[2 * j] = d + b;
     scratch[2 * j + 1] = b;
   }
@@ -140,34 +138,6 @@ void join_line(T* x, T* scratch, Index m, Index stride) {
   }
   for (Index j = 0; j < m; ++j) {
     x[j * stride] = scratch[j];
-  }
-}
-
-template <class T>
-void s_forward(std::span<T> x, int n) {
-  require_shape(x.size(), n);
-  std::vector<T> scratch(static_cast<std::size_t>(n));
-  for (Index m = n; m > 1; m /= 2) {
-    for (Index y = 0; y < m; ++y) {
-      split_line(x.data() + y * n, scratch.data(), m, 1);
-    }
-    for (Index i = 0; i < m; ++i) {
-      split_line(x.data() + i, scratch.data(), m, n);
-    }
-  }
-}
-
-template <class T>
-void s_inverse(std::span<T> x, int n) {
-  require_shape(x.size(), n);
-  std::vector<T> scratch(static_cast<std::size_t>(n));
-  for (Index m = 2; m <= n; m *= 2) {
-    for (Index i = 0; i < m; ++i) {
-      join_line(x.data() + i, scratch.data(), m, n);
-    }
-    for (Index y = 0; y < m; ++y) {
-      join_line(x.data() + y * n, scratch.data(), m, 1);
-    }
   }
 }
 
@@ -406,11 +376,6 @@ void haar_forward(std::span<double> x, int n) { forward(x, n); }
 void haar_inverse(std::span<float> x, int n) { inverse(x, n); }
 void haar_inverse(std::span<double> x, int n) { inverse(x, n); }
 
-void s_transform_forward(std::span<std::int32_t> x, int n) { s_forward(x, n); }
-void s_transform_forward(std::span<std::int64_t> x, int n) { s_forward(x, n); }
-void s_transform_inverse(std::span<std::int32_t> x, int n) { s_inverse(x, n); }
-void s_transform_inverse(std::span<std::int64_t> x, int n) { s_inverse(x, n); }
-
 void haar_forward(std::span<float> x, const HaarGrid& grid) { forward_grids(x, grid); }
 void haar_forward(std::span<double> x, const HaarGrid& grid) { forward_grids(x, grid); }
 void haar_inverse(std::span<float> x, const HaarGrid& grid) { inverse_grids(x, grid); }
@@ -448,12 +413,6 @@ void s_transform_inverse(std::span<std::int64_t> x, const HaarGrid& grid) {
     }
   }
 }
-
-int haar_level(int row, int col) noexcept {
-  return static_cast<int>(std::bit_width(static_cast<unsigned>(std::max(row, col))));
-}
-
-std::vector<int> haar_order(int n) { return haar_order(HaarGrid{n, n}); }
 
 std::vector<int> haar_order(const HaarGrid& grid) {
   HAARLIGHT_EXPECTS(grid.is_valid(), "sides of 1 to 1024");

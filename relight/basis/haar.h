@@ -53,24 +53,16 @@ void haar_forward(std::span<double> x, const HaarGrid& grid);
 void haar_inverse(std::span<float> x, const HaarGrid& grid);
 void haar_inverse(std::span<double> x, const HaarGrid& grid);
 
-/// The lossless integer S-transform: per level along x, then y: d = a - b, s = b + (d >> 1),
-/// s in the first half, d in the second; same layout as above. Values must
-/// stay within a quarter of the type's range so that no difference overflows.
-void s_transform_forward(std::span<std::int32_t> x, int n);
-void s_transform_forward(std::span<std::int64_t> x, int n);
-void s_transform_inverse(std::span<std::int32_t> x, int n);
-void s_transform_inverse(std::span<std::int64_t> x, int n);
-/// The same of every rows x cols array of x: the last of an odd number is its own s.
+/// The lossless integer S-transform of every rows x cols array of x: per level along x, then y:
+/// d = a - b, s = b + (d >> 1), s in front, d behind; the last of an odd number is its own s;
+/// same layout as above. Values must stay within a quarter of the type's range so that no
+/// difference overflows.
 void s_transform_forward(std::span<std::int64_t> x, const HaarGrid& grid);
 void s_transform_inverse(std::span<std::int64_t> x, const HaarGrid& grid);
 
-/// Level of the coefficient at (row, col): 0 for the mean, j for the details of the 2^(j-1)
-/// grid.
-[[nodiscard]] int haar_level(int row, int col) noexcept;
-
-/// Indices row * cols + col from coarse to fine: by level, within a level by index. The order
-/// in which a basis file stores coefficients.
-[[nodiscard]] std::vector<int> haar_order(int n);
+/// Indices row * cols + col from coarse to fine: by level (of the mean 0, of the details that
+/// the first of all steps back adds 1, and so on), within a level by index. The order in which
+/// a basis file stores coefficients.
 [[nodiscard]] std::vector<int> haar_order(const HaarGrid& grid);
 
 /// That order cut into groups: the coefficients of at least 8 a side together (all of a smaller

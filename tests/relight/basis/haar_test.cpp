@@ -1,6 +1,7 @@
 #include "relight/basis/haar.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
 #include <vector>
@@ -73,9 +74,9 @@ TEST(HaarGolden, IntegerFormAgreesAndIsLossless) {
     const int n = set["n"];
     const auto input = flatten<std::int64_t>(set["input"]);
     auto x = input;
-    s_transform_forward(x, n);
+    s_transform_forward(x, {n, n});
     EXPECT_EQ(x, flatten<std::int64_t>(set["s_transform"])) << set["name"];
-    s_transform_inverse(x, n);
+    s_transform_inverse(x, {n, n});
     EXPECT_EQ(x, input) << set["name"];
   }
 }
@@ -139,13 +140,13 @@ RC_GTEST_PROP(HaarProperty, IntegersAreExactAndDyadic, (std::uint64_t seed)) {
 
 RC_GTEST_PROP(HaarProperty, STransformIsLossless, (std::uint64_t seed)) {
   const int n = 1 << *rc::gen::inRange(0, 7);
-  std::vector<std::int32_t> input(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
+  std::vector<std::int64_t> input(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
   for (std::size_t i = 0; i < input.size(); ++i) {
-    input[i] = static_cast<std::int32_t>(hash_key(seed, i) & 0xffffU);
+    input[i] = static_cast<std::int64_t>(hash_key(seed, i) & 0xffffU);
   }
   auto x = input;
-  s_transform_forward(x, n);
-  s_transform_inverse(x, n);
+  s_transform_forward(x, {n, n});
+  s_transform_inverse(x, {n, n});
   RC_ASSERT(x == input);
 }
 
@@ -157,7 +158,7 @@ TEST(Haar, OneLightIsSixteenCoefficientsOf32x32) {
 }
 
 TEST(Haar, OrderGoesFromCoarseToFine) {
-  EXPECT_EQ(haar_order(4),
+  EXPECT_EQ(haar_order({4, 4}),
             (std::vector<int>{0, 1, 4, 5, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}));
 }
 
@@ -352,7 +353,16 @@ TEST(UnbalancedHaar, OfAPlainGridIsThePlainTransform) {
     std::vector<double> plain = x;
     haar_forward(plain, n);
     EXPECT_EQ(transformed({n, n}, x), plain);
-    EXPECT_EQ(haar_order(HaarGrid{n, n}), haar_order(n));
+    // Of 2^m a side the level is the bit length of the larger index.
+    std::vector<int> order(x.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [n](int a, int b) {
+      const auto level = [n](int i) {
+        return std::bit_width(static_cast<unsigned>(std::max(i / n, i % n)));
+      };
+      return level(a) < level(b);
+    });
+    EXPECT_EQ(haar_order({n, n}), order);
   }
   EXPECT_EQ(haar_group_ends({32, 32}), (std::vector<int>{64, 256, 1024}));
   EXPECT_EQ(haar_group_ends({4, 4}), std::vector<int>{16});
