@@ -185,10 +185,6 @@ void refuse_encoding(const std::string& why) {
               ExitCode::internal);
 }
 
-bool is_picture_turned(const std::filesystem::path& path) {
-  return read_picture_facts(path).orientation != 1;
-}
-
 PictureFacts read_picture_facts(const std::filesystem::path& path) {
   return read_content(path, PictureWish::header).tags.facts;
 }
@@ -204,7 +200,6 @@ PictureFile read_picture(const std::filesystem::path& path) {
           .transfer = colours.transfer,
           .bits_per_sample = content.bits_per_sample,
           .is_floating = content.is_floating,
-          .is_turned = content.tags.facts.orientation != 1,
           .facts = content.tags.facts,
           .colours = colours.conversion,
           .profile = colours.name};
@@ -273,15 +268,15 @@ Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
 }  // namespace
 
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure, std::span<const PictureNote> notes) {
+                 double exposure, const PictureNotes& notes) {
   HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
   HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
   require_picture_name(path);
   const std::string ending = path.extension().string();
   require_no_infinity(path, image);
-  std::vector<PictureNote> all(notes.begin(), notes.end());
-  all.push_back({"haarlightProgram", "haarlight " HAARLIGHT_VERSION});
-  all.push_back(
+  PictureNotes all = notes;
+  all.texts.push_back({"haarlightProgram", "haarlight " HAARLIGHT_VERSION});
+  all.texts.push_back(
       {"haarlightExposure", fmt::format("{:.9g}", ending == ".png" ? exposure : 1.0)});
   if (ending == ".png") {
     const Image<std::uint8_t> codes = codes_of(image, exposure);

@@ -3,12 +3,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
 #include "core/image.h"
+#include "core/picture_facts.h"
 
 /// @file
 /// Picture files in and out; the daemon does not link it. Formats are recognised by their first
@@ -20,16 +19,6 @@ namespace haarlight {
 /// How the numbers of a file stand for light; unknown: through a curve of the camera's own.
 enum class Transfer { linear, srgb, unknown };
 
-/// What the camera wrote beside the pixels (EXIF); empty where it did not.
-struct PictureFacts {
-  int orientation = 1;  ///< EXIF's 1..8; 1: as stored
-  std::optional<double> exposure_s;
-  std::optional<double> f_number;
-  std::optional<double> iso;
-  std::string model;  ///< printable ASCII, at most 64 characters
-  std::string taken;  ///< "2026:11:22 20:30:21", the camera's clock
-};
-
 class ColourConversion;  ///< core/picture_colour.h
 
 /// A picture as the file has it.
@@ -38,8 +27,7 @@ struct PictureFile {
   Transfer transfer = Transfer::linear;  ///< srgb for 8/16-bit display files, linear for floats
   int bits_per_sample = 32;              ///< 8 or 16 (unsigned), or 16/32 (floating)
   bool is_floating = true;
-  bool is_turned = false;  ///< an EXIF rotation is present; it is ignored
-  PictureFacts facts;
+  PictureFacts facts;  ///< an orientation is not applied
   /// Where the file says that its colours are not sRGB's, or its curve neither of `transfer`'s:
   /// how its numbers become light; else empty.
   std::shared_ptr<const ColourConversion> colours;
@@ -55,10 +43,6 @@ struct PictureFile {
 /// What the camera wrote into a picture; its pixels are not read.
 /// @throws Error  as read_picture
 [[nodiscard]] PictureFacts read_picture_facts(const std::filesystem::path& path);
-
-/// Whether an EXIF rotation is present; the pixels are not read.
-/// @throws Error  as read_picture
-[[nodiscard]] bool is_picture_turned(const std::filesystem::path& path);
 
 /// The most memory that a picture may take from now on, bytes; 4 GiB until then. For main,
 /// which knows --memory.
@@ -84,6 +68,12 @@ struct PictureNote {
   std::string text;  ///< Latin-1 where PNG is to show it
 };
 
+/// What a written picture says of itself: texts, and the facts of the photographs behind it.
+struct PictureNotes {
+  std::vector<PictureNote> texts;
+  PictureFacts facts;
+};
+
 /// The notes of an OpenEXR file, in the order of their names; its pixels are not read. Empty of
 /// other formats.
 /// @throws Error  as read_picture
@@ -93,13 +83,14 @@ struct PictureNote {
 /// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears whole or not at
 /// all.
 /// @param image  1 or 3 channels
-/// @param notes  PNG: tEXt chunks; OpenEXR: string attributes; TIFF has no place for them.
-/// After
-///               them come haarlightProgram and haarlightExposure (1 but for PNG). No dates:
-///               the same picture gives the same bytes.
+/// @param notes  texts: PNG's tEXt chunks, OpenEXR's string attributes; after them come
+///               haarlightProgram and haarlightExposure (1 but for PNG). Facts: PNG's eXIf
+///               chunk, OpenEXR's standard attributes (expTime, aperture, isoSpeed, capDate,
+///               cameraModel). TIFF has no place for either. No dates of ours: the same
+///               picture gives the same bytes.
 /// @throws Error  unknown ending, unwritable folder, full disk
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
-                 double exposure = 1.0, std::span<const PictureNote> notes = {});
+                 double exposure = 1.0, const PictureNotes& notes = {});
 
 /// sRGB transfer (IEC 61966-2-1), both ways; exact inverses to 1e-7. Negative values are
 /// mirrored.

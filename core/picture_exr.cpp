@@ -1,9 +1,12 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <cmath>
 #include <cstring>
 #include <exception>
+#include <optional>
 #include <stdexcept>
+#include <string>
 #include <string_view>
 #include <tuple>
 #include <vector>
@@ -18,6 +21,7 @@
 #include <ImfOutputFile.h>
 #include <ImfPartType.h>
 #include <ImfStandardAttributes.h>
+#include <ImfStringAttribute.h>
 #include <ImfTiledInputPart.h>
 #include <fmt/format.h>
 
@@ -189,6 +193,54 @@ std::vector<PictureNote> notes_of(const Imf::Header& header) {
   return notes;
 }
 
+constexpr const char* kCameraModel = "cameraModel";  // of OpenEXR 3.2's standard attributes
+constexpr const char* kTaken = "capDate";
+
+PictureFacts facts_of(const Imf::Header& header) {
+  PictureFacts facts;
+  const auto text = [&header](const char* name, std::string_view among, std::size_t most) {
+    const auto* found = header.findTypedAttribute<Imf::StringAttribute>(name);
+    std::string value = found == nullptr ? std::string() : found->value().substr(0, most);
+    for (char& c : value) {
+      c = c >= ' ' && c <= '~' ? c : '?';
+    }
+    return among.empty() || value.find_first_not_of(among) == std::string::npos ? value
+                                                                                : std::string();
+  };
+  const auto positive = [](bool is_there, auto read) {
+    const double value = is_there ? static_cast<double>(read()) : 0.0;
+    return std::isfinite(value) && value > 0.0 ? std::optional<double>(value) : std::nullopt;
+  };
+  constexpr std::size_t kMostModel = 64;
+  constexpr std::size_t kDate = 19;
+  facts.model = text(kCameraModel, "", kMostModel);
+  facts.taken = text(kTaken, "0123456789: ", kDate);
+  facts.exposure_s =
+      positive(Imf::hasExpTime(header), [&header] { return Imf::expTime(header); });
+  facts.f_number =
+      positive(Imf::hasAperture(header), [&header] { return Imf::aperture(header); });
+  facts.iso = positive(Imf::hasIsoSpeed(header), [&header] { return Imf::isoSpeed(header); });
+  return facts;
+}
+
+void add_facts(const PictureFacts& facts, Imf::Header& header) {
+  if (!facts.model.empty()) {
+    header.insert(kCameraModel, Imf::StringAttribute(facts.model));
+  }
+  if (!facts.taken.empty()) {
+    header.insert(kTaken, Imf::StringAttribute(facts.taken));
+  }
+  if (facts.exposure_s) {
+    Imf::addExpTime(header, static_cast<float>(*facts.exposure_s));
+  }
+  if (facts.f_number) {
+    Imf::addAperture(header, static_cast<float>(*facts.f_number));
+  }
+  if (facts.iso) {
+    Imf::addIsoSpeed(header, static_cast<float>(*facts.iso));
+  }
+}
+
 }  // namespace
 
 PictureContent read_exr(const PictureSource& source, PictureWish wish) {
@@ -208,6 +260,7 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
     PictureContent content{.bits_per_sample = is_all(Imf::HALF) ? 16 : 32,
                            .is_floating = !is_all(Imf::UINT)};
     content.notes = notes_of(header);
+    content.tags.facts = facts_of(header);
     if (wish == PictureWish::header) {
       return content;
     }
@@ -239,16 +292,16 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
   }
 }
 
-std::vector<std::byte> exr_bytes(ImageView<const float> image,
-                                 std::span<const PictureNote> notes) {
+std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNotes& notes) {
   MemoryOutput stream;
   try {
     Imf::Header header(image.width(), image.height());
     header.compression() = Imf::ZIP_COMPRESSION;
     Imf::addChromaticities(header, Imf::Chromaticities());  // the default is Rec. 709
-    for (const PictureNote& note : notes) {
+    for (const PictureNote& note : notes.texts) {
       header.insert(note.name, Imf::StringAttribute(note.text));
     }
+    add_facts(notes.facts, header);
     Imf::FrameBuffer frame;
     for (int c = 0; c < image.channels(); ++c) {
       const std::string name(1, image.channels() == 3 ? "RGB"[c] : 'Y');

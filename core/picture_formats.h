@@ -75,10 +75,10 @@ template <class T>
 /// channels and is finite.
 /// @throws Error(internal)  the library refused
 [[nodiscard]] std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
-                                               std::span<const PictureNote> notes);
+                                               const PictureNotes& notes);
 [[nodiscard]] std::vector<std::byte> tiff_bytes(ImageView<const float> image);
 [[nodiscard]] std::vector<std::byte> exr_bytes(ImageView<const float> image,
-                                               std::span<const PictureNote> notes);
+                                               const PictureNotes& notes);
 [[noreturn]] void refuse_encoding(const std::string& why);
 
 }  // namespace haarlight

@@ -154,6 +154,7 @@ struct PngStyle {
   int level = 6;  ///< zlib's own choice between time and size
   int filters = PNG_NO_FILTERS;
   bool is_srgb = true;  ///< else nothing is said of colours
+  std::span<std::byte> exif = {};
 };
 
 /// One PNG being written into memory.
@@ -182,6 +183,10 @@ class PngWriter {
     png_set_filter(png_, PNG_FILTER_TYPE_BASE, style.filters);
     if (style.is_srgb) {
       png_set_sRGB_gAMA_and_cHRM(png_, info_, PNG_sRGB_INTENT_RELATIVE);
+    }
+    if (!style.exif.empty()) {
+      png_set_eXIf_1(png_, info_, static_cast<png_uint_32>(style.exif.size()),
+                     reinterpret_cast<png_bytep>(style.exif.data()));
     }
     png_set_text(png_, info_, texts.data(), static_cast<int>(texts.size()));
     png_write_info(png_, info_);
@@ -216,9 +221,9 @@ std::vector<std::byte> write_png(ImageView<const std::uint8_t> image, std::span<
 }  // namespace
 
 std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
-                                 std::span<const PictureNote> notes) {
+                                 const PictureNotes& notes) {
   // libpng reads what it is given by pointers to what it might change.
-  std::vector<PictureNote> own(notes.begin(), notes.end());
+  std::vector<PictureNote> own = notes.texts;
   std::vector<png_text> texts;
   texts.reserve(own.size());
   for (PictureNote& note : own) {
@@ -228,7 +233,8 @@ std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
     text.text = note.text.data();
     texts.push_back(text);
   }
-  return write_png(image, texts, {});
+  std::vector<std::byte> exif = exif_block(notes.facts);
+  return write_png(image, texts, {.exif = exif});
 }
 
 std::string encode_png(int height, int width, const GiveTileRow& give) {
@@ -239,8 +245,8 @@ std::string encode_png(int height, int width, const GiveTileRow& give) {
     give(y, samples.row(y));
   }
   // Noise packs no better at 6, which takes three times as long.
-  const std::vector<std::byte> bytes =
-      write_png(samples, {}, {.level = 3, .filters = PNG_FILTER_PAETH, .is_srgb = false});
+  const std::vector<std::byte> bytes = write_png(
+      samples, {}, {.level = 3, .filters = PNG_FILTER_PAETH, .is_srgb = false, .exif = {}});
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 

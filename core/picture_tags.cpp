@@ -239,6 +239,9 @@ PictureTags exif_tags(std::span<const std::byte> exif) {
     facts.iso = *iso;
   }
   facts.taken = block.text(detail, kTaken);
+  if (facts.taken.find_first_of("123456789") == std::string::npos) {
+    facts.taken.clear();  // blanks or zeros: the clock was not set
+  }
   const std::size_t interoperability = block.integer(detail, kInteroperability).value_or(0);
   tags.colour.is_adobe_rgb = block.integer(detail, kColourSpace) == kUncalibrated &&
                              block.text(interoperability, 1) == "R03";

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <ctime>
 #include <limits>
@@ -47,10 +46,8 @@ void check_finite(const Image<float>& pixels, const fs::path& path) {
 PictureFile read_for_session(const fs::path& path, const ImportOptions& options) {
   PictureFile picture = read_picture(path);
   if (picture.colours != nullptr && !options.transfer) {
-    PictureFile linear{.transfer = Transfer::linear,
-                       .is_turned = picture.is_turned,
-                       .facts = picture.facts,
-                       .profile = picture.profile};
+    PictureFile linear{
+        .transfer = Transfer::linear, .facts = picture.facts, .profile = picture.profile};
     linear.pixels = linear_light(std::move(picture), path);
     picture = std::move(linear);
   }
@@ -419,17 +416,18 @@ std::string describe_session(const ImportOptions& options, Job& job) {
   return plan;
 }
 
-/// @return  how many pictures carry an EXIF rotation
-int write_frames(const fs::path& folder, const ImportOptions& options, Job& job) {
+/// @return  what the cameras wrote, picture by picture
+std::vector<PictureFacts> write_frames(const fs::path& folder, const ImportOptions& options,
+                                       Job& job) {
   SessionInfo& info = job.info;
   const std::string setup = setup_hash(info);
   info.frames.resize(job.pictures.size());
-  std::atomic<int> n_turned = 0;
+  std::vector<PictureFacts> facts(job.pictures.size());
   Progress progress("import", job.pictures.size(), options.progress);
   parallel_for(job.pictures.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       PictureFile picture = read_in_frame(job.pictures[i].path, job.frame, options);
-      n_turned += picture.is_turned ? 1 : 0;
+      facts[i] = picture.facts;
       if (job.frame.crop) {
         picture.pixels = cut(picture.pixels, *job.frame.crop);
       }
@@ -451,7 +449,7 @@ int write_frames(const fs::path& folder, const ImportOptions& options, Job& job)
       progress.advance();
     }
   });
-  return n_turned;
+  return facts;
 }
 
 /// Files may differ where the pixels taken do not; `verify` would not let that pass.
@@ -473,14 +471,19 @@ void check_different_pixels(const Job& job) {
   }
 }
 
-void tell_pictures(int n_turned, const ImportOptions& options, const Job& job,
-                   ImportResult& result) {
+void tell_pictures(const std::vector<PictureFacts>& facts, const ImportOptions& options,
+                   const Job& job, ImportResult& result) {
+  const auto n_turned = std::count_if(
+      facts.begin(), facts.end(), [](const PictureFacts& one) { return one.orientation != 1; });
   if (n_turned > 0) {
     const bool are_all = static_cast<std::size_t>(n_turned) == job.pictures.size();
     (are_all ? result.notes : result.disagreements)
         .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
                                "taken as stored",
                                n_turned, job.pictures.size()));
+  }
+  if (has_facts(job.info.photographed)) {
+    result.notes.push_back("photographed: " + words_of(job.info.photographed));
   }
   if (!job.frame.profile.empty()) {
     result.notes.push_back(fmt::format("the pictures' colour profile (\"{}\") is {}",
@@ -511,8 +514,9 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   const std::string plan = describe_session(options, job);
 
   PendingFolder pending(target);
-  const int n_turned = write_frames(pending.path(), options, job);
+  const std::vector<PictureFacts> facts = write_frames(pending.path(), options, job);
   check_different_pixels(job);
+  job.info.photographed = common_facts(facts);
   SessionInfo start = job.info;
   start.frames.clear();
   write_plain(pending.path() / "plan.json", plan);
@@ -523,7 +527,7 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   pending.commit(is_replacing);
 
   ImportResult result{job.info, job.list.notes, job.list.disagreements, job.white};
-  tell_pictures(n_turned, options, job, result);
+  tell_pictures(facts, options, job, result);
   return result;
 }
 

@@ -123,6 +123,7 @@ struct SessionInfo {
   std::string rig_hash;        ///< empty for an import without a rig
   EvidenceKind evidence = EvidenceKind::measured;
   FrameForm form;
+  PictureFacts photographed = {};  ///< of an import: what all its pictures' cameras wrote alike
   std::vector<SessionLight> lights;
   int grid_rows = 0;  ///< > 0: the lights form grids of rows x cols, faces in order
   int grid_cols = 0;

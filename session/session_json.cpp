@@ -11,8 +11,10 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/text_limits.h"
 #include "session/json_value.h"
 #include "session/light_file.h"
+#include "session/photographed.h"
 #include "session/session.h"
 
 namespace haarlight {
@@ -318,6 +320,9 @@ std::string session_info_to_json(const SessionInfo& info) {
   json["rig_hash"] = info.rig_hash;
   json["evidence"] = to_string(info.evidence);
   json["form"] = form_to_json(info.form);
+  if (has_facts(info.photographed)) {
+    json["photographed"] = parse_json<Json>(facts_to_json(info.photographed), "photographed");
+  }
   json["grid_rows"] = info.grid_rows;
   json["grid_cols"] = info.grid_cols;
   const auto list = [](const auto& items, auto to_json) {
@@ -382,6 +387,9 @@ SessionInfo session_info_from_json(const std::string& json, const std::string& w
   info.rig_hash = value["rig_hash"].text();
   info.evidence = static_cast<EvidenceKind>(value["evidence"].choice(kKinds));
   info.form = form_from_json(value["form"]);
+  if (value.has("photographed")) {
+    info.photographed = facts_from_json(value["photographed"]);
+  }
   info.grid_rows = static_cast<int>(value["grid_rows"].integer(0, 1 << 16));
   info.grid_cols = static_cast<int>(value["grid_cols"].integer(0, 1 << 16));
   const auto list = [&value](std::string_view key) {

@@ -59,6 +59,7 @@ struct OpenCapture {
   std::optional<Session> session;
   std::unique_ptr<PictureRows> rows;
   std::vector<Eigen::Vector3d> directions;
+  PictureFacts photographed;
 };
 
 OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& common) {
@@ -68,12 +69,14 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   (void)hashes_of_different(pictures, pictures.size());
   OpenCapture capture;
   std::vector<fs::path> files;
+  std::vector<PictureFacts> facts;
   std::vector<int> orientations;
   int n_turned = 0;
   for (std::size_t k = 0; k < pictures.size(); ++k) {
     files.push_back(pictures[k].path);
     capture.directions.push_back(list.lights[k].place.normalized());
-    orientations.push_back(read_picture_facts(pictures[k].path).orientation);
+    facts.push_back(read_picture_facts(pictures[k].path));
+    orientations.push_back(facts.back().orientation);
     n_turned += orientations.back() != 1 ? 1 : 0;
   }
   if (n_turned > 0) {  // of all: that is how the camera stood; of some: the pictures differ
@@ -82,6 +85,10 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
         .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
                                "taken as stored",
                                n_turned, pictures.size()));
+  }
+  capture.photographed = common_facts(facts);
+  if (has_facts(capture.photographed)) {
+    list.notes.push_back("photographed: " + words_of(capture.photographed));
   }
   PictureFilesOptions options;
   options.memory_bytes = common.memory_bytes / 4;
@@ -120,6 +127,7 @@ OpenCapture open_session(const FitArguments& arguments, const CommonOptions& com
   options.develop.memory_bytes = common.memory_bytes;
   capture.rows = session_rows(*capture.session, options);
   capture.directions = picture_directions(*capture.session);
+  capture.photographed = capture.session->info().photographed;
   return capture;
 }
 
@@ -288,6 +296,7 @@ class Fitter {
         0.0,   0,
         {},    {}};
     fitted.seconds = processor_seconds() - start;
+    fitted.result.model.photographed = capture_.photographed;
     const PictureShape shape = kept_->shape();
     fitted.n_pixels = static_cast<long long>(shape.width) * shape.height;
     return fitted;

@@ -8,7 +8,7 @@ namespace {
 
 void add(PictureNotes& notes, const char* name, const std::string& text) {
   if (!text.empty()) {
-    notes.push_back({name, text});
+    notes.texts.push_back({name, text});
   }
 }
 
@@ -19,7 +19,7 @@ std::string words_of(const Eigen::Vector3d& v) {
 }  // namespace
 
 PictureNotes notes_of(const SessionInfo& info) {
-  PictureNotes notes;
+  PictureNotes notes{.texts = {}, .facts = info.photographed};
   add(notes, "haarlightSession", info.id);
   add(notes, "haarlightPlan", info.plan_hash);
   add(notes, "haarlightRoot", info.root);
@@ -27,7 +27,7 @@ PictureNotes notes_of(const SessionInfo& info) {
 }
 
 PictureNotes notes_of(const BasisHeader& header) {
-  PictureNotes notes;
+  PictureNotes notes{.texts = {}, .facts = header.photographed};
   add(notes, "haarlightSession", header.source);
   add(notes, "haarlightPlan", header.source_hash);
   add(notes, "haarlightRoot", header.source_root);

@@ -1,8 +1,6 @@
 #pragma once
 
 #include <optional>
-#include <span>
-#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -18,11 +16,10 @@
 
 namespace haarlight {
 
-using PictureNotes = std::vector<PictureNote>;
-
-/// The session that a picture was developed from.
+/// The session that a picture was developed from, and what its photographs' camera wrote.
 [[nodiscard]] PictureNotes notes_of(const SessionInfo& info);
-/// The session of a basis, with the error that was asked for when it was made, and reached.
+/// The session of a basis and its photographs' facts, with the error that was asked for when it
+/// was made, and reached.
 [[nodiscard]] PictureNotes notes_of(const BasisHeader& header);
 
 /// The drive of each light, one row a light, one number or three (red, green, blue).

@@ -47,7 +47,9 @@ ExitCode publish_basis_file(const PublishArguments& arguments, const CommonOptio
   options.max_error = arguments.max_error;
   options.environments = arguments.environments;
   options.progress = common.progress();
-  const PublishedBasis found = publish_basis(basis, folder, options, arguments.notes);
+  PublishNotes notes = arguments.notes;
+  notes.photographed = words_of(basis.header().photographed);
+  const PublishedBasis found = publish_basis(basis, folder, options, notes);
   fmt::print("{}: {:.1f} MB in {} files, {} of {} terms\n", arguments.out,
              1e-6 * static_cast<double>(folder.bytes()), folder.files(), found.terms,
              found.terms_all);
@@ -80,6 +82,7 @@ ExitCode publish_object_file(const PublishArguments& arguments, const CommonOpti
   // A third of the planes' memory goes to the coarser levels, and some to tiles under work.
   const ReflectanceModel model =
       read_reflectance(file, {.most_bytes = common.memory_bytes / 3 * 2});
+  notes.photographed = words_of(model.photographed);
   const PublishedObject found =
       publish_object(model, last_name(file), folder,
                      {.quality = arguments.quality, .progress = common.progress()}, notes);

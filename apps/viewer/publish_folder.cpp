@@ -92,7 +92,8 @@ std::string notes_text(const PublishNotes& notes) {
                      {"description", notes.description},
                      {"author", notes.author},
                      {"licence", notes.licence},
-                     {"mm_per_pixel", notes.mm_per_pixel ? Json(*notes.mm_per_pixel) : Json()}};
+                     {"mm_per_pixel", notes.mm_per_pixel ? Json(*notes.mm_per_pixel) : Json()},
+                     {"photographed", notes.photographed}};
   try {
     return json.dump();
   } catch (const Json::exception&) {

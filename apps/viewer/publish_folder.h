@@ -19,6 +19,7 @@ struct PublishNotes {
   std::string author;
   std::string licence;
   std::optional<double> mm_per_pixel;
+  std::string photographed = {};  ///< words_of() the photographs' facts
 };
 
 /// The notes as the page reads them, JSON.

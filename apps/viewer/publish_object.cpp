@@ -347,6 +347,7 @@ bool add_page_to_web_folder(const fs::path& folder, const fs::path& web_folder) 
   }
   PublishNotes notes;
   notes.mm_per_pixel = web_mm_per_pixel(folder);
+  notes.photographed = words_of(written.photographed);
   Json about = about_json(
       written, (folder.has_filename() ? folder : folder.parent_path()).filename().string());
   about["tiles"] = {{"size", std::max(width, height)},

@@ -11,6 +11,7 @@
 #include <Eigen/Core>
 
 #include "core/files.h"
+#include "core/picture_facts.h"
 #include "relight/basis/block_codec.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/stack_source.h"
@@ -105,6 +106,7 @@ struct BasisHeader {
   std::string source;                    ///< session id or file name
   std::string source_hash;               ///< of the plan, where there is one
   std::string source_root;               ///< of the session, where it has one
+  PictureFacts photographed;             ///< of an imported session
   std::string kind = "capture";          ///< capture, plate
   std::string program;
   std::vector<BasisSection> sections;  ///< as read; the writer's own

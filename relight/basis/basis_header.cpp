@@ -12,6 +12,8 @@
 #include "core/text_limits.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/tile_plate.h"
+#include "session/json_value.h"
+#include "session/photographed.h"
 
 namespace haarlight {
 
@@ -313,6 +315,9 @@ std::string basis_header_to_json(const BasisHeader& header) {
   if (!header.source_root.empty()) {
     root["source"]["root"] = header.source_root;
   }
+  if (has_facts(header.photographed)) {
+    root["photographed"] = parse_json<json>(facts_to_json(header.photographed), "photographed");
+  }
   if (header.clipped) {
     root["clipped"] = {{"values", header.clipped->n_values},
                        {"least_norm", header.clipped->least_norm}};
@@ -387,6 +392,10 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.source_hash = source.text("hash");
   if (source.has("root")) {  // a computed plate's and an older session's has none
     header.source_root = source.text("root");
+  }
+  if (top.has("photographed")) {
+    header.photographed =
+        facts_from_json(JsonValue::parse(text, where + ", header")["photographed"]);
   }
   if (top.has("clipped")) {
     header.clipped = clipped_from_json(top.object("clipped"), header.dims, where);

@@ -73,6 +73,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   header.source = source.name;
   header.source_hash = source.hash;
   header.source_root = source.root;
+  header.photographed = source.photographed;
   header.kind = source.kind;
   header.program = "haarlight " HAARLIGHT_VERSION;
   if (options.basis == BasisKind::haar &&

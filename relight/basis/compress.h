@@ -64,6 +64,7 @@ struct CompressSource {
   std::string place;               ///< for errors: where it lies
   std::string hash;
   std::string root;
+  PictureFacts photographed;
   std::string kind = "capture";
   /// Hash of everything that the values of stack and plate depend on. Empty: not known, and
   /// nothing is kept of a compression that does not come to its end.

@@ -261,6 +261,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   source.name = session.info().id.empty() ? source.place : session.info().id;
   source.hash = session.info().plan_hash;
   source.root = session.info().root;
+  source.photographed = session.info().photographed;
   if (rest.relative_l2 == 0.0 && !rest.is_integer && !source.units.empty()) {
     if (std::optional<CompressSummary> whole = compress_whole_steps(source, file, rest)) {
       return *std::move(whole);

@@ -190,6 +190,7 @@ ReflectanceModel refit(const ReflectanceModel& source, const RefitTarget& target
   model.transfer = Transfer::srgb;
   model.n_terms = target.n_terms;
   model.lights = source.lights;
+  model.photographed = source.photographed;
   const RowRefit row_refit(source, model, directions);
   const int height = source.planes.height();
   const int width = source.planes.width();

@@ -66,6 +66,7 @@ struct ReflectanceModel {
   /// pca: (n_terms + 1, n_knots * 3), knot by knot R, G, B; row 0 is the mean. A knot is a
   /// light (rbf) or a grid point, row by row (bilinear).
   Eigen::MatrixXf axes;
+  PictureFacts photographed;  ///< of the pictures it was fitted to; web folders alone keep them
 
   [[nodiscard]] int n_planes() const noexcept { return static_cast<int>(scales.size()); }
 };

@@ -12,10 +12,12 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
+#include "core/text_limits.h"
 #include "relight/formats/jpeg.h"
 #include "relight/formats/plane_weights.h"
 #include "relight/formats/quantise.h"
 #include "session/json_value.h"
+#include "session/photographed.h"
 
 namespace haarlight {
 
@@ -238,6 +240,9 @@ ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
                                                    ReflectanceBasis::rbf,
                                                    ReflectanceBasis::bilinear};
   ReflectanceModel model;
+  if (root.has("photographed")) {
+    model.photographed = facts_from_json(root["photographed"]);
+  }
   model.basis = kBases[root["type"].choice(kTypes)];
   const auto space = static_cast<ColourSpace>(root["colorspace"].choice(kColourSpaces));
   const bool is_pca =
@@ -377,6 +382,9 @@ Json info_json(const ReflectanceModel& model, int n_planes, const WebInfoWords& 
   root["colorprofile"] = "sRGB";
   if (words.mm_per_pixel) {
     root["pixelSizeInMM"] = *words.mm_per_pixel;
+  }
+  if (has_facts(model.photographed)) {
+    root["photographed"] = parse_json<Json>(facts_to_json(model.photographed), "photographed");
   }
   if (!model.lights.empty()) {
     Json lights = Json::array();

@@ -83,7 +83,7 @@ TEST(WriteImage, PngAndExrCarryTheirNotesAndTheSamePictureGivesTheSameBytes) {
     return std::string(bytes.rbegin(), bytes.rend());
   };
   for (const std::string name : {"a.png", "a.exr"}) {
-    write_image(folder / name, image.view(), 2.5, notes);
+    write_image(folder / name, image.view(), 2.5, {.texts = notes, .facts = {}});
     const std::string bytes = read_file(folder / name);
     const bool is_png = name == "a.png";
     for (const PictureNote& note :
@@ -99,7 +99,7 @@ TEST(WriteImage, PngAndExrCarryTheirNotesAndTheSamePictureGivesTheSameBytes) {
       expected += note.text;
       EXPECT_NE(bytes.find(expected), std::string::npos) << name << ": " << note.name;
     }
-    write_image(folder / name, image.view(), 2.5, notes);
+    write_image(folder / name, image.view(), 2.5, {.texts = notes, .facts = {}});
     EXPECT_TRUE(read_file(folder / name) == bytes) << name;
   }
 }

@@ -279,9 +279,9 @@ TEST(ReadHdr, KnowsBothRunLengthCodes) {
   EXPECT_EQ(picture.pixels(0, 7, 0), 1.0F);
   EXPECT_EQ(picture.pixels(0, 6, 1), 0.5F);
   EXPECT_EQ(picture.pixels(0, 7, 1), 0.0F);
-  EXPECT_FALSE(picture.is_turned);
+  EXPECT_EQ(picture.facts.orientation, 1);
   write_file_atomically(folder / "turned.hdr", hdr_text("+X 1 -Y 1", one));
-  EXPECT_TRUE(is_picture_turned(folder / "turned.hdr"));
+  EXPECT_NE(read_picture_facts(folder / "turned.hdr").orientation, 1);
 }
 
 TEST(ReadHdr, NamesWhatIsWrong) {

@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 using test::TemporaryFolder;
 using ::testing::HasSubstr;
 
-using PictureNotes = std::vector<PictureNote>;
+using Texts = std::vector<PictureNote>;
 
 const fs::path kData = fs::path(HAARLIGHT_SOURCE_DIR) / "../shared/data";
 
@@ -543,9 +543,40 @@ TEST(Import, RectanglesAreOfTheUprightPicture) {
   expect_nothing_written(folder.path(), folder.path() / "no");
 }
 
+/// What the camera wrote stays with the session, and with what is made of it.
+TEST(Import, KeepsWhatTheCameraWrote) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  write_capture(in, ".png");
+  PictureFacts facts{
+      .exposure_s = 0.5, .f_number = 8.0, .iso = 100.0, .model = "CamX", .taken = {}};
+  for (int k = 0; k < 3; ++k) {
+    facts.taken = fmt::format("2026:11:22 20:30:{}", 29 - k);
+    facts.iso = k == 1 ? 200.0 : 100.0;
+    write_image(in / fmt::format("light {}.png", k),
+                gradient(9, 12, 3, static_cast<float>(k)).view(), 1.0,
+                {.texts = {}, .facts = facts});
+  }
+  const ImportResult result = import_pictures(in, in / "dirs.lp", folder.path() / "out");
+  facts.iso.reset();  // not the same of all
+  EXPECT_EQ(result.info.photographed, facts);
+  EXPECT_THAT(result.notes,
+              ::testing::Contains("photographed: CamX, 1/2 s, f/8, 2026-11-22 20:30:27"));
+  EXPECT_EQ(Session::open(folder.path() / "out").info().photographed, facts);
+  EXPECT_TRUE(verify_session(folder.path() / "out").is_good());
+  // A session's own text: damaged, it is refused by its place.
+  const std::string json = session_info_to_json(result.info);
+  for (const char* broken :
+       {"\"exposure_s\":-1", "\"exposure_s\":\"x\"", "\"camera\":7", "\"camera\":\"a\\nb\""}) {
+    std::string text = json;
+    text.replace(text.find("\"exposure_s\":0.5"), 16, broken);
+    EXPECT_THROW((void)session_info_from_json(text, "session.json"), Error) << broken;
+  }
+}
+
 /// Pictures that say where their lights are, as `haarlight export --exr` writes them.
-void write_noted(const fs::path& file, const PictureNotes& notes, float seed) {
-  write_image(file, gradient(9, 12, 3, seed).view(), 1.0, notes);
+void write_noted(const fs::path& file, const Texts& notes, float seed) {
+  write_image(file, gradient(9, 12, 3, seed).view(), 1.0, {.texts = notes, .facts = {}});
 }
 
 TEST(Import, TakesLightsThatThePicturesName) {
@@ -578,7 +609,7 @@ TEST(Import, RefusesPicturesThatNameNoLightOrNoNumbers) {
   const fs::path out = folder.path() / "out";
   fs::create_directories(in);
   write_noted(in / "a.exr", {{"haarlightLightDirection", "0 0 1"}}, 1.0F);
-  const auto refused_with = [&](const PictureNotes& notes) {
+  const auto refused_with = [&](const Texts& notes) {
     write_noted(in / "b.exr", notes, 2.0F);
     std::string what = refusal(in, "", out);
     EXPECT_THAT(what, HasSubstr("b.exr"));
@@ -615,7 +646,7 @@ TEST(Import, ACropOfACropLiesInTheFirstWhole) {
   fs::create_directories(in);
   const auto write = [&](const char* crop) {
     for (int k = 0; k < 3; ++k) {
-      PictureNotes notes = {{"haarlightLightFromObject", fmt::format("{} 0 900", 70 * k)}};
+      Texts notes = {{"haarlightLightFromObject", fmt::format("{} 0 900", 70 * k)}};
       if (k < 2 || crop != nullptr) {
         notes.push_back({"haarlightCrop", crop == nullptr ? "5 6 40 30" : crop});
       }

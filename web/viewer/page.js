@@ -20,7 +20,8 @@ export function showNotes({file, notes, published}) {
   byId('file-name').textContent = notes.title || file;
   const percent = share => `${Number((100 * share).toPrecision(2))} %`;
   const lines = [
-    ['', notes.description], ['By', notes.author], ['Licence', notes.licence], ['File', notes.title ? file : ''],
+    ['', notes.description], ['By', notes.author], ['Licence', notes.licence],
+    ['Photographed', notes.photographed], ['File', notes.title ? file : ''],
     ['Error', published?.error === undefined ? ''
       : `at most ${percent(published.error)} of the capture, over the pictures of all lights together`],
     ['Pictures', published?.words ?? ''],

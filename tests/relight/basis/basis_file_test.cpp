@@ -144,6 +144,7 @@ TEST(BasisFile, BrokenHeadersAreRefusedByField) {
   refuse("\"tile\":32", "\"tile\":\"x\"", "'tile'");
   refuse("\"tile\":32", "\"tile\":16", "index");
   refuse("\"rank\":", "\"rank\":1", "");
+  refuse("{", "{\"photographed\":{\"iso\":0},", "0 is outside");
   refuse("\"dead_zone\":0.6", "\"dead_zone\":-1", "'dead_zone'");
   refuse("\"group_ends\":[64", "\"group_ends\":[65", "group_ends");
 }
@@ -201,8 +202,13 @@ TEST(BasisFile, UnknownSectionsAndKeysAreSkippedAndKnownOnesChecked) {
 
 TEST(BasisFile, HeaderSurvivesTheRoundTrip) {
   const BasisFile basis = from_text(good_bytes());
-  const std::string json = basis_header_to_json(basis.header());
+  BasisHeader header = basis.header();
+  const std::string json = basis_header_to_json(header);
   EXPECT_EQ(basis_header_to_json(basis_header_from_json(json, "x")), json);
+  header.photographed.model = "CamX";
+  header.photographed.exposure_s = 0.5;
+  const std::string more = basis_header_to_json(header);
+  EXPECT_EQ(basis_header_from_json(more, "x").photographed, header.photographed);
   EXPECT_EQ(basis.header().lights.size(), 64U);
 }
 

@@ -71,8 +71,12 @@ TEST(WebFolder, EveryKindComesBack) {
         Case{"bilinear", pca_model(ReflectanceBasis::bilinear, 9)},
         Case{"padded", pca_model(ReflectanceBasis::bilinear, 7)}}) {
     const TemporaryFolder folder;
-    write_web_folder(folder / "web", c.model, {.quality = 100});
+    ReflectanceModel model = c.model;
+    model.photographed.model = "CamX";
+    model.photographed.f_number = 8.0;
+    write_web_folder(folder / "web", model, {.quality = 100});
     const ReflectanceModel found = read_web_folder(folder / "web");
+    EXPECT_EQ(found.photographed, model.photographed);
     EXPECT_EQ(found.basis, c.model.basis);
     EXPECT_EQ(found.colour, c.model.colour);
     // Quality 100 moves a plane by about a byte; axes by half a byte of their range.

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+/// @file
+/// What a camera wrote beside the pixels, and how haarlight carries it from the photographs to
+/// what is made of them. Owners, places and serial numbers are not among it.
+
+namespace haarlight {
+
+/// What the camera wrote (EXIF); empty where it did not.
+struct PictureFacts {
+  int orientation = 1;  ///< EXIF's 1..8; 1: as stored
+  std::optional<double> exposure_s;
+  std::optional<double> f_number;
+  std::optional<double> iso;
+  std::string model;  ///< printable ASCII, at most 64 characters
+  std::string taken;  ///< "2026:11:22 20:30:21", the camera's clock
+  friend bool operator==(const PictureFacts&, const PictureFacts&) = default;
+};
+
+/// Whether anything but an orientation is known.
+[[nodiscard]] bool has_facts(const PictureFacts& facts) noexcept;
+
+/// What holds of a whole set: each fact that all pictures tell alike, and of `taken` the
+/// earliest. No orientation: pixels are taken as stored, and so are what is made of them.
+[[nodiscard]] PictureFacts common_facts(std::span<const PictureFacts> pictures);
+
+/// "NIKON D800, 1/125 s, f/8, ISO 100, 2026-11-22 20:30:21"; empty where nothing is known.
+[[nodiscard]] std::string words_of(const PictureFacts& facts);
+
+/// The facts as EXIF, from the byte order's mark on, without an orientation; empty where
+/// nothing is known. Source: CIPA DC-008 (EXIF 2.32), 4.6.
+/// A number that EXIF has no room for (ISO from 65535 on, times beyond 2^32 s) is left out.
+[[nodiscard]] std::vector<std::byte> exif_block(const PictureFacts& facts);
+
+}  // namespace haarlight

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <string>
+
+#include "core/picture_facts.h"
+
+/// @file
+/// The photographs' facts as sessions, basis files and web folders keep them: an object
+/// `photographed` with those of `camera`, `exposure_s`, `f_number`, `iso` and `taken` that are
+/// known.
+
+namespace haarlight {
+
+class JsonValue;
+
+[[nodiscard]] std::string facts_to_json(const PictureFacts& facts);
+/// @throws Error  naming the member
+[[nodiscard]] PictureFacts facts_from_json(const JsonValue& value);
+
+}  // namespace haarlight
