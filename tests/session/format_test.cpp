@@ -77,6 +77,12 @@ TEST(SessionFormat, DocumentsEveryFieldAndNoOther) {
   info.form.clip_level = 4000.0;  // else left out, as "patterns" is
   info.form.gains = {1.5};
   info.form.crop = FrameCrop{1, 2, 40, 30};
+  info.photographed = {.orientation = 1,
+                       .exposure_s = 0.5,
+                       .f_number = 8.0,
+                       .iso = 100.0,
+                       .model = "m",
+                       .taken = "2026"};
   info.patterns = {PatternFamily::s_matrix, {{1, 2}}, 0, {}};  // else "patterns" is left out
   Names written;
   add_keys(Json::parse(session_info_to_json(info)), "", written);
