@@ -74,7 +74,7 @@ void RunObserver::begin(std::vector<ShotKind> kinds, FrameForm form,
   const std::lock_guard lock(mutex_);
   notes_.swap(notes);  // those before are freed behind the lock
   kinds_.swap(kinds);
-  form_ = form;
+  form_ = std::move(form);
   commit_begun_ns_.clear();
   shown_ns_ = 0;
 }
