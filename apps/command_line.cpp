@@ -245,6 +245,11 @@ std::string usage_words(const CLI::App& app, const CLI::ParseError& error) {
   std::string problem = is_unknown ? unknown_word(app, *chosen.second) : std::string();
   if (problem.empty()) {
     problem = error.what();
+    const std::size_t colon =
+        problem.find(": 1 required ");  // "--lights: 1 required FILE missing"
+    if (colon != std::string::npos && problem.ends_with(" missing")) {
+      problem = problem.substr(0, colon) + " is without its value";
+    }
   }
   return fmt::format("{0}: {1}\n  cure: {0} --help tells what it takes\n", chosen.first,
                      problem);

@@ -334,9 +334,11 @@ std::vector<LightPicture> match_pictures(const fs::path& folder, const fs::path&
     add_notes(notes, folder, options, list);
     const std::vector<std::string> others = unnamed_pictures(folder, present, pictures);
     if (!others.empty()) {
+      const bool is_one = others.size() == 1;
       list.disagreements.push_back(
-          fmt::format("{} pictures of {} are not in the list: {} (--exclude: no lights')",
-                      others.size(), folder.string(), names_of(others)));
+          fmt::format("{} of {} {} not in the list: {} (--exclude: no light's)",
+                      is_one ? "a picture" : fmt::format("{} pictures", others.size()),
+                      folder.string(), is_one ? "is" : "are", names_of(others)));
     }
   }
   if (options.is_strict && !list.disagreements.empty()) {

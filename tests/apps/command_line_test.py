@@ -237,7 +237,7 @@ class CommandLine(unittest.TestCase):
     def test_a_wrong_line_is_said_with_its_verb_the_option_meant_and_a_cure(self):
         for line, problem in (
                 ("relight object.hlb --exposur 2 -o new.png", "there is no option --exposur: did you mean --exposure?"),
-                ("fit photos -o new --lights", "--lights: 1 required TEXT missing"),
+                ("fit photos -o new --lights", "--lights is without its value"),
                 ("rig doctor", "RIG is required"),
                 ("relight object.hlb other.hlb --light 0 -o new.png", "what is other.hlb?")):
             with self.subTest(line=line):
