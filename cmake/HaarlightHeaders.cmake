@@ -30,7 +30,8 @@ function(haarlight_precompile NAME)
   add_custom_command(
     OUTPUT ${PROJECT_BINARY_DIR}/${compiled}
     COMMAND ${command} -x c++-header ${header} -MD -MF ${header}.d -MT ${compiled} -o ${compiled}
-    COMMAND ${command} -E -P ${header} | sha256sum > ${compiled}.sum
+    COMMAND ${command} -x c++-header -E -P ${header} -o ${header}.whole
+    COMMAND sha256sum ${header}.whole > ${compiled}.sum
     DEPENDS ${PROJECT_BINARY_DIR}/${header}
     DEPFILE ${PROJECT_BINARY_DIR}/${header}.d
     WORKING_DIRECTORY ${PROJECT_BINARY_DIR}
