@@ -3,7 +3,8 @@
 
 - every relative link of a Markdown file leads to a file;
 - every citation key such as [Steele14] in code or documents has an entry in docs/references.bib;
-- no tracked file names a machine's own folders.
+- no tracked file names a machine's own folders;
+- CITATION.cff has the project's version.
 """
 
 import pathlib
@@ -43,6 +44,9 @@ def main() -> int:
                         problems.append(f"{place}: [{key}] is not in docs/references.bib")
             if MACHINE_PATH.search(line):
                 problems.append(f"{place}: names a machine's own folder")
+    version = re.search(r"project\(haarlight VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())[1]
+    if f"\nversion: {version}\n" not in (ROOT / "CITATION.cff").read_text():
+        problems.append(f"CITATION.cff: the version is {version}")
     for problem in problems:
         print(problem)
     return 1 if problems else 0
