@@ -199,6 +199,7 @@ void make_import(const fs::path& folder, Random& random) {
     Image<float> picture(7, 9, channels);
     for (float& value : picture.pixels()) {
       value = 0.01F + 1e-4F * static_cast<float>(below(random, 8000));
+      value *= k < n ? 1.0F : 0.01F;  // a dark picture leaves the white patch its light
     }
     const std::string name =
         k < n ? fmt::format("l{}.{}", k, ending) : std::string("dark.") + ending;
