@@ -1,10 +1,8 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <cmath>
 #include <cstring>
 #include <exception>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -207,19 +205,18 @@ PictureFacts facts_of(const Imf::Header& header) {
     return among.empty() || value.find_first_not_of(among) == std::string::npos ? value
                                                                                 : std::string();
   };
-  const auto positive = [](bool is_there, auto read) {
-    const double value = is_there ? static_cast<double>(read()) : 0.0;
-    return std::isfinite(value) && value > 0.0 ? std::optional<double>(value) : std::nullopt;
+  const auto number = [](bool is_there, auto read) {
+    return camera_number(is_there ? static_cast<double>(read()) : 0.0);
   };
   constexpr std::size_t kMostModel = 64;
   constexpr std::size_t kDate = 19;
   facts.model = text(kCameraModel, "", kMostModel);
   facts.taken = text(kTaken, "0123456789: ", kDate);
   facts.exposure_s =
-      positive(Imf::hasExpTime(header), [&header] { return Imf::expTime(header); });
+      number(Imf::hasExpTime(header), [&header] { return Imf::expTime(header); });
   facts.f_number =
-      positive(Imf::hasAperture(header), [&header] { return Imf::aperture(header); });
-  facts.iso = positive(Imf::hasIsoSpeed(header), [&header] { return Imf::isoSpeed(header); });
+      number(Imf::hasAperture(header), [&header] { return Imf::aperture(header); });
+  facts.iso = number(Imf::hasIsoSpeed(header), [&header] { return Imf::isoSpeed(header); });
   return facts;
 }
 

@@ -151,21 +151,20 @@ void keep_common(T& common, const T& other) {
 
 }  // namespace
 
+std::optional<double> camera_number(double number) noexcept {
+  const bool is_one = number >= kLeastCameraNumber && number <= kMostCameraNumber;
+  return is_one ? std::optional(number) : std::nullopt;
+}
+
 bool has_facts(const PictureFacts& facts) noexcept {
   return facts.exposure_s || facts.f_number || facts.iso || !facts.model.empty() ||
          !facts.taken.empty();
 }
 
 PictureFacts common_facts(std::span<const PictureFacts> pictures) {
-  PictureFacts common;
-  bool is_first = true;
+  PictureFacts common = pictures.empty() ? PictureFacts() : pictures.front();
+  common.orientation = 1;
   for (const PictureFacts& facts : pictures) {
-    if (is_first) {
-      common = facts;
-      common.orientation = 1;
-      is_first = false;
-      continue;
-    }
     keep_common(common.exposure_s, facts.exposure_s);
     keep_common(common.f_number, facts.f_number);
     keep_common(common.iso, facts.iso);

@@ -12,7 +12,11 @@
 
 namespace haarlight {
 
-/// What the camera wrote (EXIF); empty where it did not.
+/// The least and largest that a camera's number can be; what lies outside is taken for unknown.
+inline constexpr double kLeastCameraNumber = 1e-9;
+inline constexpr double kMostCameraNumber = 1e9;
+
+/// What the camera wrote (EXIF); empty where it did not. Numbers lie within those bounds.
 struct PictureFacts {
   int orientation = 1;  ///< EXIF's 1..8; 1: as stored
   std::optional<double> exposure_s;
@@ -22,6 +26,9 @@ struct PictureFacts {
   std::string taken;  ///< "2026:11:22 20:30:21", the camera's clock
   friend bool operator==(const PictureFacts&, const PictureFacts&) = default;
 };
+
+/// A number as a file has it; nothing where no camera can have meant it.
+[[nodiscard]] std::optional<double> camera_number(double number) noexcept;
 
 /// Whether anything but an orientation is known.
 [[nodiscard]] bool has_facts(const PictureFacts& facts) noexcept;

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstring>
 #include <ctime>
 #include <memory>
@@ -30,12 +29,9 @@ std::string local_time(std::time_t time) {
 
 PictureFacts facts_of(const libraw_data_t& data) {
   PictureFacts facts{.orientation = orientation_of(data.sizes.flip)};
-  const auto positive = [](float value) {
-    return value > 0.0F && std::isfinite(value) ? std::optional<double>(value) : std::nullopt;
-  };
-  facts.exposure_s = positive(data.other.shutter);
-  facts.f_number = positive(data.other.aperture);
-  facts.iso = positive(data.other.iso_speed);
+  facts.exposure_s = camera_number(data.other.shutter);
+  facts.f_number = camera_number(data.other.aperture);
+  facts.iso = camera_number(data.other.iso_speed);
   facts.taken = local_time(data.other.timestamp);
   const std::string_view model(data.idata.model,
                                strnlen(data.idata.model, sizeof data.idata.model));

@@ -90,7 +90,7 @@ class ExifBlock {
     }
     return number(entry->value_at, entry->type == 3 ? 2 : 4);
   }
-  /// A quotient above 0.
+  /// A camera's number.
   [[nodiscard]] std::optional<double> quotient(std::size_t directory, unsigned tag) const {
     const auto entry = find(directory, tag);
     if (!entry || entry->type != 5) {
@@ -98,7 +98,7 @@ class ExifBlock {
     }
     const double above = number(entry->value_at, 4);
     const double below = number(entry->value_at + 4, 4);
-    return above > 0.0 && below > 0.0 ? std::optional(above / below) : std::nullopt;
+    return below > 0.0 ? camera_number(above / below) : std::nullopt;
   }
   /// Printable ASCII, at most 64 characters.
   [[nodiscard]] std::string text(std::size_t directory, unsigned tag) const {
@@ -235,9 +235,7 @@ PictureTags exif_tags(std::span<const std::byte> exif) {
   facts.model = block.text(first, kModel);
   facts.exposure_s = block.quotient(detail, kExposureTime);
   facts.f_number = block.quotient(detail, kFNumber);
-  if (const auto iso = block.integer(detail, kIso); iso && *iso > 0) {
-    facts.iso = *iso;
-  }
+  facts.iso = camera_number(block.integer(detail, kIso).value_or(0));
   facts.taken = block.text(detail, kTaken);
   if (facts.taken.find_first_of("123456789") == std::string::npos) {
     facts.taken.clear();  // blanks or zeros: the clock was not set

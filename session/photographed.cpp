@@ -1,7 +1,6 @@
 #include "session/photographed.h"
 
 #include <algorithm>
-#include <limits>
 #include <optional>
 
 #include <nlohmann/json.hpp>
@@ -47,9 +46,9 @@ PictureFacts facts_from_json(const JsonValue& value) {
     return found;
   };
   const auto number = [&value](const char* key) {
-    return value.has(key) ? std::optional(value[key].number(
-                                std::numeric_limits<double>::denorm_min(), 1e12))
-                          : std::nullopt;
+    return value.has(key)
+               ? std::optional(value[key].number(kLeastCameraNumber, kMostCameraNumber))
+               : std::nullopt;
   };
   facts.model = text("camera");
   facts.exposure_s = number("exposure_s");

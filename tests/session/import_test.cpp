@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -572,6 +573,32 @@ TEST(Import, KeepsWhatTheCameraWrote) {
     text.replace(text.find("\"exposure_s\":0.5"), 16, broken);
     EXPECT_THROW((void)session_info_from_json(text, "session.json"), Error) << broken;
   }
+}
+
+/// Whatever a file tells of its camera, the session that is made of it can be opened.
+TEST(Import, NumbersThatNoCameraMeantAreUnknown) {
+  TemporaryFolder folder;
+  const fs::path in = folder.path() / "in";
+  write_capture(in, ".exr");
+  const float huge = std::numeric_limits<float>::max();
+  const float tiny = std::numeric_limits<float>::denorm_min();
+  const PictureFacts facts{
+      .exposure_s = huge, .f_number = tiny, .iso = 100.0, .model = "CamX", .taken = {}};
+  for (int k = 0; k < 3; ++k) {
+    write_image(in / fmt::format("light {}.exr", k),
+                gradient(9, 12, 3, static_cast<float>(k)).view(), 1.0,
+                {.texts = {}, .facts = facts});
+  }
+  const fs::path out = folder.path() / "out";
+  const ImportResult result = import_pictures(in, in / "dirs.lp", out);
+  EXPECT_EQ(result.info.photographed, (PictureFacts{.orientation = 1,
+                                                    .exposure_s = {},
+                                                    .f_number = {},
+                                                    .iso = 100.0,
+                                                    .model = "CamX",
+                                                    .taken = {}}));
+  EXPECT_EQ(Session::open(out).info().photographed, result.info.photographed);
+  EXPECT_TRUE(verify_session(out).is_good());
 }
 
 /// Pictures that say where their lights are, as `haarlight export --exr` writes them.
