@@ -471,20 +471,7 @@ void check_different_pixels(const Job& job) {
   }
 }
 
-void tell_pictures(const std::vector<PictureFacts>& facts, const ImportOptions& options,
-                   const Job& job, ImportResult& result) {
-  const auto n_turned = std::count_if(
-      facts.begin(), facts.end(), [](const PictureFacts& one) { return one.orientation != 1; });
-  if (n_turned > 0) {
-    const bool are_all = static_cast<std::size_t>(n_turned) == job.pictures.size();
-    (are_all ? result.notes : result.disagreements)
-        .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
-                               "taken as stored",
-                               n_turned, job.pictures.size()));
-  }
-  if (has_facts(job.info.photographed)) {
-    result.notes.push_back("photographed: " + words_of(job.info.photographed));
-  }
+void tell_pictures(const ImportOptions& options, const Job& job, ImportResult& result) {
   if (!job.frame.profile.empty()) {
     result.notes.push_back(fmt::format("the pictures' colour profile (\"{}\") is {}",
                                        job.frame.profile,
@@ -516,7 +503,7 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   PendingFolder pending(target);
   const std::vector<PictureFacts> facts = write_frames(pending.path(), options, job);
   check_different_pixels(job);
-  job.info.photographed = common_facts(facts);
+  job.info.photographed = tell_facts(facts, job.list.notes, job.list.disagreements);
   SessionInfo start = job.info;
   start.frames.clear();
   write_plain(pending.path() / "plan.json", plan);
@@ -527,7 +514,7 @@ ImportResult import_pictures(const fs::path& folder, const fs::path& light_file,
   pending.commit(is_replacing);
 
   ImportResult result{job.info, job.list.notes, job.list.disagreements, job.white};
-  tell_pictures(facts, options, job, result);
+  tell_pictures(options, job, result);
   return result;
 }
 

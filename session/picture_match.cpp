@@ -370,4 +370,24 @@ std::vector<std::string> hashes_of_different(const std::vector<LightPicture>& pi
   return hashes;
 }
 
+PictureFacts tell_facts(const std::vector<PictureFacts>& pictures,
+                        std::vector<std::string>& notes,
+                        std::vector<std::string>& disagreements) {
+  const auto n_turned =
+      std::count_if(pictures.begin(), pictures.end(),
+                    [](const PictureFacts& one) { return one.orientation != 1; });
+  if (n_turned > 0) {  // of all: that is how the camera stood; of some: the pictures differ
+    const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
+    (are_all ? notes : disagreements)
+        .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
+                               "taken as stored",
+                               n_turned, pictures.size()));
+  }
+  PictureFacts common = common_facts(pictures);
+  if (has_facts(common)) {
+    notes.push_back("photographed: " + words_of(common));
+  }
+  return common;
+}
+
 }  // namespace haarlight

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "core/picture_facts.h"
 #include "session/light_file.h"
 
 /// @file
@@ -55,5 +56,12 @@ struct LightPicture {
 /// @throws Error  two of the first `n_lights` have the same bytes: one was saved twice
 [[nodiscard]] std::vector<std::string> hashes_of_different(
     const std::vector<LightPicture>& pictures, std::size_t n_lights);
+
+/// Tells what the pictures' cameras wrote: in `notes`, and in `disagreements` a rotation that
+/// only some of them carry (it is not applied).
+/// @return  what all of them tell alike
+[[nodiscard]] PictureFacts tell_facts(const std::vector<PictureFacts>& pictures,
+                                      std::vector<std::string>& notes,
+                                      std::vector<std::string>& disagreements);
 
 }  // namespace haarlight

@@ -71,25 +71,13 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   std::vector<fs::path> files;
   std::vector<PictureFacts> facts;
   std::vector<int> orientations;
-  int n_turned = 0;
   for (std::size_t k = 0; k < pictures.size(); ++k) {
     files.push_back(pictures[k].path);
     capture.directions.push_back(list.lights[k].place.normalized());
     facts.push_back(read_picture_facts(pictures[k].path));
     orientations.push_back(facts.back().orientation);
-    n_turned += orientations.back() != 1 ? 1 : 0;
   }
-  if (n_turned > 0) {  // of all: that is how the camera stood; of some: the pictures differ
-    const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
-    (are_all ? list.notes : list.disagreements)
-        .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "
-                               "taken as stored",
-                               n_turned, pictures.size()));
-  }
-  capture.photographed = common_facts(facts);
-  if (has_facts(capture.photographed)) {
-    list.notes.push_back("photographed: " + words_of(capture.photographed));
-  }
+  capture.photographed = tell_facts(facts, list.notes, list.disagreements);
   PictureFilesOptions options;
   options.memory_bytes = common.memory_bytes / 4;
   if (!arguments.out.empty()) {
