@@ -2,14 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <memory>
+#include <new>
 #include <utility>
 
 #include <Eigen/Eigenvalues>
-#include <ceres/gradient_problem.h>
-#include <ceres/gradient_problem_solver.h>
 #include <fmt/format.h>
+#include <lbfgs.h>
 
 #include "core/error.h"
 #include "core/parallel.h"
@@ -59,32 +60,37 @@ CentreTerms centre_terms(const NearLight& light, const Eigen::Vector3d& point) {
 
 /// What both problems share: lights from parameters, and the gradient's way back. A light's
 /// power is carried as the light it gives the target's middle, which the samples hold best.
-class VarianceProblem : public ceres::FirstOrderFunction {
+class VarianceProblem {
  public:
   VarianceProblem(const TargetSamples& samples, const CalibrationOptions& options)
       : samples_(samples), options_(options), extent_(target_extent(samples)) {}
+  virtual ~VarianceProblem() = default;
+  VarianceProblem(const VarianceProblem&) = delete;
+  VarianceProblem& operator=(const VarianceProblem&) = delete;
+
+  [[nodiscard]] virtual std::size_t n_parameters() const = 0;
 
   [[nodiscard]] virtual std::vector<NearLight> lights(const double* x) const = 0;
   virtual void chain(const double* x, std::span<const NearLight> lights,
                      const VarianceGradient& gradient, double* out) const = 0;
 
-  bool Evaluate(const double* x, double* cost, double* gradient) const override {
+  /// D and its gradient; infinity and zeros where lights or D are no numbers.
+  double evaluate(const double* x, double* gradient) const {
+    constexpr double kNone = std::numeric_limits<double>::infinity();
+    std::fill_n(gradient, n_parameters(), 0.0);
     const std::vector<NearLight> now = lights(x);
     for (const NearLight& light : now) {
       if (!light.position_mm.allFinite() || !light.power.allFinite() ||
           !(light.power.minCoeff() > 0.0)) {
-        return false;
+        return kNone;
       }
     }
-    const VarianceValue value = normalised_variance(samples_, now, gradient != nullptr);
+    const VarianceValue value = normalised_variance(samples_, now, true);
     if (!std::isfinite(value.d)) {
-      return false;
+      return kNone;
     }
-    *cost = value.d;
-    if (gradient != nullptr) {
-      chain(x, now, value.gradient, gradient);
-    }
-    return true;
+    chain(x, now, value.gradient, gradient);
+    return value.d;
   }
 
  protected:
@@ -114,7 +120,7 @@ class FreeProblem final : public VarianceProblem {
               std::span<const NearLight> start)
       : VarianceProblem(samples, options), start_(start.begin(), start.end()) {
     ground_ = top_of(samples);
-    x_.resize(static_cast<std::size_t>(NumParameters()));
+    x_.resize(count());
     for (std::size_t k = 0; k < start_.size(); ++k) {
       double* x = x_.data() + k * stride();
       const double h = start_[k].position_mm.z() - ground_;
@@ -130,11 +136,9 @@ class FreeProblem final : public VarianceProblem {
       x_.back() = start_.front().mu;
     }
   }
-  [[nodiscard]] std::vector<double>& parameters() { return x_; }
+  [[nodiscard]] const std::vector<double>& parameters() const { return x_; }
 
-  [[nodiscard]] int NumParameters() const override {
-    return static_cast<int>(start_.size() * stride()) + (is_mu_free() ? 1 : 0);
-  }
+  [[nodiscard]] std::size_t n_parameters() const override { return count(); }
 
   [[nodiscard]] std::vector<NearLight> lights(const double* x) const override {
     std::vector<NearLight> out = start_;
@@ -180,6 +184,9 @@ class FreeProblem final : public VarianceProblem {
 
  private:
   [[nodiscard]] std::size_t stride() const { return 3 + n_channels(); }
+  [[nodiscard]] std::size_t count() const {
+    return start_.size() * stride() + (is_mu_free() ? 1 : 0);
+  }
   std::vector<NearLight> start_;
   double ground_ = 0.0;
   std::vector<double> x_;
@@ -201,7 +208,7 @@ class RigidProblem final : public VarianceProblem {
     }
     ground_ = top_of(samples);
     height_ = middle_.z() - ground_;
-    x_.assign(static_cast<std::size_t>(NumParameters()), 0.0);
+    x_.assign(count(), 0.0);
     for (std::size_t k = 0; k < lights.size(); ++k) {
       const double log_h = centre_terms(lights[k], extent_.centre).log_h;
       for (std::size_t c = 0; c < n_channels(); ++c) {
@@ -213,11 +220,9 @@ class RigidProblem final : public VarianceProblem {
       x_.back() = lights.front().mu;
     }
   }
-  [[nodiscard]] std::vector<double>& parameters() { return x_; }
+  [[nodiscard]] const std::vector<double>& parameters() const { return x_; }
 
-  [[nodiscard]] int NumParameters() const override {
-    return 6 + static_cast<int>(mus_.size() * n_channels()) + (is_mu_free() ? 1 : 0);
-  }
+  [[nodiscard]] std::size_t n_parameters() const override { return count(); }
 
   [[nodiscard]] Eigen::Isometry3d pose(const double* x) const {
     Eigen::Isometry3d move = Eigen::Isometry3d::Identity();
@@ -231,8 +236,7 @@ class RigidProblem final : public VarianceProblem {
   }
 
   [[nodiscard]] std::vector<NearLight> lights(const double* x) const override {
-    std::vector<NearLight> out =
-        array_at(array_, pose(x), is_mu_free() ? x[NumParameters() - 1] : 0.0);
+    std::vector<NearLight> out = array_at(array_, pose(x), is_mu_free() ? x[count() - 1] : 0.0);
     for (std::size_t k = 0; k < out.size(); ++k) {
       if (!is_mu_free()) {
         out[k].mu = mus_[k].mu;
@@ -276,11 +280,14 @@ class RigidProblem final : public VarianceProblem {
     out[4] = height_ * shift.y();
     out[5] = (middle.z() - ground_) * shift.z();
     if (is_mu_free()) {
-      out[NumParameters() - 1] = mu;
+      out[count() - 1] = mu;
     }
   }
 
  private:
+  [[nodiscard]] std::size_t count() const {
+    return 6 + mus_.size() * n_channels() + (is_mu_free() ? 1 : 0);
+  }
   [[nodiscard]] Eigen::Vector3d middle_at(const double* x) const {
     return {middle_.x() + height_ * x[3], middle_.y() + height_ * x[4],
             ground_ + height_ * std::exp(x[5])};
@@ -301,41 +308,72 @@ struct Descent {
   bool has_converged = false;
 };
 
-class StopCallback : public ceres::IterationCallback {
- public:
-  explicit StopCallback(std::function<bool()> should_stop)
-      : should_stop_(std::move(should_stop)) {}
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& /*summary*/) override {
-    return should_stop_() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
-  }
-
- private:
-  std::function<bool()> should_stop_;
+/// What libLBFGS, a library of C, hands back to its callbacks.
+struct DescentRun {
+  const VarianceProblem& problem;
+  const std::function<bool()>& should_stop;
+  std::exception_ptr failure;  ///< to be thrown when no C is below us any more
+  int n_iterations = 0;
 };
 
-/// L-BFGS. The problem is given away: Ceres owns it.
-Descent descend(std::unique_ptr<VarianceProblem> function, std::vector<double>& x,
-                const CalibrationOptions& options) {
-  const ceres::GradientProblem problem(function.release());
-  ceres::GradientProblemSolver::Options solver;
-  solver.line_search_direction_type = ceres::LBFGS;
-  solver.max_lbfgs_rank = 40;
-  solver.max_num_iterations = options.stage == Stage::likelihood ? options.max_first_iterations
-                                                                 : options.max_iterations;
-  solver.max_num_line_search_step_size_iterations = 40;
-  solver.function_tolerance = 1e-9;
-  solver.gradient_tolerance = 1e-14;
-  solver.parameter_tolerance = 1e-12;
-  solver.logging_type = ceres::SILENT;
-  std::unique_ptr<StopCallback> stop;
-  if (options.should_stop) {
-    stop = std::make_unique<StopCallback>(options.should_stop);
-    solver.callbacks.push_back(stop.get());
+double evaluate_run(void* instance, const double* x, double* gradient, int n, double /*step*/) {
+  auto& run = *static_cast<DescentRun*>(instance);
+  std::fill_n(gradient, n, 0.0);
+  if (run.failure == nullptr) {
+    try {
+      return run.problem.evaluate(x, gradient);
+    } catch (...) {
+      run.failure = std::current_exception();
+    }
   }
-  ceres::GradientProblemSolver::Summary summary;
-  ceres::Solve(solver, problem, x.data(), &summary);
-  return {summary.final_cost, static_cast<int>(summary.iterations.size()),
-          summary.termination_type == ceres::CONVERGENCE};
+  return std::numeric_limits<double>::infinity();
+}
+
+/// @return  0 to go on
+int follow_run(void* instance, const double* /*x*/, const double* /*gradient*/, double /*d*/,
+               double /*norm_x*/, double /*norm_gradient*/, double /*step*/, int /*n*/,
+               int iteration, int /*n_evaluations*/) {
+  auto& run = *static_cast<DescentRun*>(instance);
+  run.n_iterations = iteration;
+  return run.should_stop && run.should_stop() ? LBFGSERR_CANCELED : 0;
+}
+
+/// L-BFGS; its line search goes back from where D is infinite.
+Descent descend(const VarianceProblem& problem, std::vector<double>& x,
+                const CalibrationOptions& options) {
+  lbfgs_parameter_t settings;
+  lbfgs_parameter_init(&settings);
+  settings.m = 40;
+  settings.max_iterations = options.stage == Stage::likelihood ? options.max_first_iterations
+                                                               : options.max_iterations;
+  settings.max_linesearch = 40;
+  settings.linesearch = LBFGS_LINESEARCH_BACKTRACKING_STRONG_WOLFE;
+  settings.past = 1;
+  settings.delta = 1e-9;
+  settings.epsilon = 1e-14;
+  // Built with vector instructions it takes multiples of 8 numbers from memory of its own.
+  const std::size_t n = (x.size() + 7) / 8 * 8;
+  const std::unique_ptr<double, decltype(&lbfgs_free)> own(lbfgs_malloc(static_cast<int>(n)),
+                                                           &lbfgs_free);
+  if (own == nullptr) {
+    throw std::bad_alloc();
+  }
+  std::fill_n(own.get(), n, 0.0);
+  std::copy(x.begin(), x.end(), own.get());
+  DescentRun run{problem, options.should_stop, nullptr};
+  const int result =
+      lbfgs(static_cast<int>(n), own.get(), nullptr, evaluate_run, follow_run, &run, &settings);
+  if (run.failure != nullptr) {
+    std::rethrow_exception(run.failure);
+  }
+  if (result == LBFGSERR_OUTOFMEMORY) {
+    throw std::bad_alloc();
+  }
+  std::copy_n(own.get(), x.size(), x.begin());
+  std::vector<double> gradient(x.size());
+  return {
+      problem.evaluate(x.data(), gradient.data()), run.n_iterations,
+      result == LBFGS_CONVERGENCE || result == LBFGS_STOP || result == LBFGS_ALREADY_MINIMIZED};
 }
 
 // ---- samples ----
@@ -684,11 +722,10 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
   for (int round = 0; round < kMaxOutlierRounds; ++round) {
     const TargetSamples coarse = coarse_samples(samples, factor);
     lights = fit_powers(coarse, std::move(lights)).lights;
-    auto problem = std::make_unique<FreeProblem>(coarse, options, lights);
-    const FreeProblem decoder(coarse, options, lights);
-    std::vector<double> x = problem->parameters();
-    const Descent more = descend(std::move(problem), x, options);
-    lights = decoder.lights(x.data());
+    const FreeProblem problem(coarse, options, lights);
+    std::vector<double> x = problem.parameters();
+    const Descent more = descend(problem, x, options);
+    lights = problem.lights(x.data());
     descent = {more.d, descent.n_iterations + more.n_iterations, more.has_converged};
     if (options.stage == Stage::likelihood) {
       for (NearLight& light : lights) {
@@ -752,12 +789,11 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
   for (int round = 0; round < kMaxOutlierRounds; ++round) {
     const TargetSamples coarse = coarse_samples(samples, factor);
     lights = fit_powers(coarse, std::move(lights)).lights;
-    auto problem = std::make_unique<RigidProblem>(coarse, options, array, pose, lights);
-    const RigidProblem decoder(coarse, options, array, pose, lights);
-    std::vector<double> x = problem->parameters();
-    const Descent more = descend(std::move(problem), x, options);
-    lights = decoder.lights(x.data());
-    pose = decoder.pose(x.data());
+    const RigidProblem problem(coarse, options, array, pose, lights);
+    std::vector<double> x = problem.parameters();
+    const Descent more = descend(problem, x, options);
+    lights = problem.lights(x.data());
+    pose = problem.pose(x.data());
     descent = {more.d, descent.n_iterations + more.n_iterations, more.has_converged};
     if (options.stage == Stage::likelihood) {
       for (NearLight& light : lights) {
