@@ -12,7 +12,7 @@
 
 namespace haarlight {
 
-/// How samples lie in a row's bytes. `capture/pixel_unpack.h` turns each into words.
+/// How samples lie in a row's bytes. `capture/camera/pixel_unpack.h` turns each into words.
 enum class PixelPacking {
   bytes,        ///< one byte a sample
   words_le,     ///< 16 bits a sample, low byte first, value in the low bits

@@ -28,7 +28,7 @@ ROOMS = {
 
 # Single files of a room that another room may include all the same.
 DOORS = {
-    "sim": {"capture/camera.h", "capture/remote_camera_protocol.h", "capture/tag_rows.h"},
+    "sim": {"capture/camera/camera.h", "capture/camera/remote_camera_protocol.h", "capture/camera/tag_rows.h"},
 }
 
 # Headers only a .cpp may see, and, where a list stands, only these files.
@@ -51,7 +51,7 @@ CPP_ONLY = {
     r"ceres/": None,
     r"opencv2/": None,
     r"tiffio\.h": None,
-    r"jpeglib\.h": ["capture/grey_jpeg.cpp", "core/picture_jpeg.cpp", "relight/fit/jpeg_rows.cpp", "relight/formats/jpeg.cpp"],
+    r"jpeglib\.h": ["capture/camera/grey_jpeg.cpp", "core/picture_jpeg.cpp", "relight/fit/jpeg_rows.cpp", "relight/formats/jpeg.cpp"],
     r"tbb/": ["core/parallel.cpp"],
     r"mpi\.h": ["core/ranks.cpp"],
     r"curl/": None,

@@ -38,7 +38,7 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   std::int64_t t_next_change_ns = 0;     ///< the next command to the lights
   std::uint64_t sequence = 0;            ///< the camera's frame number
   std::int64_t timestamp_ns = 0;         ///< the camera's stamp
-  std::uint32_t flags = 0;               ///< FrameFlag bits, see capture/camera.h
+  std::uint32_t flags = 0;               ///< FrameFlag bits, see capture/camera/camera.h
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;
   double gain_db = 0.0;

@@ -23,8 +23,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "capture/camera.h"
-#include "capture/remote_camera_protocol.h"
+#include "capture/camera/camera.h"
+#include "capture/camera/remote_camera_protocol.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
@@ -558,7 +558,8 @@ class CameraServer::Impl {
   }
 
   /// The edge at the exposure's end, unless a fault takes it away or puts one before it. Never
-  /// both near each other: that is what the step counter cannot see (capture/strobe_proof.h).
+  /// both near each other: that is what the step counter cannot see
+  /// (capture/sequencer/strobe_proof.h).
   void announce_strobe(std::uint64_t sequence, std::int64_t end_ns) {
     const double u = uniform_unit(hash_key(options_.fault_seed, 13, sequence));
     const bool may_fail = sequence >= next_strobe_fault_;

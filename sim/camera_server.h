@@ -12,9 +12,9 @@
 
 /// @file
 /// A virtual camera behind a real socket: unix SEQPACKET, frames as memory files passed by
-/// SCM_RIGHTS (capture/remote_camera_protocol.h). It runs freely: frame n starts at its own
-/// time whatever the client does; when the client holds every buffer, frames are lost and the
-/// sequence shows it. One client at a time, one thread of its own.
+/// SCM_RIGHTS (capture/camera/remote_camera_protocol.h). It runs freely: frame n starts at its
+/// own time whatever the client does; when the client holds every buffer, frames are lost and
+/// the sequence shows it. One client at a time, one thread of its own.
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "capture/tag_rows.h"
+#include "capture/camera/tag_rows.h"
 #include "core/image.h"
 #include "core/rig.h"
 #include "firmware_iface/light_history.h"

@@ -7,8 +7,8 @@
 
 #include "apps/haarlight/light_options.h"
 #include "apps/haarlight/verb.h"
-#include "capture/advice.h"
-#include "capture/advice_pilot.h"
+#include "capture/plan/advice.h"
+#include "capture/plan/advice_pilot.h"
 #include "core/files.h"
 #include "core/rig.h"
 #include "relight/basis/compress_session.h"

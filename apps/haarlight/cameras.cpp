@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
-#include "capture/v4l2_list.h"
+#include "capture/camera/v4l2_list.h"
 
 namespace haarlight {
 

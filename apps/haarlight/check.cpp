@@ -9,7 +9,7 @@
 #include "apps/haarlight/file_kind.h"
 #include "apps/haarlight/lighting_reader.h"
 #include "apps/haarlight/verb.h"
-#include "capture/plan.h"
+#include "capture/plan/plan.h"
 #include "core/files.h"
 #include "core/measured_rig.h"
 #include "core/rig.h"

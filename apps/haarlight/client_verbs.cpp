@@ -12,7 +12,7 @@
 
 #include "apps/haarlight/daemon_address.h"
 #include "apps/haarlight/verb.h"
-#include "capture/daemon_client.h"
+#include "capture/daemon/daemon_client.h"
 #include "core/files.h"
 #include "core/log.h"
 #include "core/progress.h"

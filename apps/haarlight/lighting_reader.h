@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "capture/plan.h"
+#include "capture/plan/plan.h"
 #include "core/log.h"
 #include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"

@@ -1,7 +1,7 @@
 /// @file
 /// `haarlight plan RIG PLAN`: expands a plan for a rig and says what it will cost.
 
-#include "capture/plan.h"
+#include "capture/plan/plan.h"
 
 #include <fmt/format.h>
 

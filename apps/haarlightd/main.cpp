@@ -19,7 +19,7 @@
 
 #include "apps/command_line.h"
 #include "apps/page_folder.h"
-#include "capture/daemon.h"
+#include "capture/daemon/daemon.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"

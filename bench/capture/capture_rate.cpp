@@ -21,7 +21,7 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
-#include "capture/daemon.h"
+#include "capture/daemon/daemon.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "session/storage.h"

@@ -14,10 +14,10 @@
 
 #include <fmt/format.h>
 
-#include "capture/frame_tap.h"
-#include "capture/frame_view.h"
-#include "capture/preview_png.h"
-#include "capture/thread_pulse.h"
+#include "capture/daemon/frame_tap.h"
+#include "capture/daemon/frame_view.h"
+#include "capture/daemon/preview_png.h"
+#include "core/thread_pulse.h"
 
 namespace haarlight {
 namespace {

@@ -4,7 +4,7 @@
 ///
 ///     build/release/bench/capture/pixel_unpack_bench [WIDTH HEIGHT]
 
-#include "capture/pixel_unpack.h"
+#include "capture/camera/pixel_unpack.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "capture/advice.h"
+#include "capture/plan/advice.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "capture/camera_thread.h"
+#include "capture/daemon/camera_thread.h"
 
 #include <atomic>
 #include <condition_variable>

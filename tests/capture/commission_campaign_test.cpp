@@ -7,8 +7,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/commission.h"
-#include "capture/timing.h"
+#include "capture/commission/commission.h"
+#include "capture/plan/timing.h"
 #include "core/error.h"
 #include "tests/capture/commission_truth.h"
 #include "tests/capture/twin_bench.h"

@@ -5,7 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/commission.h"
+#include "capture/commission/commission.h"
 #include "tests/capture/commission_truth.h"
 #include "tests/capture/twin_bench.h"
 

@@ -6,10 +6,10 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "capture/light_survey.h"
-#include "capture/photon_transfer.h"
-#include "capture/stamp_meaning.h"
-#include "capture/step_response.h"
+#include "capture/commission/light_survey.h"
+#include "capture/commission/photon_transfer.h"
+#include "capture/commission/stamp_meaning.h"
+#include "capture/commission/step_response.h"
 #include "core/random.h"
 
 namespace haarlight {

@@ -1,4 +1,4 @@
-#include "capture/commission.h"
+#include "capture/commission/commission.h"
 
 #include <cstdlib>
 
@@ -6,7 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/measured_camera.h"
+#include "capture/camera/measured_camera.h"
 #include "core/error.h"
 #include "tests/capture/commission_truth.h"
 #include "tests/capture/twin_bench.h"

@@ -8,7 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/commission.h"
+#include "capture/commission/commission.h"
 #include "core/random.h"
 #include "render/scene.h"
 #include "sim/transport.h"

@@ -12,9 +12,9 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "capture/frame_checks.h"
-#include "capture/model_rig.h"
-#include "capture/plan.h"
+#include "capture/plan/plan.h"
+#include "capture/proof/frame_checks.h"
+#include "capture/sequencer/model_rig.h"
 #include "core/random.h"
 #include "session/frame_check.h"
 #include "session/session_writer.h"

@@ -7,10 +7,10 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/daemon.h"
-#include "capture/fake_camera.h"
-#include "capture/fake_light_array.h"
+#include "capture/camera/fake_camera.h"
+#include "capture/daemon/daemon.h"
 #include "core/rig.h"
+#include "firmware_iface/fake_light_array.h"
 #include "session/storage.h"
 #include "tests/temporary_folder.h"
 

@@ -1,4 +1,4 @@
-#include "capture/daemon.h"
+#include "capture/daemon/daemon.h"
 
 #include <algorithm>
 #include <array>
@@ -11,10 +11,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/daemon_client.h"
-#include "capture/thread_pulse.h"
+#include "capture/daemon/daemon_client.h"
 #include "core/error.h"
 #include "core/files.h"
+#include "core/thread_pulse.h"
 #include "session/session.h"
 #include "session/storage.h"
 #include "session/verify.h"

@@ -1,4 +1,4 @@
-#include "capture/exposure_verdict.h"
+#include "capture/commission/exposure_verdict.h"
 
 #include <cmath>
 #include <numbers>

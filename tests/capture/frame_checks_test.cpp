@@ -1,4 +1,4 @@
-#include "capture/frame_checks.h"
+#include "capture/proof/frame_checks.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/writer_thread.h"
+#include "capture/daemon/writer_thread.h"
 #include "core/random.h"
 #include "core/rig.h"
 #include "session/clip_level.h"

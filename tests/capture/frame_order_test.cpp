@@ -1,4 +1,4 @@
-#include "capture/frame_order.h"
+#include "capture/camera/frame_order.h"
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>

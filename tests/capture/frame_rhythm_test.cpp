@@ -1,4 +1,4 @@
-#include "capture/frame_rhythm.h"
+#include "capture/sequencer/frame_rhythm.h"
 
 #include <cstdlib>
 

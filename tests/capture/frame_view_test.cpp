@@ -2,7 +2,7 @@
 /// What people see of a frame: crops, histograms, sharpness, the copies made for them, and the
 /// devices' past.
 
-#include "capture/frame_view.h"
+#include "capture/daemon/frame_view.h"
 
 #include <cmath>
 #include <random>
@@ -14,13 +14,13 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "capture/daemon_client.h"
-#include "capture/daemon_view.h"
-#include "capture/device_report.h"
-#include "capture/frame_tap.h"
-#include "capture/preview_png.h"
-#include "capture/rig_watch.h"
-#include "capture/thread_pulse.h"
+#include "capture/daemon/daemon_client.h"
+#include "capture/daemon/daemon_view.h"
+#include "capture/daemon/device_report.h"
+#include "capture/daemon/frame_tap.h"
+#include "capture/daemon/preview_png.h"
+#include "capture/daemon/rig_watch.h"
+#include "core/thread_pulse.h"
 #include "tests/capture/daemon_bench.h"
 
 namespace haarlight {

@@ -1,4 +1,4 @@
-#include "capture/light_predictor.h"
+#include "capture/proof/light_predictor.h"
 
 #include <array>
 #include <cmath>

@@ -21,7 +21,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "capture/frame_checks.h"
+#include "capture/proof/frame_checks.h"
 #include "core/random.h"
 #include "render/scene.h"
 #include "session/clip_level.h"

@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "capture/model_rig.h"
+#include "capture/sequencer/model_rig.h"
 #include "core/random.h"
 #include "tests/drawn_seed.h"
 

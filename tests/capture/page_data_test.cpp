@@ -6,10 +6,10 @@
 #include <rapidcheck/gtest.h>
 #include <zlib.h>
 
-#include "capture/camera.h"
-#include "capture/frame_words.h"
-#include "capture/preview_png.h"
-#include "capture/run_observer.h"
+#include "capture/camera/camera.h"
+#include "capture/daemon/frame_words.h"
+#include "capture/daemon/preview_png.h"
+#include "capture/daemon/run_observer.h"
 
 namespace haarlight {
 namespace {

@@ -7,8 +7,8 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/daemon.h"
-#include "capture/plan.h"
+#include "capture/daemon/daemon.h"
+#include "capture/plan/plan.h"
 #include "session/develop.h"
 #include "session/storage.h"
 #include "sim/virtual_rig.h"

@@ -9,9 +9,9 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "capture/advice.h"
-#include "capture/advice_pilot.h"
-#include "capture/writer_thread.h"
+#include "capture/daemon/writer_thread.h"
+#include "capture/plan/advice.h"
+#include "capture/plan/advice_pilot.h"
 #include "core/random.h"
 #include "relight/basis/plate.h"
 #include "render/scene.h"
@@ -127,7 +127,7 @@ class Twin : public ::testing::Test {
     return develop(*session_, options);
   }
 
-  /// PSNR of the relit pictures as capture/advice.h defines it.
+  /// PSNR of the relit pictures as capture/plan/advice.h defines it.
   [[nodiscard]] double measured_psnr(const LightStack& stack, const AdviceLighting& lighting,
                                      double lit_electrons) const {
     const CameraSpec& camera = rig_.cameras.front();

@@ -1,7 +1,7 @@
 /// Two pictures of the same lights must be the same: on pictures that are sums of smooth ones,
 /// with photon noise. The twin's own transport: light_proof_campaign_test.
 
-#include "capture/picture_agreement.h"
+#include "capture/proof/picture_agreement.h"
 
 #include <cmath>
 #include <optional>
@@ -11,7 +11,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/frame_checks.h"
+#include "capture/proof/frame_checks.h"
 
 namespace haarlight {
 namespace {

@@ -1,4 +1,4 @@
-#include "capture/picture_proof.h"
+#include "capture/proof/picture_proof.h"
 
 #include <cmath>
 

@@ -1,11 +1,11 @@
-#include "capture/pixel_unpack.h"
+#include "capture/camera/pixel_unpack.h"
 
 #include <vector>
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "capture/grey_jpeg.h"
+#include "capture/camera/grey_jpeg.h"
 #include "core/error.h"
 #include "core/random.h"
 

@@ -7,8 +7,8 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "capture/plan.h"
-#include "capture/timing.h"
+#include "capture/plan/plan.h"
+#include "capture/plan/timing.h"
 #include "core/error.h"
 #include "tests/firmware_iface/controller_fixture.h"
 

@@ -1,4 +1,4 @@
-#include "capture/plan.h"
+#include "capture/plan/plan.h"
 
 #include <algorithm>
 #include <cmath>

@@ -16,7 +16,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "capture/daemon_client.h"
+#include "capture/daemon/daemon_client.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "sim/virtual_rig.h"

@@ -1,4 +1,4 @@
-#include "capture/remote_camera.h"
+#include "capture/camera/remote_camera.h"
 
 #include <algorithm>
 #include <array>

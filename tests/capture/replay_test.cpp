@@ -5,12 +5,12 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/daemon.h"
-#include "capture/fake_camera.h"
-#include "capture/fake_light_array.h"
-#include "capture/replay_camera.h"
-#include "capture/sequencer.h"
+#include "capture/camera/fake_camera.h"
+#include "capture/camera/replay_camera.h"
+#include "capture/daemon/daemon.h"
+#include "capture/sequencer/sequencer.h"
 #include "core/files.h"
+#include "firmware_iface/fake_light_array.h"
 #include "session/storage.h"
 #include "tests/temporary_folder.h"
 

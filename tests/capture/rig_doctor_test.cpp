@@ -1,4 +1,4 @@
-#include "capture/rig_doctor.h"
+#include "capture/doctor/rig_doctor.h"
 
 #include <chrono>
 #include <thread>
@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/remote_camera_protocol.h"
+#include "capture/camera/remote_camera_protocol.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/measured_rig.h"

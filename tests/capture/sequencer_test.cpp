@@ -1,4 +1,4 @@
-#include "capture/sequencer.h"
+#include "capture/sequencer/sequencer.h"
 
 #include <array>
 #include <cstdlib>
@@ -8,7 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/model_rig.h"
+#include "capture/sequencer/model_rig.h"
 #include "tests/drawn_seed.h"
 
 namespace haarlight {

@@ -9,7 +9,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/daemon_client.h"
+#include "capture/daemon/daemon_client.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "tests/capture/daemon_bench.h"

@@ -4,8 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/sequencer.h"
-#include "capture/tag_rows.h"
+#include "capture/camera/tag_rows.h"
+#include "capture/sequencer/sequencer.h"
 #include "core/files.h"
 #include "session/frame_tiff.h"
 #include "session/session.h"

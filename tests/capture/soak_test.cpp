@@ -12,7 +12,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "capture/daemon.h"
+#include "capture/daemon/daemon.h"
 #include "core/random.h"
 #include "session/storage.h"
 #include "sim/virtual_rig.h"

@@ -1,4 +1,4 @@
-#include "capture/strobe_proof.h"
+#include "capture/sequencer/strobe_proof.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "capture/tag_rows.h"
+#include "capture/camera/tag_rows.h"
 
 #include <algorithm>
 #include <cmath>

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "capture/camera.h"
-#include "capture/commission_bench.h"
+#include "capture/camera/camera.h"
+#include "capture/commission/commission_bench.h"
 #include "core/random.h"
 #include "core/rig.h"
 #include "firmware_iface/fake_bus.h"

@@ -1,4 +1,4 @@
-#include "capture/v4l2_camera.h"
+#include "capture/camera/v4l2_camera.h"
 
 #include <cstring>
 #include <optional>
@@ -6,8 +6,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/grey_jpeg.h"
-#include "capture/pixel_unpack.h"
+#include "capture/camera/grey_jpeg.h"
+#include "capture/camera/pixel_unpack.h"
 #include "tests/capture/v4l2_rig.h"
 
 namespace haarlight {

@@ -3,9 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/daemon.h"
-#include "capture/tag_rows.h"
-#include "capture/v4l2_camera.h"
+#include "capture/camera/tag_rows.h"
+#include "capture/camera/v4l2_camera.h"
+#include "capture/daemon/daemon.h"
 #include "core/error.h"
 #include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"

@@ -1,7 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/rig_doctor.h"
+#include "capture/doctor/rig_doctor.h"
 #include "tests/capture/v4l2_rig.h"
 
 namespace haarlight {

@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "capture/v4l2_camera.h"
+#include "capture/camera/v4l2_camera.h"
 #include "tests/capture/v4l2_rig.h"
 
 /// @file

@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 #include <linux/videodev2.h>
 
-#include "capture/v4l2_camera.h"
+#include "capture/camera/v4l2_camera.h"
 #include "tests/capture/v4l2_shim.h"
 #include "tests/temporary_folder.h"
 

@@ -1,7 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/v4l2_camera.h"
+#include "capture/camera/v4l2_camera.h"
 #include "tests/capture/v4l2_rig.h"
 
 /// @file

@@ -11,7 +11,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/daemon.h"
+#include "capture/daemon/daemon.h"
 #include "session/session.h"
 #include "session/storage.h"
 #include "session/verify.h"

@@ -14,7 +14,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "capture/plan.h"
+#include "capture/plan/plan.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/image_io.h"

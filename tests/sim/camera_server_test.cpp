@@ -9,7 +9,7 @@
 
 #include <gtest/gtest.h>
 
-#include "capture/camera.h"
+#include "capture/camera/camera.h"
 #include "core/error.h"
 #include "tests/sim/made_transport.h"
 #include "tests/sim/remote_client.h"

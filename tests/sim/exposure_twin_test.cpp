@@ -15,8 +15,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/plan.h"
-#include "capture/writer_thread.h"
+#include "capture/daemon/writer_thread.h"
+#include "capture/plan/plan.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "relight/basis/compress_session.h"

@@ -12,7 +12,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "capture/remote_camera_protocol.h"
+#include "capture/camera/remote_camera_protocol.h"
 #include "core/files.h"
 
 /// @file

@@ -18,7 +18,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "capture/remote_camera.h"
+#include "capture/camera/remote_camera.h"
 #include "core/error.h"
 
 namespace {

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <span>
 
-#include "capture/grey_jpeg.h"
-#include "capture/pixel_unpack.h"
+#include "capture/camera/grey_jpeg.h"
+#include "capture/camera/pixel_unpack.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using haarlight::PixelPacking;

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <string>
 
-#include "capture/plan.h"
+#include "capture/plan/plan.h"
 #include "core/error.h"
 #include "core/rig.h"
 #include "tests/repeating_mutator.h"

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <atomic>
+#include <memory>
+
+#include "capture/camera/camera.h"
+#include "firmware_iface/fake_light_array.h"
+
+/// @file
+/// A camera without a device that truly looks at a FakeLight: frames on a fixed beat of the
+/// real clock, the lit tag in the tag rows, "mixed" when it changed during the exposure. For
+/// tests.
+
+namespace haarlight {
+
+/// Told by a test, from any thread.
+struct FakeCameraHands {
+  std::atomic<bool> is_gone{false};    ///< unplugged
+  std::atomic<bool> is_silent{false};  ///< connected, but no frame comes
+  std::atomic<int> n_held{0};          ///< buffers out
+  /// Frames under this tag are clipped in every other column; 0: none.
+  std::atomic<std::uint32_t> clipped_tag{0};
+};
+
+class FakeCamera final : public Camera {
+ public:
+  FakeCamera(std::shared_ptr<const FakeLight> light, std::shared_ptr<FakeCameraHands> hands);
+  ~FakeCamera() override;
+  FakeCamera(const FakeCamera&) = delete;
+  FakeCamera& operator=(const FakeCamera&) = delete;
+
+  [[nodiscard]] Result<CameraSetup> start(const CameraSpec& spec) override;
+  [[nodiscard]] Result<Frame> next(std::chrono::steady_clock::time_point deadline) override;
+  [[nodiscard]] Result<double> set_exposure(double exposure_us) override;
+  void stop() noexcept override;
+
+ private:
+  std::shared_ptr<const FakeLight> light_;
+  std::shared_ptr<FakeCameraHands> hands_;
+  CameraSpec spec_;
+  bool is_streaming_ = false;
+  std::int64_t t0_ns_ = 0;
+  std::uint64_t sequence_ = 0;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,28 @@
+#include "capture/camera/frame_order.h"
+
+namespace haarlight {
+
+FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
+                                      std::int64_t arrival_ns) {
+  Verdict verdict;
+  if (!last_raw_) {
+    sequence_ = raw;
+  } else {
+    const std::uint32_t step = raw - *last_raw_;
+    const bool is_forward = step != 0 && step < 0x8000'0000U;
+    verdict.is_restart = !is_restarted_ && !is_forward;
+    // One number is left out: nobody knows how many frames are missing.
+    sequence_ += is_restarted_ || !is_forward ? 2 : step;
+  }
+  last_raw_ = raw;
+  is_restarted_ = false;
+  verdict.sequence = sequence_;
+  verdict.is_stamp_jump = (last_stamp_ns_ && stamp_ns <= *last_stamp_ns_) ||
+                          stamp_ns > arrival_ns || stamp_ns < arrival_ns - patience_ns_;
+  if (!verdict.is_stamp_jump) {
+    last_stamp_ns_ = stamp_ns;
+  }
+  return verdict;
+}
+
+}  // namespace haarlight

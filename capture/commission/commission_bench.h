@@ -1,0 +1,135 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "capture/camera/camera.h"
+#include "core/measured_rig.h"
+#include "core/rig.h"
+#include "firmware_iface/light_array.h"
+
+/// @file
+/// One camera and one light array in the hands of a commissioning run: keeps the lease, notes
+/// when frames arrive, and leaves the rig dark on every way out. Devices are used directly, not
+/// through the daemon: it throws away the frames that saw the light change, and those are what
+/// is needed here.
+
+namespace haarlight {
+
+/// CLOCK_MONOTONIC, or a virtual clock in tests.
+struct CommissionClock {
+  std::function<std::int64_t()> now_ns;
+  std::function<void(std::int64_t)> sleep_until_ns;
+};
+[[nodiscard]] CommissionClock monotonic_clock();
+
+/// From where a capture counts the settling of its light: the read-back that shows the pattern.
+[[nodiscard]] inline std::int64_t settle_reference_ns(const LatchReceipt& receipt) {
+  return receipt.t_shown_ns != 0 ? receipt.t_shown_ns : receipt.t_ack_ns;
+}
+
+/// A thin band of rows whose mean is followed; `position` 0 = first row, 1 = last.
+struct RowBand {
+  int first = 0;
+  int count = 1;
+  double position = 0.0;
+};
+
+struct ArrivedFrame {
+  Frame frame;
+  std::int64_t arrival_ns = 0;
+};
+
+using LightPattern = std::vector<ElementLevel>;
+
+/// Mean and scatter of the bands under steady light.
+struct SteadyLevel {
+  std::vector<double> bands;   ///< counts
+  double frame_scatter = 0.0;  ///< rms over frames of a band's mean, pooled
+  double low_share = 0.0;      ///< a quarter of the pixels is darker than this, counts
+  double median = 0.0;
+  double high_share = 0.0;  ///< 1 % of the pixels is brighter than this
+};
+
+/// One thread. Every device fault becomes an Error(unavailable) that names its cure; a stop
+/// that was asked for becomes Error(interrupted).
+class CommissionBench {
+ public:
+  /// Borrows everything. @param should_stop  asked between frames; may be empty
+  CommissionBench(const Rig& rig, int camera, Camera& device, LightArray& lights,
+                  CommissionClock clock, std::function<bool()> should_stop);
+  /// Lights off, camera stopped; never throws.
+  ~CommissionBench();
+  CommissionBench(const CommissionBench&) = delete;
+  CommissionBench& operator=(const CommissionBench&) = delete;
+
+  /// Connects the lights (dark first), starts the camera at `exposure_us`, measures its period.
+  void open(double exposure_us);
+
+  [[nodiscard]] LatchReceipt show(const LightPattern& pattern);
+  /// Median time from calling show() to the middle of its latch request, ns.
+  [[nodiscard]] std::int64_t lead_ns() const;
+  [[nodiscard]] ArrivedFrame next_frame();
+  /// Takes frames until that moment, then sleeps up to it.
+  void drain_until(std::int64_t t_ns);
+  /// @return  as read back; `before` and `after` bracket the moment of setting
+  double set_exposure(double exposure_us, std::int64_t* before_ns = nullptr,
+                      std::int64_t* after_ns = nullptr);
+  /// Lets frames pass until exposure and light are surely the new ones.
+  void settle();
+  /// Shows a pattern, settles, and looks at `n` frames.
+  [[nodiscard]] SteadyLevel look_steady(const LightPattern& pattern, int n_frames);
+
+  [[nodiscard]] std::vector<double> band_means(const Frame& frame) const;
+  [[nodiscard]] const std::vector<RowBand>& bands() const { return bands_; }
+  [[nodiscard]] std::int64_t now_ns() const { return clock_.now_ns(); }
+  [[nodiscard]] const CameraSpec& spec() const { return spec_; }
+  [[nodiscard]] const Rig& rig() const { return rig_; }
+  [[nodiscard]] int camera_index() const { return camera_index_; }
+  [[nodiscard]] double period_us() const { return period_us_; }
+  [[nodiscard]] double exposure_us() const { return exposure_us_; }
+  [[nodiscard]] const CameraSetup& setup() const { return setup_; }
+  [[nodiscard]] const ControllerIdentity& controller() const { return controller_; }
+  [[nodiscard]] int white() const { return (1 << spec_.bits) - 1; }
+  /// Frames to let pass after a change of exposure; grows once the delay is known.
+  void set_settle_frames(int n) { settle_frames_ = n; }
+  /// The lights in the order in which they are used: those that give the picture most first, as
+  /// many together as the rig's power allows.
+  [[nodiscard]] LightPattern brightest(int n) const;
+  [[nodiscard]] int n_allowed() const { return n_allowed_; }
+  [[nodiscard]] std::int64_t last_stamp_ns() const { return last_stamp_ns_; }
+
+ private:
+  template <class T>
+  T demand(Result<T> result, const char* what);
+  void demand_void(const Result<void>& result, const char* what);
+  void check_stop() const;
+  void keep_lease();
+  void measure_period();
+  void choose_order();
+
+  const Rig& rig_;
+  int camera_index_;
+  CameraSpec spec_;
+  Camera& camera_;
+  LightArray& lights_;
+  CommissionClock clock_;
+  std::function<bool()> should_stop_;
+  CameraSetup setup_;
+  ControllerIdentity controller_;
+  std::vector<RowBand> bands_;
+  std::vector<int> order_;
+  int n_allowed_ = 0;
+  double period_us_ = 0.0;
+  double exposure_us_ = 0.0;
+  int settle_frames_ = 8;
+  std::uint32_t tag_ = 0;
+  std::int64_t lease_ns_ = 0;
+  std::int64_t last_stamp_ns_ = 0;
+  std::vector<std::int64_t> leads_;
+};
+
+}  // namespace haarlight

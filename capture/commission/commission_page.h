@@ -1,0 +1,31 @@
+#pragma once
+
+#include <string>
+
+#include "capture/commission/commission.h"
+#include "core/rig.h"
+
+/// @file
+/// A commissioning on one page for a person: what was measured with its uncertainty, the step
+/// response, the photon transfer curve, the linearity, and a map of the lights. One HTML file
+/// with its figures inside, nothing loaded from elsewhere.
+
+namespace haarlight {
+
+/// @param rig  as written: its values stand beside the measured ones
+[[nodiscard]] std::string commission_page(const Rig& rig, int camera,
+                                          const CommissionResult& result);
+
+/// One measured quantity beside what the rig file says.
+struct CommissionRow {
+  std::string name;
+  std::string measured;  ///< "812 us"
+  std::string sigma;     ///< "20 us", or empty
+  std::string written;   ///< of the rig file, or empty
+  std::string meaning;
+};
+/// What the page's table and the command print.
+[[nodiscard]] std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
+                                                         const CommissionResult& result);
+
+}  // namespace haarlight

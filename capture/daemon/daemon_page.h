@@ -1,0 +1,20 @@
+#pragma once
+
+#include <filesystem>
+
+#include "http/site.h"
+
+/// @file
+/// What the page asks beside the daemon's plain interface (capture/daemon/daemon_http.h): the
+/// rig, a session's map of marks, a shot with its evidence in words, pictures with clipping
+/// marked, and the cost of a plan that is being written. All of it is reading; docs/http-api.md
+/// lists it for people.
+
+namespace haarlight {
+
+class Daemon;
+
+/// @param daemon  outlives the site
+void add_page_routes(HttpSite& site, Daemon& daemon, const std::filesystem::path& sessions);
+
+}  // namespace haarlight

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "capture/daemon/frame_view.h"
+#include "core/image.h"
+#include "http/site.h"
+
+/// @file
+/// Pictures of frames for people, and what is measured in them: the camera's newest frame here,
+/// stored ones by the same functions from capture/daemon/daemon_page.cpp. docs/http-api.md
+/// lists the routes for people.
+
+namespace haarlight {
+
+class Daemon;
+
+/// The longest side of a crop, pixels.
+inline constexpr int kMaxCrop = 1024;
+
+/// What ?x=&y=&width=&height= asks for; nothing when none of them is given.
+/// @param width, height  of the frame
+/// @throws Error  one of them is missing or no whole number; not wholly in the frame
+[[nodiscard]] std::optional<PixelRegion> region_of(const HttpRequest& request, int width,
+                                                   int height);
+
+/// The region pixel by pixel, or the whole frame at most 640 pixels long, as an indexed PNG
+/// (capture/daemon/preview_png.h). X-Frame-Width and X-Frame-Height tell the frame's own size.
+/// @throws Error  a region of more than kMaxCrop pixels a side
+[[nodiscard]] HttpResponse png_response(ImageView<const std::uint16_t> words,
+                                        const WordScale& scale,
+                                        const std::optional<PixelRegion>& region);
+/// The whole frame, at most 640 pixels long, as a grey JPEG.
+[[nodiscard]] HttpResponse jpeg_response(ImageView<const std::uint16_t> words,
+                                         const WordScale& scale);
+/// Histogram and sharpness of the region, or of the whole frame, as JSON.
+[[nodiscard]] HttpResponse facts_response(ImageView<const std::uint16_t> words,
+                                          const WordScale& scale,
+                                          const std::optional<PixelRegion>& region);
+
+/// The camera's newest frame: /v1/preview.png, .jpg, /v1/preview/facts.
+/// @param daemon  outlives the site
+void add_view_routes(HttpSite& site, Daemon& daemon);
+
+}  // namespace haarlight

@@ -1,0 +1,87 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "capture/daemon/work_queue.h"
+#include "capture/sequencer/sequencer.h"
+#include "core/thread_pulse.h"
+#include "firmware_iface/light_array.h"
+
+/// @file
+/// The thread that owns the bus to the lights: does the sequencer's light jobs one after the
+/// other and renews the lease between them, as long as the control thread lives (deadman): when
+/// it has not been heard for the length of a lease, the lights are put out here, and by the
+/// controller.
+
+namespace haarlight {
+
+struct LightThreadConfig {
+  std::chrono::milliseconds lease{2000};
+  std::chrono::microseconds poll{2000};  ///< between two readings of the step counter
+  std::chrono::microseconds trigger_delay{
+      0};  ///< from a latch to the camera's trigger; 0: none
+  /// Patterns by shot; of the run in progress.
+  std::function<std::shared_ptr<const std::vector<std::vector<ElementLevel>>>()> patterns;
+  std::function<void(EventBody)> send;
+};
+
+class LightThread {
+ public:
+  /// Starts; nothing is connected before the first ConnectLight.
+  LightThread(std::unique_ptr<LightArray> lights, LightThreadConfig config);
+  /// All off, then stops.
+  ~LightThread();
+  LightThread(const LightThread&) = delete;
+  LightThread& operator=(const LightThread&) = delete;
+
+  void post(const action::ConnectLight& job);
+  void post(const action::ShowShot& job);
+  void post(const action::UploadTable& job);
+  void post(const action::ArmBlock& job);
+  void post(const action::ExtendBlock& job);
+  /// Without a confirmation to wait for it goes before all waiting jobs, which are answered by
+  /// a fault.
+  void post(const action::LightsOff& job);
+
+  /// The control thread is alive.
+  void feed_deadman() { fed_ns_ = steady_now_ns(); }
+  [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
+
+ private:
+  using Job = std::variant<action::ConnectLight, action::ShowShot, action::UploadTable,
+                           action::ArmBlock, action::ExtendBlock, action::LightsOff>;
+
+  void run(const std::stop_token& stop);
+  void do_job(const Job& job);
+  void connect(const action::ConnectLight& job);
+  void show(const action::ShowShot& job);
+  void upload(const action::UploadTable& job);
+  void arm(const action::ArmBlock& job);
+  void extend(const action::ExtendBlock& job);
+  void darken(const action::LightsOff& job);
+  /// Reads the step counter while a block is armed.
+  void read_steps();
+  /// False when the light is not what it should be, or the controller did not answer.
+  [[nodiscard]] bool confirm(std::uint64_t job, const std::optional<ConfirmRequest>& request);
+  void keep_lease();
+  void enqueue(const Job& job);
+
+  std::unique_ptr<LightArray> lights_;
+  LightThreadConfig config_;
+  WorkQueue<Job> jobs_{64};
+  ThreadPulse pulse_{"light"};
+  std::atomic<std::int64_t> fed_ns_;
+  // Of the thread alone.
+  bool is_connected_ = false;
+  bool is_dark_ = true;
+  std::int64_t renewed_ns_ = 0;
+  std::uint64_t block_ = 0;  ///< job of the block whose steps are read; 0: none
+  std::int64_t next_read_ns_ = 0;
+  std::jthread thread_;  // last: stops first
+};
+
+}  // namespace haarlight

@@ -1,0 +1,113 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "capture/sequencer/sequencer_messages.h"
+#include "core/rig.h"
+
+/// @file
+/// What the daemon has lately seen of its devices: whether controller and camera answer, and
+/// temperature, power and duty over time. Sees every event and action of the sequencer, asks no
+/// device anything, and keeps a bounded past.
+
+namespace haarlight {
+
+/// How a device stands, from what it said last.
+struct DeviceState {
+  enum class Link {
+    unused,  ///< nobody needed it yet, or it rests
+    good,
+    lost,
+  };
+  Link link = Link::unused;
+  std::int64_t since_ns = 0;  ///< of the link; CLOCK_MONOTONIC
+  std::string problem;        ///< the newest fault since it was good; empty: none
+  Errc code = Errc::io;       ///< of the problem
+};
+
+/// Equal steps of time, oldest first, the newest complete one last.
+struct RigHistory {
+  double step_s = 1.0;
+  /// Mean of what the controller told; nothing while it was not asked, which is between runs.
+  std::vector<std::optional<double>> temperature_c;
+  std::vector<double> watts;  ///< mean over the step, from the patterns shown
+  /// Highest duty of any light at the step's end, as the controller reckons it: an element's
+  /// drive, averaged with its face's heat_tau_s.
+  std::vector<double> duty;
+  std::vector<double> frames;  ///< delivered by the camera, a second
+};
+
+enum class HistorySpan {
+  minutes,  ///< the last ten, by the second
+  hours,    ///< the last twelve, by the minute
+};
+
+/// Thread-safe: the control thread tells, HTTP asks.
+class RigWatch {
+ public:
+  RigWatch(const Rig& rig, std::int64_t now_ns);
+
+  using Patterns = std::shared_ptr<const std::vector<std::vector<ElementLevel>>>;
+  /// A run or a preview begins. @param patterns  by shot
+  void begin(Patterns patterns);
+  void see(std::int64_t now_ns, const EventBody& event);
+  void see(std::int64_t now_ns, const Action& action);
+
+  [[nodiscard]] RigHistory history(std::int64_t now_ns, HistorySpan span);
+  [[nodiscard]] DeviceState controller() const;
+  [[nodiscard]] DeviceState camera() const;
+
+ private:
+  struct Point {
+    double temperature_sum = 0.0;
+    int n_temperatures = 0;
+    double watts = 0.0;
+    double duty = 0.0;
+    double frames = 0.0;
+  };
+
+  void advance(std::int64_t now_ns);
+  void add_energy(std::int64_t until_ns);
+  void close_second();
+  void add_second(const Point& point);
+  void show(std::int64_t now_ns, int shot);  ///< -1: dark
+  void heat_to(std::int64_t now_ns, const ElementLevel& lit, double drive);
+  void take_temperature(const std::optional<double>& temperature_c);
+  static void set_link(DeviceState& device, DeviceState::Link link, std::int64_t now_ns);
+
+  // Of the rig, by element and by face.
+  std::vector<int> face_of_;
+  std::vector<double> watts_of_face_;
+  std::vector<double> tau_s_of_face_;
+
+  mutable std::mutex mutex_;
+  DeviceState controller_;
+  DeviceState camera_;
+
+  Patterns patterns_;
+  std::uint64_t show_job_ = 0;  ///< whose answer makes show_shot_ burn
+  int show_shot_ = -1;
+  std::vector<ElementLevel> lit_;
+  int lit_shot_ = -1;
+  double lit_watts_ = 0.0;
+  bool was_lit_ = false;          ///< since the last whole second
+  std::int64_t reckoned_ns_ = 0;  ///< energy is summed until here
+  std::int64_t second_ns_ = 0;    ///< the present one's begin
+  std::vector<double> heat_;
+  std::vector<std::int64_t> heat_ns_;  ///< heat_ is of then
+  std::vector<double> peak_of_face_;   ///< greatest heat, at second_ns_
+
+  Point second_;
+  Point minute_;
+  int n_seconds_ = 0;  ///< in minute_
+  std::deque<Point> seconds_;
+  std::deque<Point> minutes_;
+};
+
+}  // namespace haarlight

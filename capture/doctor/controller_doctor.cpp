@@ -1,0 +1,405 @@
+/// @file
+/// The controller's part of the rig's examination.
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <optional>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "capture/doctor/rig_doctor.h"
+#include "core/measured_rig.h"
+#include "firmware_iface/light_array.h"
+#include "firmware_iface/modbus_bus.h"
+#include "firmware_iface/register_map.h"
+#include "firmware_iface/serial_ports.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using namespace registers;
+
+constexpr int kRoundTrips = 20;
+constexpr double kSlowMs = 20.0;  // a status read at 115200 baud takes 6 ms
+constexpr ModbusTiming kQuick{std::chrono::milliseconds(250), std::chrono::milliseconds(500),
+                              std::chrono::milliseconds(300)};
+
+struct Identity {
+  int magic = 0;
+  int map_version = 0;
+  std::uint32_t serial = 0;
+  int elements = 0;
+  std::string model;
+};
+
+std::uint32_t wide(std::span<const std::uint16_t> words, std::uint16_t at) {
+  return (std::uint32_t{words[at]} << 16U) | words[at + 1U];
+}
+
+/// The identity block; a fault or exception in words when there is none.
+tl::expected<Identity, std::string> read_identity(RegisterBus& bus) {
+  if (const auto opened = bus.open(); !opened) {
+    return tl::unexpected<std::string>(opened.error().what);
+  }
+  std::array<std::uint16_t, input::kIdentityCount> words{};
+  const auto answer = bus.read_input(input::kMagic, words);
+  if (!answer) {
+    return tl::unexpected<std::string>(answer.error().what);
+  }
+  if (*answer != Exception::none) {
+    return tl::unexpected<std::string>(
+        fmt::format("it answers with Modbus exception {}", static_cast<int>(*answer)));
+  }
+  Identity id;
+  id.magic = words[input::kMagic];
+  id.map_version = words[input::kMapVersion];
+  id.serial = wide(words, input::kSerial);
+  id.elements = words[input::kElements];
+  for (std::size_t i = 0; i < 8; ++i) {
+    for (const unsigned shift : {8U, 0U}) {
+      const char c = static_cast<char>((words[input::kModel + i] >> shift) & 0xffU);
+      if (c >= ' ' && c < 127) {
+        id.model += c;
+      }
+    }
+  }
+  return id;
+}
+
+bool is_light_controller(RegisterBus& bus) {
+  const auto id = read_identity(bus);
+  bus.close();
+  return id && id->magic == registers::kMagic;
+}
+
+/// Where else, or under which unit number, a light controller answers; empty: nowhere.
+std::string find_elsewhere(const ControllerSpec& spec, const TcpAddress& address,
+                           const DoctorOptions& options, bool port_answers) {
+  if (port_answers) {
+    for (const int unit : options.other_units) {
+      if (unit != spec.unit &&
+          is_light_controller(*make_modbus_tcp_bus(address, unit, kQuick))) {
+        return fmt::format("write unit = {}: a light controller answers to it", unit);
+      }
+    }
+  }
+  for (const int port : options.other_ports) {
+    const TcpAddress other{address.host, std::to_string(port)};
+    if (other.service != address.service &&
+        is_light_controller(*make_modbus_tcp_bus(other, spec.unit, kQuick))) {
+      return fmt::format("write address = \"{}:{}\": a light controller answers there",
+                         address.host, port);
+    }
+  }
+  return {};
+}
+
+/// What of the serial line can be seen without talking; `line` becomes wrong when it cannot
+/// work.
+std::vector<DoctorLine> examine_serial(const SerialAddress& address,
+                                       const DoctorOptions& options) {
+  std::vector<DoctorLine> lines;
+  DoctorLine line{"serial line", Finding::good, address.device, "", ""};
+  const std::vector<SerialPort> ports = list_serial_ports(options.root);
+  std::error_code failed;
+  if (!fs::exists(address.device, failed)) {
+    std::vector<std::string> others;
+    others.reserve(ports.size());
+    for (const SerialPort& port : ports) {
+      others.push_back((port.by_id.empty() ? port.device : port.by_id).string());
+    }
+    line.finding = Finding::wrong;
+    line.found = "no such device";
+    line.cure = others.empty()
+                    ? "plug the adapter in; it then appears in /dev/serial/by-id"
+                    : fmt::format("write address with one of: {}", fmt::join(others, ", "));
+    return {line};
+  }
+  if (::access(address.device.c_str(), R_OK | W_OK) != 0) {
+    line.finding = Finding::wrong;
+    line.found = std::strerror(errno);
+    line.cure =
+        "add yourself to the group dialout: sudo usermod -aG dialout $USER, then log in "
+        "again";
+    return {line};
+  }
+  const fs::path node = fs::canonical(address.device, failed);
+  line.found = node.string();
+  const auto port = std::find_if(ports.begin(), ports.end(), [&](const SerialPort& p) {
+    return p.device.filename() == node.filename();
+  });
+  if (port != ports.end() && address.device.find("/by-") == std::string::npos) {
+    line.finding = Finding::warning;
+    line.cure = "this name changes with the order of plugging in; use " +
+                (port->by_id.empty() ? std::string("its name in /dev/serial/by-path")
+                                     : port->by_id.string());
+  }
+  lines.push_back(line);
+  if (port != ports.end() && port->latency_ms) {
+    DoctorLine latency{"latency timer", Finding::good, "1 ms",
+                       fmt::format("{} ms", *port->latency_ms), ""};
+    if (*port->latency_ms > 1) {
+      latency.finding = Finding::warning;
+      latency.cure = fmt::format(
+          "each answer waits up to {} ms in the adapter: install 99-haarlight.rules, or echo 1 "
+          "| sudo tee /sys/bus/usb-serial/devices/{}/latency_timer",
+          *port->latency_ms, node.filename().string());
+    }
+    lines.push_back(latency);
+  }
+  return lines;
+}
+
+/// True when the device is there and may be opened.
+bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
+                 std::vector<DoctorLine>& lines) {
+  DoctorLine line{"USB", Finding::good, "controller with serial number " + spec.address, "",
+                  ""};
+  const auto wrong = [&](std::string found, std::string cure) {
+    line.finding = Finding::wrong;
+    line.found = std::move(found);
+    line.cure = std::move(cure);
+    lines.push_back(line);
+    return false;
+  };
+  const auto all = options.list_usb ? options.list_usb() : list_usb_controllers();
+  if (!all) {
+    return wrong(all.error().what, "use a machine with USB; does `lsusb` answer?");
+  }
+  std::vector<std::string> there;
+  const UsbController* mine = nullptr;
+  bool is_barred = false;
+  for (const UsbController& one : *all) {
+    there.push_back(fmt::format("{} ({}{}{})", one.serial.empty() ? "one" : one.serial,
+                                one.place, one.problem.empty() ? "" : ": ", one.problem));
+    is_barred = is_barred || !one.problem.empty();
+    if (one.problem.empty() && one.serial == spec.address) {
+      mine = &one;
+    }
+  }
+  if (mine != nullptr) {
+    line.found = fmt::format("{}, {}", mine->product, mine->place);
+    lines.push_back(line);
+    return true;
+  }
+  if (all->empty()) {
+    return wrong("no light controller on USB", controller_cure(spec));
+  }
+  std::string found = fmt::format("{}", fmt::join(there, ", "));
+  if (!is_barred) {
+    return wrong(std::move(found), "write its serial number as address in [controller]");
+  }
+  // It may be the one: who may not open a device cannot read its serial number.
+  bool has_rule = false;
+  std::error_code failed;
+  for (const char* folder : {"etc/udev/rules.d", "lib/udev/rules.d", "usr/lib/udev/rules.d"}) {
+    has_rule = has_rule || fs::exists(options.root / folder / "99-haarlight.rules", failed);
+  }
+  return wrong(std::move(found),
+               has_rule
+                   ? "99-haarlight.rules is installed: add yourself to the group plugdev "
+                     "(sudo usermod -aG plugdev $USER), log in again, plug the "
+                     "controller out and in"
+                   : "install 99-haarlight.rules into /etc/udev/rules.d, then sudo udevadm "
+                     "control --reload, and plug the controller out and in");
+}
+
+std::string fault_words(std::uint32_t faults) {
+  std::vector<std::string> words;
+  const auto add = [&](std::uint32_t bit, const char* word) {
+    if ((faults & bit) != 0U) {
+      words.emplace_back(word);
+    }
+  };
+  add(kFaultLeaseExpired, "its lease ran out once");
+  add(kFaultOverPower, "a pattern beyond its power was refused");
+  add(kFaultElementDuty, "an element was cut for its duty");
+  add(kFaultOverTemperature, "too hot");
+  add(kFaultInterlock, "interlock open");
+  add(kFaultBankSum, "a latch named another bank sum");
+  return fmt::format("{}", fmt::join(words, ", "));
+}
+
+/// A controller that answers: is it the right one, and well?
+std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Identity& id) {
+  const std::string self = fmt::format("{}, serial {}", id.model, id.serial);
+  line.found =
+      fmt::format("{}, {} elements, register map {}", self, id.elements, id.map_version);
+  if (id.map_version != kMapVersion) {
+    line.finding = Finding::wrong;
+    line.cure = "its firmware speaks another register map: update it, or haarlight";
+  } else if (id.elements != rig.n_lights()) {
+    line.finding = Finding::wrong;
+    line.cure = fmt::format(
+        "the rig file describes {} lights: correct rows and cols of [[face]], or the address",
+        rig.n_lights());
+  } else if (rig.measured != nullptr && rig.measured->controller &&
+             !rig.measured->controller->identity.empty() &&
+             rig.measured->controller->identity != self) {
+    line.finding = Finding::wrong;
+    line.found += fmt::format("; measured was {}", rig.measured->controller->identity);
+    line.cure =
+        "connect the controller that was measured, or measure again (haarlight rig "
+        "commission)";
+  }
+  return {line};
+}
+
+}  // namespace
+
+std::string controller_cure(const ControllerSpec& spec) {
+  switch (spec.kind) {
+    case ControllerKind::modbus_tcp:
+      return "is it switched on and on this network? correct address; is a firewall between?";
+    case ControllerKind::modbus_rtu:
+      return "correct the baud rate or unit; are A and B of the RS-485 pair swapped? is "
+             "another "
+             "program using the line?";
+    case ControllerKind::usb:
+      return "plug it in and switch it on; `lsusb` shows what is there";
+  }
+  return {};
+}
+
+std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& options) {
+  const ControllerSpec& spec = rig.controller;
+  DoctorLine line{"controller", Finding::good,
+                  fmt::format("{} {}, unit {}, {} elements",
+                              spec.kind == ControllerKind::modbus_tcp   ? "Modbus TCP"
+                              : spec.kind == ControllerKind::modbus_rtu ? "Modbus RTU"
+                                                                        : "USB",
+                              spec.address, spec.unit, rig.n_lights()),
+                  "", ""};
+  std::vector<DoctorLine> lines;
+  const auto wrong = [&](std::string found, std::string cure) {
+    line.finding = Finding::wrong;
+    line.found = std::move(found);
+    line.cure = std::move(cure);
+    lines.push_back(line);
+    return lines;
+  };
+  std::unique_ptr<RegisterBus> bus;
+  std::optional<TcpAddress> tcp;
+  if (spec.kind == ControllerKind::modbus_tcp) {
+    const auto address = parse_tcp_address(spec.address);
+    if (!address) {
+      return wrong(address.error().what, "write address = \"host:port\"");
+    }
+    tcp = *address;
+    bus = make_modbus_tcp_bus(*address, spec.unit, kQuick);
+  } else if (spec.kind == ControllerKind::modbus_rtu) {
+    const auto address = parse_serial_address(spec.address);
+    if (!address) {
+      return wrong(address.error().what, "write address = \"/dev/serial/by-id/...:baud\"");
+    }
+    lines = examine_serial(*address, options);
+    if (!is_healthy(lines)) {
+      return lines;
+    }
+    bus = make_modbus_rtu_bus(*address, spec.unit, kQuick);
+  } else if (!examine_usb(spec, options, lines)) {
+    return lines;
+  }
+  // Another vendor's map has no identity block of ours: its profile's own driver connects.
+  const bool is_own_map = spec.profile.empty() || spec.profile == "haarlight";
+  if (bus != nullptr && is_own_map) {
+    const auto id = read_identity(*bus);
+    bus->close();
+    if (!id) {
+      std::string cure;
+      if (tcp) {
+        auto any = make_modbus_tcp_bus(*tcp, spec.unit, kQuick);
+        const bool port_answers = any->open().has_value();
+        any->close();
+        cure = find_elsewhere(spec, *tcp, options, port_answers);
+        if (cure.empty()) {
+          cure = port_answers ? "the port is open, but no controller answers to this unit: "
+                                "correct unit, or is another device at this address?"
+                              : controller_cure(spec);
+        }
+      } else {
+        cure = controller_cure(spec);
+      }
+      return wrong(id.error(), cure);
+    }
+    if (id->magic != registers::kMagic) {
+      return wrong(
+          fmt::format("a Modbus device, but no light controller (0x{:04X} where 0x{:04X} "
+                      "should be)",
+                      id->magic, registers::kMagic),
+          "correct address or unit, or name its register profile");
+    }
+    const std::vector<DoctorLine> answer = examine_answer(rig, line, *id);
+    lines.insert(lines.end(), answer.begin(), answer.end());
+    if (!is_healthy(lines)) {
+      return lines;
+    }
+  }
+  auto lights = make_light_array(spec, rig.n_lights());
+  if (!lights) {
+    return wrong(lights.error().what, "correct kind, profile or address in [controller]");
+  }
+  const auto connected = (*lights)->connect();
+  if (!connected) {
+    return wrong(connected.error().what, "is it switched on? is another program using it?");
+  }
+  if (lines.empty() || lines.back().subject != "controller") {
+    line.found = fmt::format("{}, serial {}, {} elements", connected->model, connected->serial,
+                             connected->n_elements);
+    if (connected->n_elements != rig.n_lights()) {
+      line.finding = Finding::wrong;
+      line.cure = "correct rows and cols of [[face]], or the address";
+    }
+    lines.push_back(line);
+  }
+  DoctorLine state{"controller state", Finding::good, "dark, no faults, quick answers", "", ""};
+  std::vector<double> trips;
+  std::optional<ControllerStatus> status;
+  for (int i = 0; i < kRoundTrips; ++i) {
+    const auto begin = Clock::now();
+    const auto read = (*lights)->status();
+    if (!read) {
+      state.finding = Finding::wrong;
+      state.found = read.error().what;
+      state.cure = "the link is not sound: check the cable and its ends";
+      lines.push_back(state);
+      return lines;
+    }
+    trips.push_back(std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+    status = *read;
+  }
+  std::sort(trips.begin(), trips.end());
+  const double typical = trips[trips.size() / 2];
+  state.found = fmt::format("{}, {:.1f} ms a request (longest {:.1f}), {:.1f} deg C",
+                            status->is_dark ? "dark" : "lit", typical, trips.back(),
+                            status->temperature_c);
+  const std::string faults = fault_words(status->faults);
+  if ((status->faults & (kFaultInterlock | kFaultOverTemperature)) != 0U) {
+    state.finding = Finding::wrong;
+    state.found += "; " + faults;
+    state.cure = "close the interlock, let the boards cool: until then no light can be lit";
+  } else if (!status->is_dark) {
+    state.finding = Finding::warning;
+    state.cure = "another program lights it: end that first";
+  } else if (!faults.empty()) {
+    state.found += "; " + faults;  // history, cleared at the next capture
+  }
+  if (state.finding == Finding::good && typical > kSlowMs) {
+    state.finding = Finding::warning;
+    state.cure =
+        "a slow link makes captures slow: a higher baud rate, the latency timer, a "
+        "wired network";
+  }
+  lines.push_back(state);
+  (*lights)->disconnect();
+  return lines;
+}
+
+}  // namespace haarlight

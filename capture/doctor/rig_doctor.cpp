@@ -1,0 +1,425 @@
+#include "capture/doctor/rig_doctor.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <system_error>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <time.h>  // NOLINT(modernize-deprecated-headers): clock_getres is POSIX
+#include <unistd.h>
+
+#include "capture/camera/camera.h"
+#include "capture/camera/v4l2_camera.h"
+#include "capture/camera/v4l2_list.h"
+#include "core/error.h"
+#include "core/files.h"
+#include "core/measured_rig.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+constexpr double kRateTol = 0.03;        // of the frame rate; a free-running camera holds 0.1 %
+constexpr double kFramesPerLight = 2.3;  // free-run, rolling shutter (docs/architecture.md)
+
+std::string first_line(const fs::path& file) {
+  std::ifstream in(file);
+  std::string line;
+  std::getline(in, line);
+  return line;
+}
+
+std::string access_problem(const fs::path& node, std::string_view group) {
+  if (::access(node.c_str(), R_OK | W_OK) == 0) {
+    return {};
+  }
+  return errno == EACCES ? fmt::format(
+                               "no permission; add yourself to the group {}: sudo "
+                               "usermod -aG {} $USER, then log in again",
+                               group, group)
+                         : std::string(std::strerror(errno));
+}
+
+/// "is /dev/v4l/by-id/usb-... (HD Camera, serial 1234), ...".
+std::string cameras_there(const std::vector<V4l2Description>& cameras) {
+  std::vector<std::string> words;
+  words.reserve(cameras.size());
+  for (const V4l2Description& camera : cameras) {
+    words.push_back(
+        fmt::format("{} ({})", camera.links.empty() ? camera.node : camera.links.front(),
+                    camera.problem.empty() ? identity_text(camera.identity) : camera.problem));
+  }
+  return words.empty() ? "is none" : fmt::format("is {}", fmt::join(words, ", "));
+}
+
+double megabytes(std::uintmax_t bytes) { return static_cast<double>(bytes) / 1e6; }
+
+}  // namespace
+
+std::string_view to_string(Finding finding) noexcept {
+  switch (finding) {
+    case Finding::good:
+      return "good";
+    case Finding::warning:
+      return "warning";
+    case Finding::wrong:
+      return "wrong";
+  }
+  return "wrong";
+}
+
+bool is_healthy(const std::vector<DoctorLine>& lines) {
+  return std::none_of(lines.begin(), lines.end(),
+                      [](const DoctorLine& l) { return l.finding == Finding::wrong; });
+}
+
+std::vector<DoctorLine> examine_measured(const fs::path& rig_file) {
+  DoctorLine line{"measured values", Finding::good, measured_path(rig_file).filename().string(),
+                  "", ""};
+  try {
+    const Rig rig = read_rig(rig_file);
+    if (rig.measured == nullptr) {
+      line.finding = Finding::warning;
+      line.found = "none: the rig file's own delays and noise are used";
+      line.cure = "measure them: haarlight rig commission " + rig_file.string();
+    } else {
+      const std::string changes = describe_changes(read_rig_as_written(rig_file), rig);
+      line.found = fmt::format("of {}; {}", rig.measured->date,
+                               changes.empty() ? "as the rig file says" : changes);
+      if (const MeasuredGap gap = find_gap(*rig.measured); !gap.problem.empty()) {
+        line.finding = Finding::warning;
+        line.found += "; " + gap.problem;
+        line.cure = gap.cure + ": haarlight rig commission " + rig_file.string() + " --force";
+      }
+    }
+  } catch (const Error& error) {
+    line.finding = Finding::wrong;
+    line.found = error.problem();
+    line.cure = error.cure();
+  }
+  return {line};
+}
+
+std::vector<DoctorLine> examine_clock(const DoctorOptions& options) {
+  DoctorLine line{"clock", Finding::good, "a clock of nanoseconds that never jumps", "", ""};
+  timespec resolution{};
+  ::clock_getres(CLOCK_MONOTONIC, &resolution);
+  const std::string source = first_line(
+      options.root / "sys/devices/system/clocksource/clocksource0/current_clocksource");
+  line.found = fmt::format("{}, CLOCK_MONOTONIC resolves {} ns",
+                           source.empty() ? "clock source unknown" : source,
+                           resolution.tv_sec * 1'000'000'000 + resolution.tv_nsec);
+  if (resolution.tv_sec > 0 || resolution.tv_nsec > 1000) {
+    line.finding = Finding::wrong;
+    line.cure = "use a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS)";
+  } else if (source == "jiffies" || source == "refined-jiffies" || source == "acpi_pm" ||
+             source == "hpet") {
+    line.finding = Finding::warning;
+    line.cure =
+        "the kernel gave up the processor's own clock: see `dmesg | grep clocksource`; "
+        "boot with tsc=reliable where the machine's TSC is sound";
+  }
+  return {line};
+}
+
+std::vector<DoctorLine> examine_daemon(const Rig& rig, const DoctorOptions& options,
+                                       bool& holds_devices) {
+  DoctorLine line{"daemon", Finding::good, "", "", ""};
+  holds_devices = false;
+  const std::string url = fmt::format("http://{}:{}", rig.http.address, rig.http.port);
+  line.expected = "haarlightd or nothing on " + url;
+  const std::string body = options.fetch ? options.fetch(url + "/v1/state") : std::string();
+  if (body.empty()) {
+    line.found = "nobody answers: no daemon runs";
+  } else if (body.find("\"phase\"") != std::string::npos ||
+             body.find("\"error\"") != std::string::npos) {
+    holds_devices = true;
+    line.found = "haarlightd answers: it holds camera and controller, which are not examined";
+    line.finding = Finding::warning;
+    line.cure = "for the whole examination stop it: systemctl stop haarlightd";
+  } else {
+    line.finding = Finding::wrong;
+    line.found = "another program answers";
+    line.cure = "give [http] another port, or end that program";
+  }
+  return {line};
+}
+
+CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options) {
+  CameraPlace place{{"camera " + spec.id, Finding::good,
+                     fmt::format("{} on {}: {} x {} at {:g} fps",
+                                 spec.kind == CameraKind::v4l2     ? "v4l2"
+                                 : spec.kind == CameraKind::remote ? "remote"
+                                                                   : "replay",
+                                 spec.device, spec.frame_width, spec.frame_height, spec.fps),
+                     "", ""},
+                    spec.device};
+  const auto wrong = [&place](std::string found, std::string cure) {
+    place.line.finding = Finding::wrong;
+    place.line.found = std::move(found);
+    place.line.cure = std::move(cure);
+    return place;
+  };
+  std::error_code failed;
+  const bool is_v4l2 = spec.kind == CameraKind::v4l2;
+  const V4l2Places places{options.root / "dev", options.root / "sys"};
+  if (is_v4l2 && !spec.v4l2.serial.empty()) {
+    // Under whatever node it has now.
+    place.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
+    const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, places);
+    if (!found) {
+      return wrong(found.error().what, fmt::format("plug it in, or correct serial; there {}",
+                                                   cameras_there(list_v4l2_cameras(places))));
+    }
+    place.node = found->node();
+  } else if (!fs::exists(place.node, failed)) {
+    const std::vector<V4l2Description> others =
+        is_v4l2 ? list_v4l2_cameras(places) : std::vector<V4l2Description>{};
+    return wrong("no such device or socket",
+                 !others.empty() ? fmt::format("set device to one that is there: there {}",
+                                               cameras_there(others))
+                 : is_v4l2       ? "plug the camera in; this machine shows no camera at all"
+                 : spec.kind == CameraKind::remote
+                     ? "start the camera's program (haarlight-sim, or your bridge), or "
+                       "correct device"
+                     : "correct device: the folder of a session");
+  }
+  if (is_v4l2) {
+    if (const std::string problem = access_problem(place.node, "video"); !problem.empty()) {
+      return wrong(fmt::format("{} cannot be opened", place.node), problem);
+    }
+  } else if (spec.kind == CameraKind::remote && !fs::is_socket(spec.device, failed)) {
+    return wrong("it is there, but it is no socket", "correct device");
+  }
+  return place;
+}
+
+std::string camera_cure(const CameraSpec& spec, const Fault& fault) {
+  // A server that has a client already hangs up on the second one.
+  const bool is_held = fault.code == Errc::device_busy ||
+                       (fault.code == Errc::device_gone && spec.kind == CameraKind::remote &&
+                        fault.sys_errno != ECONNREFUSED) ||
+                       fault.what.find(fmt::format("errno {}", EBUSY)) != std::string::npos;
+  return is_held ? "another program has the camera: end it"
+         : fault.code == Errc::device_gone
+             ? "nobody listens any more: start the camera's program again"
+         : fault.code == Errc::refused ? "correct size, format or fps in [[camera]]"
+                                       : "plug it out and in again, then try once more";
+}
+
+std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
+                                       const DoctorOptions& options) {
+  const CameraSpec& spec = rig.cameras.at(static_cast<std::size_t>(camera));
+  CameraPlace place = find_camera(spec, options);
+  DoctorLine& line = place.line;
+  if (line.finding != Finding::good) {
+    return {line};
+  }
+  const auto wrong = [&line](std::string found, std::string cure) {
+    line.finding = Finding::wrong;
+    line.found = std::move(found);
+    line.cure = std::move(cure);
+    return std::vector<DoctorLine>{line};
+  };
+  const bool is_v4l2 = spec.kind == CameraKind::v4l2;
+  const V4l2Places places{options.root / "dev", options.root / "sys"};
+  Result<std::unique_ptr<Camera>> device =
+      is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(places))
+              : make_camera(spec);
+  if (!device) {
+    return wrong(device.error().what, "correct kind in [[camera]]");
+  }
+  auto setup = (*device)->start(spec);
+  if (!setup) {
+    return wrong(setup.error().what, camera_cure(spec, setup.error()));
+  }
+  try {
+    require_measured_camera(rig, spec.id, setup->identity);
+  } catch (const Error& error) {
+    return wrong(error.problem(), error.cure());
+  }
+  int n_bad = 0;
+  int n_gaps = 0;
+  bool is_monotonic = true;
+  std::vector<double> periods;
+  std::int64_t last_stamp = 0;
+  std::uint64_t last_sequence = 0;
+  for (int i = 0; i < options.camera_frames; ++i) {
+    const auto frame = (*device)->next(
+        Clock::now() + std::chrono::seconds(2) +
+        std::chrono::milliseconds(static_cast<int>(4e3 / std::max(spec.fps, 0.01))));
+    if (!frame) {
+      return wrong(
+          fmt::format("{} frames came, then: {}", i, frame.error().what),
+          frame.error().code == Errc::timeout
+              ? "does it wait for a trigger? is the cable (USB 2 in a USB 3 port) good?"
+              : "check the cable; `dmesg` tells what the driver says");
+    }
+    const FrameInfo& info = frame->info();
+    n_bad += (info.flags & (kFrameError | kFrameShort)) != 0U ? 1 : 0;
+    is_monotonic = is_monotonic && (info.flags & kFrameMonotonic) != 0U;
+    if (i > 0 && info.sequence > last_sequence) {
+      n_gaps += static_cast<int>(info.sequence - last_sequence) - 1;
+      periods.push_back(static_cast<double>(info.timestamp_ns - last_stamp) / 1e9 /
+                        static_cast<double>(info.sequence - last_sequence));
+    }
+    last_stamp = info.timestamp_ns;
+    last_sequence = info.sequence;
+  }
+  (*device)->stop();
+  double fps = 0.0;
+  if (!periods.empty()) {
+    const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
+    std::nth_element(periods.begin(), middle, periods.end());
+    fps = 1.0 / *middle;
+  }
+  line.found = fmt::format(
+      "{}: {} x {} at {:.2f} fps, {} buffers; of {} frames {} damaged, {} "
+      "lost; exposure {:g} us",
+      setup->identity, setup->width, setup->height, fps, setup->n_buffers,
+      options.camera_frames, n_bad, n_gaps, setup->exposure_us);
+  if (setup->use != PixelUse::measurement) {
+    const bool is_kept = setup->use == PixelUse::display;
+    line.finding = is_kept ? Finding::warning : Finding::wrong;
+    line.cure = is_kept
+                    ? "this format is not linear in light: choose a raw one where the camera "
+                      "has it (docs/cameras.md)"
+                    : "this format is for looking only: choose a raw one (docs/cameras.md)";
+  } else if (!is_monotonic) {
+    line.finding = Finding::wrong;
+    line.cure =
+        "its stamps are not CLOCK_MONOTONIC: use a driver that stamps so (for uvcvideo: "
+        "options uvcvideo clock=CLOCK_MONOTONIC)";
+  } else if (n_bad > 0) {
+    line.finding = Finding::wrong;
+    line.cure = "damaged frames mean a bad cable, hub or too little USB bandwidth";
+  } else if (std::abs(fps / spec.fps - 1.0) > kRateTol) {
+    line.finding = Finding::warning;
+    line.cure = fmt::format(
+        "write fps = {:.2f}, or a shorter exposure_us: a camera slows down "
+        "when the exposure does not fit",
+        fps);
+  } else if (std::abs(setup->exposure_us - spec.exposure_us) >
+             std::max(1.0, 0.01 * spec.exposure_us)) {
+    line.finding = Finding::warning;
+    line.cure =
+        fmt::format("write exposure_us = {:g}: the camera's nearest value", setup->exposure_us);
+  } else if (n_gaps > 0) {
+    line.finding = Finding::warning;
+    line.cure =
+        "frames are lost before they reach the host: another program on the same USB "
+        "bus, or a busy computer";
+  }
+  return {line};
+}
+
+std::vector<DoctorLine> examine_storage(const Rig& rig, const DoctorOptions& options) {
+  fs::path folder = rig.storage.folder;
+  if (folder.is_relative()) {
+    folder = rig.file.parent_path() / folder;
+  }
+  DoctorLine line{"disk", Finding::good, "", "", ""};
+  double rate = 0.0;
+  for (const CameraSpec& c : rig.cameras) {
+    rate += 2.0 * c.frame_width * c.frame_height * c.fps / kFramesPerLight;
+  }
+  line.expected = fmt::format("sessions in {}, {:.0f} MB free, {:.1f} MB/s", folder.string(),
+                              rig.storage.reserve_mb, rate / 1e6);
+  std::error_code failed;
+  fs::path existing = fs::absolute(folder);
+  while (!existing.empty() && !fs::exists(existing, failed) &&
+         existing != existing.root_path()) {
+    existing = existing.parent_path();
+  }
+  if (!fs::is_directory(existing, failed)) {
+    line.finding = Finding::wrong;
+    line.found = existing.string() + " is not a folder";
+    line.cure = "correct storage.folder";
+    return {line};
+  }
+  const fs::space_info space = fs::space(existing, failed);
+  const fs::path test = existing / fmt::format(".haarlight-doctor-{}", ::getpid());
+  const Fd fd(::open(test.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600));
+  if (!fd.is_open()) {
+    line.finding = Finding::wrong;
+    line.found = fmt::format("{}: {}", existing.string(), std::strerror(errno));
+    line.cure =
+        "make the folder writable for the user that runs the daemon, or correct "
+        "storage.folder";
+    return {line};
+  }
+  const std::uint64_t bytes =
+      std::min<std::uint64_t>(options.disk_test_bytes, space.available / 4);
+  const std::vector<char> block(1U << 20U, 'x');
+  const auto begin = Clock::now();
+  std::uint64_t done = 0;
+  int problem = 0;
+  while (done < bytes && problem == 0) {
+    const ssize_t n =
+        ::write(fd.get(), block.data(), std::min<std::uint64_t>(block.size(), bytes - done));
+    problem = n < 0 ? errno : 0;
+    done += n > 0 ? static_cast<std::uint64_t>(n) : 0;
+  }
+  if (problem == 0 && ::fdatasync(fd.get()) != 0) {
+    problem = errno;
+  }
+  const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+  fs::remove(test, failed);
+  const double speed = seconds > 0.0 ? megabytes(done) / seconds : 0.0;
+  line.found =
+      fmt::format("{:.0f} MB free, writes {:.0f} MB/s", megabytes(space.available), speed);
+  if (problem != 0) {
+    line.finding = Finding::wrong;
+    line.found += fmt::format("; a test write failed: {}", std::strerror(problem));
+    line.cure = "mend or replace the disk, or correct storage.folder";
+  } else if (megabytes(space.available) < rig.storage.reserve_mb) {
+    line.finding = Finding::wrong;
+    line.cure = "make room, or put storage.folder on another disk";
+  } else if (speed < rate / 1e6) {
+    line.finding = Finding::warning;
+    line.cure = "captures will wait for the disk: put storage.folder on a faster one";
+  }
+  return {line};
+}
+
+std::vector<DoctorLine> examine_rig(const fs::path& rig_file, const DoctorOptions& options) {
+  const Rig rig = read_rig_as_written(rig_file);
+  std::vector<DoctorLine> lines;
+  const auto add = [&lines](std::vector<DoctorLine> more) {
+    lines.insert(lines.end(), std::make_move_iterator(more.begin()),
+                 std::make_move_iterator(more.end()));
+  };
+  lines.push_back(
+      {"rig file", Finding::good, "readable, every key known",
+       fmt::format("{}: {} lights, {} cameras", rig.name, rig.n_lights(), rig.cameras.size()),
+       ""});
+  add(examine_measured(rig_file));
+  add(examine_clock(options));
+  bool is_held = false;
+  add(examine_daemon(rig, options, is_held));
+  if (!is_held) {
+    // Identities are compared with the measured ones, where those can be used.
+    Rig measured = rig;
+    try {
+      measured = read_rig(rig_file);
+    } catch (const Error&) {
+      measured = rig;  // examine_measured has said it
+    }
+    add(examine_controller(measured, options));
+    for (std::size_t i = 0; i < measured.cameras.size(); ++i) {
+      add(examine_camera(measured, static_cast<int>(i), options));
+    }
+  }
+  add(examine_storage(rig, options));
+  return lines;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,25 @@
+#pragma once
+
+#include "capture/plan/advice.h"
+#include "session/demultiplex.h"
+#include "session/light_stack.h"
+#include "session/session.h"
+
+/// @file
+/// A capture of the object, or of one like it, as the ground of advice: the signal of every
+/// light, what blocks of lights hide, and how much of that is the pilot's own noise.
+
+namespace haarlight {
+
+/// At most `max_pixels` pixels of a developed pilot, spread evenly over the picture. Of a pilot
+/// that lit several lights at once without holding them all (bins, target, some wavelets) the
+/// signal is used, but no bias predicted.
+/// @param stack   of develop(session), best without demosaicing, whose averages hide noise
+/// @param camera  whose noise is meant: the pilot's own and the advised capture's
+/// @param plate   what develop shares light out by, may be empty
+/// @throws Error  a pilot without exposures
+[[nodiscard]] AdviceScene pilot_scene(const Session& session, const LightStack& stack,
+                                      const CameraSpec& camera, const PlatePixels& plate,
+                                      int max_pixels = 4096);
+
+}  // namespace haarlight

@@ -1,0 +1,108 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "capture/plan/plan.h"
+#include "capture/proof/picture_agreement.h"
+#include "capture/proof/picture_proof.h"
+#include "core/image.h"
+#include "session/evidence.h"
+#include "session/session.h"
+
+/// @file
+/// What the pixels of a frame say by themselves, and beside other frames of the same lights.
+
+namespace haarlight {
+
+/// Cheap enough for every frame that a camera delivers: one pass.
+struct FrameGlance {
+  std::uint64_t hash = 0;    ///< XXH3-64 of the active rows
+  bool must_differ = false;  ///< some pixel is neither 0 nor clipped: its noise is in the words
+};
+/// @param clip_dn  words at or above it are clipped
+[[nodiscard]] FrameGlance glance_at(ImageView<const std::uint16_t> active, double clip_dn);
+
+/// What the checks found.
+struct FrameFinding {
+  FrameVerdict verdict = FrameVerdict::good;
+  std::string problem;       ///< in words; empty: the frame is taken
+  std::vector<int> doubted;  ///< earlier shots that it contradicts: to be taken again
+  std::string note;          ///< for the log
+  [[nodiscard]] bool is_taken() const { return problem.empty(); }
+};
+
+/// Judges the pixels of a session's frames, one after another. One thread.
+///
+/// The level check: of a pattern that the plan shows more than once (exposures, repeats,
+/// sentinels) a grid of samples is kept. A later frame must rise by the ratio of the exposures:
+///
+///     | sum(v - d) / sum(k (v0 - d0)) - 1 | <= level_tolerance,   k = E g / (E0 g0)
+///
+/// over the samples unclipped in v0 whose neighbour of the same colour lets expect, in both
+/// frames, at least 1 % of the range and less than 0.9 of the clip level (chosen by themselves,
+/// samples near 1 % would be those whose noise was high in v0); d the last dark frame's mean,
+/// or the black level. Fewer than 64 such samples prove nothing and pass.
+///
+/// A frame that passes is held against the session's other frames of the same lights
+/// (capture/proof/picture_agreement.h) and against what all its frames predict
+/// (capture/proof/picture_proof.h). A plan with retake_wrong_light acts on the first where it
+/// shows a pattern more than once, then also in place of the level check, and else on the
+/// second; without, both only tell.
+class FrameChecker {
+ public:
+  /// @param layout  of the rig; without faces: no proof by light
+  FrameChecker(const Plan& plan, const FrameForm& form, const LightLayout& layout = {});
+
+  /// Completes the evidence (least, greatest and mean word, saturated and black shares, hash,
+  /// verdict) and judges. The last attempt that the plan allows is taken whatever its verdict,
+  /// except one without a picture and one of another light.
+  /// @param shot  of the plan
+  [[nodiscard]] FrameFinding check(int shot, ImageView<const std::uint16_t> active,
+                                   FrameEvidence& evidence);
+
+  /// A frame that was committed before this run began, in the order of the exposures.
+  /// @return  shots that have to be taken again
+  [[nodiscard]] std::vector<int> remember(int shot, const FrameEvidence& evidence);
+
+ private:
+  struct Reference {
+    double scale = 0.0;  ///< exposure * gain; 0: none yet
+    double dark_dn = 0.0;
+    int shot = 0;
+    std::vector<std::uint16_t> samples;  ///< value, neighbour's value, ...
+  };
+  [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
+  [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,
+                                   const FrameEvidence& evidence) const;
+  [[nodiscard]] FrameFinding judge_level(const Reference& reference,
+                                         const std::vector<std::uint16_t>& samples,
+                                         const FrameEvidence& evidence) const;
+  /// Judges by the picture what has passed everything else.
+  void judge_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
+                   FrameFinding& finding);
+  void judge_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
+                       FrameFinding& finding);
+  [[nodiscard]] bool acts_on_agreement() const {
+    return agreement_ && limits_.retake_wrong_light;
+  }
+  void learn(int shot, ImageView<const std::uint16_t> active, const FrameEvidence& evidence);
+
+  FrameForm form_;
+  FrameLimits limits_;
+  std::vector<Shot> shots_;      ///< without their lights
+  std::vector<int> pattern_of_;  ///< a shot's place in references_, -1: shown only once
+  std::vector<Reference> references_;
+  std::map<int, int> refused_;  ///< attempts of a shot
+  double shortest_us_ = 0.0;
+  double longest_us_ = 0.0;
+  double dark_dn_ = 0.0;
+  std::size_t n_samples_ = 0;
+  std::optional<PictureProof> proof_;
+  std::optional<PictureAgreement> agreement_;  ///< of a plan that shows a pattern twice
+};
+
+}  // namespace haarlight

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "capture/plan/plan.h"
+#include "capture/proof/light_predictor.h"
+#include "core/image.h"
+#include "core/rig.h"
+#include "session/session.h"
+
+/// @file
+/// What the proof by light looks at: 64 blocks of a picture, their noise, and which shots of a
+/// plan should show the same. Definitions: docs/numerics/light-proof.md, "Samples".
+
+namespace haarlight {
+
+using PointMask = Eigen::Array<bool, kProofPoints, 1>;
+
+/// Means of small blocks in the middle of the 8 x 8 cells of a picture, at unit exposure.
+struct PointSamples {
+  PointValues mean = PointValues::Zero();          ///< counts a microsecond at 0 dB, less dark
+  PointValues noise = PointValues::Zero();         ///< its variance: photons, reading, rounding
+  PointMask is_good = PointMask::Constant(false);  ///< no clipped pixel
+};
+/// @param dark_dn  of each point
+[[nodiscard]] PointSamples sample_points(ImageView<const std::uint16_t> active,
+                                         const FrameForm& form, const SensorNoise& noise,
+                                         const PointValues& dark_dn, double exposure_us,
+                                         double gain_db);
+/// The same from known means, at unit exposure.
+[[nodiscard]] PointSamples samples_of(const PointValues& mean, const PointMask& is_good,
+                                      const FrameForm& form, const SensorNoise& noise,
+                                      double exposure_us, double gain_db);
+/// The blocks' means in counts.
+[[nodiscard]] PointValues block_means(ImageView<const std::uint16_t> active);
+
+/// Of evidence.picture_points: no value. (Means less dark may be negative, by noise.)
+inline constexpr double kClippedPoint = -1e9;
+
+/// Relative error of a block that no noise explains.
+inline constexpr double kPointModelTol = 3e-3;
+/// Chi square of a picture that is not dark: 50 sigma.
+inline constexpr double kLitSquare = 2500.0;
+/// Between the starts of two exposures: the lights were off meanwhile.
+inline constexpr std::int64_t kDarkPauseNs = 1'000'000'000;
+
+/// The square below which this share of the points' z^2 lies, over that of a normal z: 1 for
+/// noise alone, 0 without points.
+/// @param is_everywhere  nine of ten points, not half of them
+[[nodiscard]] double robust_square(const PointValues& z2, const PointMask& counts,
+                                   bool is_everywhere = false);
+
+/// Which shots of a plan show the same lights at the same levels: each shot's number, in the
+/// order of first appearance; -1: none lit.
+[[nodiscard]] std::vector<int> same_lights(const std::vector<Shot>& shots);
+
+}  // namespace haarlight

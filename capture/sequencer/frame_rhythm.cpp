@@ -1,0 +1,131 @@
+#include "capture/sequencer/frame_rhythm.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace haarlight {
+
+namespace {
+
+constexpr double kLeastToleranceNs = 80e3;
+constexpr double kSigmas = 4.5;
+constexpr double kGuardShare = 1.25;      // what the fit itself may be off by
+constexpr double kMadToSigma = 1.4826;    // of a normal distribution
+constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a mean
+constexpr double kSigmaFades = 0.98;      // a frame: a small window may find too little scatter
+constexpr double kSameExposureUs = 5.0;
+constexpr std::size_t kMostPairs = 32 * 31 / 2;
+constexpr unsigned kFramesToPeriod = 8;  // of a full window: it changes by 1e-6 of itself
+
+/// Of n >= 1 values, which are reordered.
+double median(double* values, std::size_t n) {
+  double* middle = values + n / 2;
+  std::nth_element(values, middle, values + n);
+  return n % 2 == 1 ? *middle : 0.5 * (*middle + *std::max_element(values, middle));
+}
+
+}  // namespace
+
+void FrameRhythm::keep(Stamp stamp) {
+  if (n_ == kKept) {
+    std::move(stamps_.begin() + 1, stamps_.end(), stamps_.begin());
+    --n_;
+  }
+  stamps_[n_++] = stamp;
+}
+
+void FrameRhythm::fit() {
+  const Stamp& newest = stamps_[n_ - 1];
+  std::array<double, kKept> x{};
+  std::array<double, kKept> y{};
+  for (std::size_t i = 0; i < n_; ++i) {
+    x[i] = -static_cast<double>(newest.sequence - stamps_[i].sequence);
+    y[i] = static_cast<double>(stamps_[i].stamp_ns - newest.stamp_ns);
+  }
+  if (n_ >= kFirst && (n_ < kKept || ++n_since_period_ % kFramesToPeriod == 0)) {
+    std::array<double, kMostPairs> slopes{};
+    std::size_t n_slopes = 0;
+    for (std::size_t i = 0; i < n_; ++i) {
+      for (std::size_t j = i + 1; j < n_; ++j) {
+        slopes[n_slopes++] = (y[j] - y[i]) / (x[j] - x[i]);
+      }
+    }
+    period_ns_ = median(slopes.data(), n_slopes);
+  }
+  if (period_ns_ <= 0.0) {
+    return;
+  }
+  std::array<double, kKept> rest{};
+  for (std::size_t i = 0; i < n_; ++i) {
+    rest[i] = y[i] - period_ns_ * x[i];
+  }
+  std::array<double, kKept> sorted = rest;
+  phase_ns_ = median(sorted.data(), n_);
+  if (n_ < kFirst) {
+    return;
+  }
+  for (std::size_t i = 0; i < n_; ++i) {
+    sorted[i] = std::abs(rest[i] - phase_ns_);
+  }
+  sigma_ns_ = std::max(kMadToSigma * median(sorted.data(), n_), kSigmaFades * sigma_ns_);
+  const double span = std::max(1.0, -x[0]);
+  period_sigma_ns_ = sigma_ns_ * std::sqrt(12.0 / static_cast<double>(n_)) / span;
+}
+
+FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t stamp_ns,
+                                        double exposure_us) {
+  if (std::abs(exposure_us - exposure_us_) > kSameExposureUs) {
+    is_exposure_new_ = is_known();
+    n_ = is_exposure_new_ ? n_ : 0;
+    n_off_ = 0;
+    exposure_us_ = exposure_us;
+  }
+  Stamp stamp{sequence + slip_, stamp_ns};
+  Verdict verdict;
+  if (is_known()) {
+    const Stamp& newest = stamps_[n_ - 1];
+    const auto ahead = static_cast<double>(stamp.sequence - newest.sequence);
+    const double off =
+        static_cast<double>(stamp_ns - newest.stamp_ns) - (phase_ns_ + period_ns_ * ahead);
+    // From the middle of what is kept to the new frame: so far the period's error counts.
+    const double reach =
+        ahead + 0.5 * static_cast<double>(newest.sequence - stamps_[0].sequence);
+    const double variance =
+        sigma_ns_ * sigma_ns_ * (1.0 + kMedianVariance / static_cast<double>(n_)) +
+        reach * reach * period_sigma_ns_ * period_sigma_ns_;
+    const double tolerance = std::max(kLeastToleranceNs, kSigmas * std::sqrt(variance));
+    verdict.off_ns = static_cast<std::int64_t>(off);
+    verdict.guard_ns = static_cast<std::int64_t>(kGuardShare * tolerance);
+    verdict.place = std::abs(off) <= tolerance ? Place::on : Place::off;
+    if (is_exposure_new_) {
+      // Moved stamps and a false one look alike: the first frame only says whether the phase
+      // stays, and is not used.
+      is_exposure_new_ = false;
+      n_ = verdict.place == Place::off ? 0 : n_;
+      keep(stamp);
+      fit();
+      return {};
+    }
+    const double periods = std::round(off / period_ns_);
+    if (periods >= 1.0 && std::abs(off - periods * period_ns_) <= tolerance) {
+      // Lost on the way and not counted: this frame is not used, the next ones follow it.
+      const auto lost = static_cast<std::uint64_t>(periods);
+      slip_ += lost;
+      stamp.sequence += lost;
+    }
+  }
+  keep(stamp);
+  n_off_ = verdict.place == Place::off ? n_off_ + 1 : 0;
+  if (n_off_ == kOffToForget) {
+    std::move(stamps_.begin() + static_cast<std::ptrdiff_t>(n_ - kOffToForget),
+              stamps_.begin() + static_cast<std::ptrdiff_t>(n_), stamps_.begin());
+    n_ = kOffToForget;
+    n_off_ = 0;
+    period_ns_ = period_sigma_ns_ = sigma_ns_ = 0.0;
+    verdict.is_learnt_anew = true;
+  }
+  fit();
+  return verdict;
+}
+
+}  // namespace haarlight
