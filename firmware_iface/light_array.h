@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/error.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/register_map.h"
 
 /// @file

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "core/units.h"
 #include "firmware_iface/light_history.h"
 #include "firmware_iface/register_map.h"

@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "core/controller_address.h"
+#include "core/rig/controller_address.h"
 #include "firmware_iface/register_bus.h"
 
 /// @file

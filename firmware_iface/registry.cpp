@@ -1,4 +1,4 @@
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/profile_light_array.h"

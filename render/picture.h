@@ -5,9 +5,9 @@
 
 #include <Eigen/Core>
 
-#include "core/camera_model.h"
 #include "core/image.h"
 #include "core/progress.h"
+#include "core/rig/camera_model.h"
 #include "render/direct_light.h"
 #include "render/ray_caster.h"
 #include "render/scene.h"

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "render/scene.h"
 
 /// @file

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "core/camera_model.h"
+#include "core/rig/camera_model.h"
 
 /// @file
 /// What a renderer is given: triangle meshes, spheres, boxes, materials, square area lights.

@@ -4,7 +4,7 @@
 #include <limits>
 #include <string>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "session/evidence.h"
 
 /// @file

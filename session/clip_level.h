@@ -1,6 +1,6 @@
 #pragma once
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// From which sample value on a camera's picture is clipped. Pure.

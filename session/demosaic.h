@@ -3,7 +3,7 @@
 #include <string_view>
 
 #include "core/image.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// From a Bayer mosaic to three channels, linear in and out. Error on a known picture:

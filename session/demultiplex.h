@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/image.h"
-#include "core/pattern_inverse.h"
+#include "core/rig/pattern_inverse.h"
 #include "session/session.h"
 
 /// @file

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "core/progress.h"
 #include "session/demosaic.h"
 #include "session/demultiplex.h"

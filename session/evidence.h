@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "session/frame_verdict.h"
 
 /// @file

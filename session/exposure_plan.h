@@ -3,7 +3,7 @@
 #include <memory>
 #include <vector>
 
-#include "core/pattern_inverse.h"
+#include "core/rig/pattern_inverse.h"
 #include "session/session.h"
 
 /// @file

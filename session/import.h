@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "core/image_io.h"
-#include "core/picture_rectangle.h"
+#include "core/picture/image_io.h"
+#include "core/picture/picture_rectangle.h"
 #include "core/progress.h"
 #include "session/picture_match.h"
 #include "session/session.h"

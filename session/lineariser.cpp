@@ -1,6 +1,6 @@
 #include "session/lineariser.h"
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "core/picture_facts.h"
+#include "core/picture/picture_facts.h"
 
 /// @file
 /// The photographs' facts as sessions, basis files and web folders keep them: an object

@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "core/pixel_format.h"
+#include "core/rig/pixel_format.h"
 #include "session/clip_level.h"
 
 namespace haarlight {

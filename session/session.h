@@ -9,9 +9,9 @@
 #include <Eigen/Core>
 
 #include "core/image.h"
-#include "core/image_io.h"
-#include "core/patterns.h"
-#include "core/rig.h"
+#include "core/picture/image_io.h"
+#include "core/rig/patterns.h"
+#include "core/rig/rig.h"
 #include "session/evidence.h"
 
 /// @file

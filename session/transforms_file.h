@@ -4,7 +4,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/camera_model.h"
+#include "core/rig/camera_model.h"
 #include "session/light_file.h"
 
 /// @file

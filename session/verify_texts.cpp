@@ -7,7 +7,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "core/text_limits.h"
 #include "session/json_value.h"
 #include "session/rig_session.h"

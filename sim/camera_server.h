@@ -6,7 +6,7 @@
 #include <memory>
 #include <optional>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "sim/fault_script.h"
 #include "sim/virtual_camera.h"
 

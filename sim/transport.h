@@ -4,7 +4,7 @@
 #include <string>
 
 #include "core/progress.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "render/direct_light.h"
 #include "render/scene.h"
 #include "sim/transport_file.h"

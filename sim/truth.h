@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "sim/virtual_camera.h"
 
 /// @file

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "sim/camera_server.h"
 #include "sim/virtual_camera.h"
 

@@ -6,7 +6,7 @@
 
 #include "capture/camera/tag_rows.h"
 #include "core/image.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/light_history.h"
 #include "sim/transport_file.h"
 

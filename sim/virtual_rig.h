@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "sim/camera_server.h"
 #include "sim/controller_server.h"
 #include "sim/fault_script.h"

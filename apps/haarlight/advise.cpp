@@ -10,7 +10,7 @@
 #include "capture/plan/advice.h"
 #include "capture/plan/advice_pilot.h"
 #include "core/files.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/compress_session.h"
 #include "relight/basis/plate.h"
 #include "relight/basis/weight_list.h"

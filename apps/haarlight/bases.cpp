@@ -10,7 +10,7 @@
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/basis/compress_session.h"
 #include "relight/study/basis_study.h"
 #include "relight/study/study_report.h"

@@ -9,9 +9,9 @@
 #include <Eigen/Core>
 
 #include "apps/haarlight/verb.h"
-#include "core/camera_model.h"
 #include "core/image.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
+#include "core/rig/camera_model.h"
 #include "session/session.h"
 
 /// @file

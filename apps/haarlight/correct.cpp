@@ -8,7 +8,7 @@
 #include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/shape/corrected_light.h"
 #include "session/develop.h"
 #include "session/light_file.h"

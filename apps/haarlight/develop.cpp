@@ -13,7 +13,7 @@
 #include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/basis/compress_session.h"
 #include "relight/light/near_light.h"
 

@@ -1,6 +1,6 @@
 #include "apps/haarlight/develop_options.h"
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/basis/compress_session.h"
 
 namespace haarlight {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "apps/haarlight/verb.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "session/develop.h"
 
 /// @file

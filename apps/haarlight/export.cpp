@@ -13,8 +13,8 @@
 #include "apps/haarlight/verb.h"
 #include "core/error.h"
 #include "core/files.h"
-#include "core/image_io.h"
 #include "core/log.h"
+#include "core/picture/image_io.h"
 #include "relight/light/near_light.h"
 #include "session/develop.h"
 

@@ -5,7 +5,7 @@
 
 #include <Eigen/Core>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/basis/basis_file.h"
 #include "relight/basis/relight.h"
 #include "session/session.h"

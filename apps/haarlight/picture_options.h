@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "apps/haarlight/verb.h"
-#include "core/picture_rectangle.h"
+#include "core/picture/picture_rectangle.h"
 #include "session/picture_match.h"
 
 /// @file

@@ -8,7 +8,7 @@
 #include "apps/haarlight/lighting_reader.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 namespace haarlight {
 

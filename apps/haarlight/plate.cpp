@@ -5,7 +5,7 @@
 
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/compress_session.h"
 
 namespace haarlight {

@@ -21,7 +21,7 @@
 #include "capture/doctor/rig_doctor.h"
 #include "core/files.h"
 #include "core/log.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 
 namespace haarlight {
 

@@ -11,8 +11,8 @@
 
 #include "core/files.h"
 #include "core/markup.h"
-#include "core/measured_rig.h"
 #include "core/report.h"
+#include "core/rig/measured_rig.h"
 #include "relight/light/rig_light_calibration.h"
 #include "session/develop.h"
 

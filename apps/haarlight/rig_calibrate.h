@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "apps/haarlight/verb.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 #include "relight/light/rig_light_calibration.h"
 #include "session/develop.h"
 

@@ -7,10 +7,10 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/rig_calibrate.h"
-#include "core/chessboard.h"
 #include "core/files.h"
-#include "core/image_io.h"
 #include "core/markup.h"
+#include "core/picture/chessboard.h"
+#include "core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/shadow/rig_predict.h"
 
 namespace haarlight {

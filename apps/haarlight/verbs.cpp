@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -24,7 +24,7 @@
 #include "core/files.h"
 #include "core/log.h"
 #include "core/report.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/light_array.h"
 #include "session/storage.h"
 

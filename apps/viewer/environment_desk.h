@@ -11,7 +11,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/basis_file.h"
 #include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"

@@ -12,7 +12,7 @@
 
 #include "apps/viewer/viewer_site.h"
 #include "core/error.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "core/text_limits.h"
 #include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"

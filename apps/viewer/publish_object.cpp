@@ -14,7 +14,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
-#include "core/png_tile.h"
+#include "core/picture/png_tile.h"
 #include "core/text_limits.h"
 #include "relight/formats/jpeg.h"
 #include "relight/formats/refit.h"

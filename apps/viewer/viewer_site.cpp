@@ -13,7 +13,7 @@
 
 #include "core/error.h"
 #include "core/report.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/error_gram.h"
 #include "relight/view/gpu_pages.h"
 

@@ -12,8 +12,8 @@
 #include <benchmark/benchmark.h>
 
 #include "core/parallel.h"
-#include "core/pattern_inverse.h"
 #include "core/random.h"
+#include "core/rig/pattern_inverse.h"
 
 namespace haarlight {
 namespace {

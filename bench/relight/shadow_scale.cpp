@@ -18,7 +18,7 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/report.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
 #include "relight/shadow/predict.h"

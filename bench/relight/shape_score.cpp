@@ -18,9 +18,9 @@
 
 #include "apps/command_line.h"
 #include "core/error.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "core/report.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/light/near_light.h"
 #include "render/picture.h"
 #include "render/scene.h"

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/stack_source.h"
 #include "render/scene.h"
 

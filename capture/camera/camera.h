@@ -8,8 +8,8 @@
 
 #include "core/error.h"
 #include "core/image.h"
-#include "core/pixel_format.h"
-#include "core/rig.h"
+#include "core/rig/pixel_format.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// A camera as the capture thread sees it. One thread owns one camera. Implementations:

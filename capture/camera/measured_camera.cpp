@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 
 namespace haarlight {
 

@@ -3,7 +3,7 @@
 #include <memory>
 
 #include "capture/camera/camera.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// A camera that must be the one whose delays and noise were measured: with another behind the

@@ -5,11 +5,11 @@
 #include <span>
 
 #include "core/image.h"
-#include "core/pixel_format.h"
+#include "core/rig/pixel_format.h"
 
 /// @file
 /// A camera's packed rows to 16-bit sensor words. Layouts are those of linux/videodev2.h's
-/// documentation; core/pixel_format.h lists the formats. Pure.
+/// documentation; core/rig/pixel_format.h lists the formats. Pure.
 /// Cost: bench/capture; plain loops, each several times faster than a camera delivers.
 
 namespace haarlight {

@@ -5,7 +5,7 @@
 
 #include "capture/camera/camera.h"
 #include "capture/camera/v4l2_device.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// Manual everything: which controls of a V4L2 camera are set, in which order, and what they

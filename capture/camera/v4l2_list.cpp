@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "core/pixel_format.h"
+#include "core/rig/pixel_format.h"
 
 namespace haarlight {
 

@@ -11,7 +11,7 @@
 #include "capture/commission/photon_transfer.h"
 #include "capture/commission/stamp_meaning.h"
 #include "capture/commission/step_response.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 
 /// @file
 /// Commissioning: measures a rig's delays, its camera's stamps and noise, and its LEDs, by

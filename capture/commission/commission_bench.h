@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "capture/camera/camera.h"
-#include "core/measured_rig.h"
-#include "core/rig.h"
+#include "core/rig/measured_rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/light_array.h"
 
 /// @file

@@ -3,7 +3,7 @@
 #include <string>
 
 #include "capture/commission/commission.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// A commissioning on one page for a person: what was measured with its uncertainty, the step

@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "core/measured_rig.h"
-#include "core/rig.h"
+#include "core/rig/measured_rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// Which LEDs are dead, dim or wired to another's place, from one picture under each alone.

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/image.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 
 /// @file
 /// A camera's noise from pairs of pictures of the same light: the photon transfer method as

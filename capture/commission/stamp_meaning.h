@@ -4,8 +4,8 @@
 #include <span>
 #include <string>
 
-#include "core/measured_rig.h"
-#include "core/rig.h"
+#include "core/rig/measured_rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// What a camera's time stamp means, and how the measured offset divides into the light's delay

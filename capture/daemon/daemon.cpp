@@ -22,7 +22,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
-#include "core/pixel_format.h"
+#include "core/rig/pixel_format.h"
 #include "http/json_text.h"
 #include "http/server.h"
 

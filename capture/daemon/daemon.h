@@ -15,7 +15,7 @@
 #include "capture/daemon/run_observer.h"
 #include "capture/plan/plan.h"
 #include "capture/sequencer/sequencer.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "session/session_writer.h"
 
 /// @file

@@ -6,7 +6,7 @@
 
 #include "capture/daemon/rig_watch.h"
 #include "capture/doctor/rig_doctor.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// How the rig's devices stand, for the page: from what the daemon saw of them, and from what

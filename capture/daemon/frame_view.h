@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/image.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// What somebody who aims, focuses or exposes wants to see of a frame's words: a crop at the

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "core/image.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// Small pictures for people with clipping marked exactly: an indexed PNG whose entries

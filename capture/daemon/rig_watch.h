@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "capture/sequencer/sequencer_messages.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// What the daemon has lately seen of its devices: whether controller and camera answer, and

@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "capture/doctor/rig_doctor.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 #include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/register_map.h"

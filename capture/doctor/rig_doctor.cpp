@@ -18,7 +18,7 @@
 #include "capture/camera/v4l2_list.h"
 #include "core/error.h"
 #include "core/files.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 
 namespace haarlight {
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/usb_link.h"
 
 /// @file

@@ -7,8 +7,8 @@
 #include <Eigen/Core>
 
 #include "capture/plan/plan.h"
-#include "core/pattern_inverse.h"
-#include "core/rig.h"
+#include "core/rig/pattern_inverse.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// Which patterns pay: from the camera's noise, the lights' signal and the rig's limits, the

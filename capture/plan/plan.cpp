@@ -16,7 +16,7 @@
 #include "core/config_table.h"
 #include "core/error.h"
 #include "core/files.h"
-#include "core/pattern_inverse.h"
+#include "core/rig/pattern_inverse.h"
 
 namespace haarlight {
 

@@ -8,8 +8,8 @@
 
 #include <Eigen/Core>
 
-#include "core/patterns.h"
-#include "core/rig.h"
+#include "core/rig/patterns.h"
+#include "core/rig/rig.h"
 #include "session/session.h"
 
 /// @file

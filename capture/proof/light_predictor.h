@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-#include "core/patterns.h"
+#include "core/rig/patterns.h"
 
 /// @file
 /// What a pattern of lights should look like at some points of the picture, from the frames

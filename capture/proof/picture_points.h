@@ -8,7 +8,7 @@
 #include "capture/plan/plan.h"
 #include "capture/proof/light_predictor.h"
 #include "core/image.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "session/session.h"
 
 /// @file

@@ -11,7 +11,7 @@
 #include "capture/proof/light_predictor.h"
 #include "capture/proof/picture_points.h"
 #include "core/image.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "session/evidence.h"
 #include "session/session.h"
 

@@ -11,7 +11,7 @@
 #include <Eigen/Core>
 
 #include "core/files.h"
-#include "core/picture_facts.h"
+#include "core/picture/picture_facts.h"
 #include "relight/basis/block_codec.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/stack_source.h"

@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "core/progress.h"
 #include "relight/basis/basis_file.h"
 #include "relight/basis/stack_source.h"

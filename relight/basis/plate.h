@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/stack_source.h"
 #include "render/analytic/plane_irradiance.h"
 #include "render/scene.h"

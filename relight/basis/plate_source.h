@@ -6,9 +6,9 @@
 #include <optional>
 #include <string>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "core/progress.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/basis_file.h"
 #include "relight/basis/stack_source.h"
 #include "session/light_stack.h"

@@ -12,7 +12,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
-#include "core/picture_tags.h"
+#include "core/picture/picture_tags.h"
 #include "relight/fit/plane_store.h"
 
 namespace haarlight {

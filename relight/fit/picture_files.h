@@ -9,7 +9,7 @@
 #include "relight/fit/picture_rows.h"
 
 /// @file
-/// Picture files of any kind that core reads (core/image_io.h) as rows, by their colour
+/// Picture files of any kind that core reads (core/picture/image_io.h) as rows, by their colour
 /// profiles.
 
 namespace haarlight {

@@ -9,8 +9,8 @@
 
 #include <Eigen/Core>
 
-#include "core/image_io.h"
-#include "core/picture_rectangle.h"
+#include "core/picture/image_io.h"
+#include "core/picture/picture_rectangle.h"
 #include "session/develop.h"
 #include "session/session.h"
 

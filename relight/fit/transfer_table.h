@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 
 /// @file
 /// Linear values to a transfer's, by a table: for loops over every value of a capture. Pure

@@ -10,9 +10,9 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
-#include "core/image_io.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
+#include "core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -9,7 +9,7 @@
 #include <Eigen/Core>
 
 #include "core/image.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 
 /// @file
 /// A picture that can be lit from any direction, as conservators' programs keep it: a few 8-bit

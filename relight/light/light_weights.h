@@ -4,7 +4,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/light/cubemap.h"
 
 /// @file

@@ -6,8 +6,8 @@
 
 #include <Eigen/Core>
 
-#include "core/camera_model.h"
 #include "core/image.h"
+#include "core/rig/camera_model.h"
 #include "relight/light/mirror_sphere.h"
 
 /// @file

@@ -5,8 +5,8 @@
 
 #include <Eigen/Core>
 
-#include "core/camera_model.h"
 #include "core/image.h"
+#include "core/rig/camera_model.h"
 
 /// @file
 /// Lights from mirror spheres, what near-light calibration is compared with: the highlight on a

@@ -6,7 +6,7 @@
 #include <Eigen/Geometry>
 
 #include "core/error.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 
 namespace haarlight {
 

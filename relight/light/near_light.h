@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "core/camera_model.h"
+#include "core/rig/camera_model.h"
 #include "session/session.h"
 
 /// @file

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/light/near_calibration.h"
 #include "relight/light/sheet_layout.h"
 #include "relight/light/sheet_model.h"

@@ -3,8 +3,8 @@
 #include <cstdint>
 #include <optional>
 
-#include "core/camera_model.h"
 #include "core/image.h"
+#include "core/rig/camera_model.h"
 #include "core/tolerance.h"
 #include "relight/shadow/area_mean.h"
 #include "relight/shadow/plane_frame.h"

@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/shadow/projection.h"
 
 /// @file

@@ -3,8 +3,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/camera_model.h"
 #include "core/image.h"
+#include "core/rig/camera_model.h"
 #include "relight/shadow/plane_frame.h"
 
 /// @file

@@ -8,9 +8,9 @@
 
 #include <Eigen/Core>
 
-#include "core/camera_model.h"
 #include "core/image.h"
 #include "core/progress.h"
+#include "core/rig/camera_model.h"
 #include "relight/shadow/area_mean.h"
 #include "relight/shadow/plane_frame.h"
 #include "relight/shadow/shadow_points.h"

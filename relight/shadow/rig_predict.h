@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/shadow/plane_frame.h"
 
 /// @file

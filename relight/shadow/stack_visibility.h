@@ -6,8 +6,8 @@
 #include <span>
 #include <vector>
 
-#include "core/camera_model.h"
 #include "core/image.h"
+#include "core/rig/camera_model.h"
 #include "relight/basis/stack_source.h"
 #include "relight/shadow/plane_frame.h"
 #include "relight/shadow/rectify.h"

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/error.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 
 namespace haarlight {
 

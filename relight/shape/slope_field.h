@@ -2,8 +2,8 @@
 
 #include <cstdint>
 
-#include "core/camera_model.h"
 #include "core/image.h"
+#include "core/rig/camera_model.h"
 
 /// @file
 /// What normals say about the way from one pixel's height to its neighbour's. Parallel

@@ -14,7 +14,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -10,9 +10,9 @@
 
 #include <Eigen/Core>
 
-#include "core/camera_model.h"
 #include "core/image.h"
-#include "core/rig.h"
+#include "core/rig/camera_model.h"
+#include "core/rig/rig.h"
 
 /// @file
 /// Which pixels of a capture show highlights, attached shadows, cast shadows or none of them,

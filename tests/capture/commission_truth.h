@@ -1,6 +1,6 @@
 #pragma once
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "sim/truth.h"
 
 /// @file

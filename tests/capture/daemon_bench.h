@@ -9,7 +9,7 @@
 
 #include "capture/camera/fake_camera.h"
 #include "capture/daemon/daemon.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/fake_light_array.h"
 #include "session/storage.h"
 #include "tests/temporary_folder.h"

@@ -10,7 +10,7 @@
 #include "capture/camera/remote_camera_protocol.h"
 #include "core/error.h"
 #include "core/files.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 #include "sim/virtual_rig.h"
 #include "tests/sim/made_transport.h"
 #include "tests/temporary_folder.h"

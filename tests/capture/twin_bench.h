@@ -11,7 +11,7 @@
 #include "capture/camera/camera.h"
 #include "capture/commission/commission_bench.h"
 #include "core/random.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/fake_bus.h"
 #include "sim/truth.h"
 #include "sim/virtual_camera.h"

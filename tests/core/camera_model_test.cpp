@@ -1,4 +1,4 @@
-#include "core/camera_model.h"
+#include "core/rig/camera_model.h"
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>

@@ -1,4 +1,4 @@
-#include "core/chessboard.h"
+#include "core/picture/chessboard.h"
 
 #include <array>
 #include <cmath>

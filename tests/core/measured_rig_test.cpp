@@ -1,4 +1,4 @@
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 
 #include <Eigen/Geometry>
 #include <gmock/gmock.h>

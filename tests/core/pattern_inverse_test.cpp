@@ -1,4 +1,4 @@
-#include "core/pattern_inverse.h"
+#include "core/rig/pattern_inverse.h"
 
 #include <algorithm>
 #include <bit>

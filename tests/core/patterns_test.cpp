@@ -1,4 +1,4 @@
-#include "core/patterns.h"
+#include "core/rig/patterns.h"
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>

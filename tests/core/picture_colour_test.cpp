@@ -1,4 +1,4 @@
-#include "core/picture_colour.h"
+#include "core/picture/picture_colour.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "core/picture_facts.h"
+#include "core/picture/picture_facts.h"
 
 #include <cmath>
 #include <vector>
@@ -6,8 +6,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/image_io.h"
-#include "core/picture_tags.h"
+#include "core/picture/image_io.h"
+#include "core/picture/picture_tags.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

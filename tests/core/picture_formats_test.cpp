@@ -1,4 +1,4 @@
-#include "core/picture_formats.h"
+#include "core/picture/picture_formats.h"
 
 #include <bit>
 #include <cstring>

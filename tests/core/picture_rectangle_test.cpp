@@ -1,4 +1,4 @@
-#include "core/picture_rectangle.h"
+#include "core/picture/picture_rectangle.h"
 
 #include <array>
 #include <filesystem>

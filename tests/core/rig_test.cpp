@@ -1,4 +1,4 @@
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 #include <algorithm>
 #include <functional>
@@ -8,7 +8,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 #include "tests/absurd_numbers.h"
 
 namespace haarlight {

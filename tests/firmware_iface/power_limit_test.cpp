@@ -1,7 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "firmware_iface/fake_bus.h"
 #include "firmware_iface/register_light_array.h"
 #include "sim/controller_server.h"

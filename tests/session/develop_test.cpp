@@ -9,8 +9,8 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
-#include "core/patterns.h"
 #include "core/random.h"
+#include "core/rig/patterns.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

@@ -17,7 +17,7 @@
 #include "capture/plan/plan.h"
 #include "core/error.h"
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "session/clean_rule.h"
 #include "session/frame_check.h"
 #include "session/import.h"

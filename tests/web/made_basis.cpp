@@ -12,7 +12,7 @@
 #include "apps/command_line.h"
 #include "core/error.h"
 #include "core/files.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/compress.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/relight/view/retiled.h"

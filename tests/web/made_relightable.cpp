@@ -12,7 +12,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/formats/quantise.h"
 #include "relight/formats/refit.h"
 #include "relight/formats/reflectance_file.h"

@@ -11,7 +11,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "tests/apps/viewer/small_basis.h"
 
 namespace haarlight {

@@ -8,8 +8,8 @@
 
 #include "apps/viewer/publish_basis.h"
 #include "apps/viewer/publish_object.h"
-#include "core/image_io.h"
-#include "core/png_tile.h"
+#include "core/picture/image_io.h"
+#include "core/picture/png_tile.h"
 #include "relight/basis/haar.h"
 #include "relight/formats/quantise.h"
 #include "relight/formats/web_folder.h"

@@ -3,7 +3,7 @@
 #include <filesystem>
 
 #include "core/files.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/compress.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/temporary_folder.h"

@@ -7,7 +7,7 @@
 
 #include "capture/plan/plan.h"
 #include "core/error.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "tests/repeating_mutator.h"
 
 namespace {

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "core/error.h"
-#include "core/measured_rig.h"
+#include "core/rig/measured_rig.h"
 #include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

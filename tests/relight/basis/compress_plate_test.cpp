@@ -13,7 +13,7 @@
 
 #include "core/error.h"
 #include "core/random.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/compress_session.h"
 #include "relight/basis/plate.h"
 #include "relight/basis/relight.h"

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "core/tolerance.h"
 #include "relight/basis/plate.h"
 #include "relight/basis/relight.h"

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "core/error.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 namespace haarlight::test {
 

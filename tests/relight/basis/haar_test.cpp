@@ -11,8 +11,8 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/error.h"
-#include "core/pattern_inverse.h"
 #include "core/random.h"
+#include "core/rig/pattern_inverse.h"
 #include "tests/golden_file.h"
 
 namespace haarlight {
@@ -163,7 +163,7 @@ TEST(Haar, OrderGoesFromCoarseToFine) {
 }
 
 TEST(Haar, PatternsCountTheSameCoefficients) {
-  // core/patterns shoots wavelets by the numbers that a basis file uses.
+  // core/rig/patterns shoots wavelets by the numbers that a basis file uses.
   constexpr int kSide = 8;
   for (int index = 0; index < kSide * kSide; ++index) {
     std::vector<double> x(std::size_t{kSide} * kSide, 0.0);

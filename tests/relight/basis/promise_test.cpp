@@ -10,7 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "core/random.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "core/tolerance.h"
 #include "relight/basis/compress.h"
 #include "relight/basis/dense_half.h"

@@ -11,9 +11,9 @@
 
 #include <gtest/gtest.h>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "core/random.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/basis/compress.h"
 #include "relight/basis/relight.h"
 #include "relight/light/cubemap.h"

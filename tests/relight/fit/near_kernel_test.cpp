@@ -10,7 +10,7 @@
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/fit/fit_kernel.h"
 #include "relight/fit/light_recipe.h"
 #include "relight/fit/wide_vectors.h"

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "tests/core/picture_files.h"
 #include "tests/temporary_folder.h"
 

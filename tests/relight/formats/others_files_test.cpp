@@ -10,7 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "core/files.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/formats/ptm_file.h"
 #include "relight/formats/quantise.h"
 #include "relight/formats/reflectance_file.h"

@@ -12,7 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

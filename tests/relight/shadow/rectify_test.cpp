@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/rig.h"
+#include "core/rig/rig.h"
 
 namespace haarlight {
 namespace {

@@ -13,7 +13,7 @@
 #include <gtest/gtest.h>
 
 #include "core/parallel.h"
-#include "core/rig.h"
+#include "core/rig/rig.h"
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"
 #include "render/rig_lights.h"

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/light/near_light.h"
 #include "relight/shape/photometric_stereo.h"
 #include "render/picture.h"

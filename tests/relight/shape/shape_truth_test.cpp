@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "relight/light/near_light.h"
 #include "relight/shape/corrected_light.h"
 #include "relight/shape/near_alternation.h"

@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "core/image_io.h"
+#include "core/picture/image_io.h"
 #include "core/random.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/temporary_folder.h"

@@ -1,0 +1,304 @@
+#include "core/picture/image_io.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "core/files.h"
+#include "core/picture/picture_claim.h"
+#include "core/picture/picture_colour.h"
+#include "core/picture/picture_formats.h"
+
+namespace haarlight {
+
+namespace {
+
+constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 28U;
+constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 17U;
+constexpr std::uint64_t kSmall = std::uint64_t{1} << 20U;  // bytes; headers of small pictures
+
+std::atomic<std::uint64_t> most_memory = std::uint64_t{4} << 30U;
+
+/// The formats we read, by their first bytes; empty when it is none of them.
+std::string format_by_magic(std::span<const std::byte> bytes) {
+  const auto starts = [&](std::string_view magic, std::size_t at = 0) {
+    return bytes.size() >= at + magic.size() &&
+           std::memcmp(bytes.data() + at, magic.data(), magic.size()) == 0;
+  };
+  using namespace std::string_view_literals;
+  if (is_raw(bytes)) {
+    return "raw";
+  }
+  if (starts("\xff\xd8\xff"sv)) {
+    return "jpeg";
+  }
+  if (starts("\x89PNG\r\n\x1a\n"sv)) {
+    return "png";
+  }
+  if (starts("II*\0"sv) || starts("MM\0*"sv) || starts("II+\0"sv) || starts("MM\0+"sv)) {
+    return "tiff";
+  }
+  if (starts("\x76\x2f\x31\x01"sv)) {
+    return "openexr";
+  }
+  if (starts("#?RADIANCE"sv) || starts("#?RGBE"sv)) {
+    return "hdr";
+  }
+  // TGA has no magic: an image type that is one of the six, and no colour map or a 256-entry
+  // one.
+  if (bytes.size() >= 18) {
+    const auto type = std::to_integer<int>(bytes[2]);
+    const auto map = std::to_integer<int>(bytes[1]);
+    const auto depth = std::to_integer<int>(bytes[16]);
+    const bool is_type =
+        type == 1 || type == 2 || type == 3 || type == 9 || type == 10 || type == 11;
+    const bool is_depth =
+        depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32;
+    if (map <= 1 && is_type && is_depth) {
+      return "targa";
+    }
+  }
+  return {};
+}
+
+/// Offset just behind the JPEG's end marker, or 0 when the file ends before it. libjpeg fills
+/// what is missing with grey and only warns, so a cut file would pass as a picture.
+std::size_t jpeg_end(std::span<const std::byte> bytes) {
+  const auto at = [&](std::size_t i) { return std::to_integer<unsigned>(bytes[i]); };
+  constexpr unsigned kStartOfScan = 0xda;
+  constexpr unsigned kEndOfImage = 0xd9;
+  std::size_t i = 2;
+  while (i + 4 <= bytes.size()) {
+    if (at(i) != 0xff) {
+      return 0;
+    }
+    const unsigned marker = at(i + 1);
+    if (marker == 0xff) {  // fill byte
+      ++i;
+      continue;
+    }
+    if (marker == kEndOfImage) {
+      return i + 2;
+    }
+    i += 2 + 256 * at(i + 2) + at(i + 3);
+    if (marker != kStartOfScan) {
+      continue;
+    }
+    // Entropy-coded data up to the next marker that is neither a stuffed 0xff nor a restart.
+    while (i + 1 < bytes.size() &&
+           (at(i) != 0xff || at(i + 1) == 0 || (at(i + 1) >= 0xd0 && at(i + 1) <= 0xd7))) {
+      ++i;
+    }
+  }
+  return i + 2 == bytes.size() && at(i) == 0xff && at(i + 1) == kEndOfImage ? i + 2 : 0;
+}
+
+/// A whole PNG has its IEND chunk (length 0, so its checksum is always the same).
+bool has_png_end(std::span<const std::byte> bytes) {
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  return text.rfind("IEND\xae\x42\x60\x82") != std::string_view::npos;
+}
+
+PictureContent read_content(const std::filesystem::path& path, PictureWish wish) {
+  const MappedFile mapped(path);
+  const std::span<const std::byte> bytes = mapped.bytes();
+  PictureSource source{path, bytes};
+  const std::string format = format_by_magic(bytes);
+  if (format.empty()) {
+    refuse_picture(
+        source, "not a picture that haarlight reads",
+        "give a JPEG, PNG, TIFF, OpenEXR, Radiance HDR or TGA file, or a camera's raw file");
+  }
+  if ((format == "jpeg" && jpeg_end(bytes) == 0) || (format == "png" && !has_png_end(bytes))) {
+    refuse_picture(source, "ends before the picture does", "the file was cut: copy it again");
+  }
+  const PictureClaim claim = picture_claim(format, bytes);
+  if (claim.is_cut) {
+    refuse_picture(source, "ends before its header does, or the header is damaged",
+                   "the file was cut or damaged: copy it again");
+  }
+  source.most_per_byte = claim.most_per_byte;
+  if (format == "openexr" || claim.width * claim.height != 0) {
+    require_room(source, claim.width, claim.height, 1, claim.raw_bytes);
+  }
+  constexpr std::array<std::pair<std::string_view, decltype(&read_jpeg)>, 7> kReaders{
+      {{"jpeg", read_jpeg},
+       {"png", read_png},
+       {"tiff", read_tiff},
+       {"openexr", read_exr},
+       {"hdr", read_hdr},
+       {"targa", read_tga},
+       {"raw", read_raw}}};
+  const auto* const reader =
+      std::find_if(kReaders.begin(), kReaders.end(),
+                   [&](const auto& entry) { return entry.first == format; });
+  return reader->second(source, wish);
+}
+
+}  // namespace
+
+void limit_picture_memory(std::uint64_t bytes) noexcept { most_memory = bytes; }
+
+std::uint64_t picture_memory() noexcept { return most_memory; }
+
+void refuse_picture(const PictureSource& source, const std::string& what,
+                    const std::string& cure) {
+  throw Error(what, source.path.string(), cure);
+}
+
+void refuse_damaged(const PictureSource& source, const std::string& why) {
+  refuse_picture(source, "cannot be decoded: " + why, "the file is damaged: replace it");
+}
+
+void require_room(const PictureSource& source, std::uint64_t width, std::uint64_t height,
+                  std::uint64_t channels, std::uint64_t raw_bytes) {
+  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide ||
+      width * height > kMaxPixels) {
+    refuse_picture(source, fmt::format("{} x {} pixels", width, height),
+                   "a picture must have from 1 to 2^28 pixels, 2^17 a side");
+  }
+  if (raw_bytes > kSmall && raw_bytes / source.most_per_byte > source.bytes.size()) {
+    refuse_picture(source,
+                   fmt::format("it claims {} x {} pixels, which its {} bytes cannot hold",
+                               width, height, source.bytes.size()),
+                   "the file is damaged: replace it");
+  }
+  const std::uint64_t needed = width * height * channels * sizeof(float) + raw_bytes;
+  if (needed > most_memory) {
+    refuse_picture(
+        source,
+        fmt::format("{} x {} pixels take {} MB of memory, more than the {} MB allowed", width,
+                    height, needed >> 20U, most_memory.load() >> 20U),
+        "give a smaller picture, or more by --memory");
+  }
+}
+
+void refuse_encoding(const std::string& why) {
+  throw Error("cannot be encoded: " + why, "a picture", "this is our own bug",
+              ExitCode::internal);
+}
+
+PictureFacts read_picture_facts(const std::filesystem::path& path) {
+  return read_content(path, PictureWish::header).tags.facts;
+}
+
+std::vector<PictureNote> read_picture_notes(const std::filesystem::path& path) {
+  return read_content(path, PictureWish::header).notes;
+}
+
+PictureFile read_picture(const std::filesystem::path& path) {
+  PictureContent content = read_content(path, PictureWish::pixels);
+  const PictureColours colours = colours_of({path, {}}, content);
+  return {.pixels = std::move(content.pixels),
+          .transfer = colours.transfer,
+          .bits_per_sample = content.bits_per_sample,
+          .is_floating = content.is_floating,
+          .facts = content.tags.facts,
+          .colours = colours.conversion,
+          .profile = colours.name};
+}
+
+Image<float> read_linear_image(const std::filesystem::path& path) {
+  return linear_light(read_picture(path), path);
+}
+
+Image<float> linear_light(PictureFile picture, const std::filesystem::path& path) {
+  const std::span<float> pixels = picture.pixels.pixels();
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (!std::isfinite(pixels[i])) {
+      const auto pixel =
+          static_cast<int>(i / static_cast<std::size_t>(picture.pixels.channels()));
+      throw Error(fmt::format("pixel (x {}, y {}) is not a finite number",
+                              pixel % picture.pixels.width(), pixel / picture.pixels.width()),
+                  path.string(), "repair or replace the picture");
+    }
+  }
+  if (picture.colours != nullptr) {
+    picture.colours->to_linear(pixels, picture.pixels.channels());
+  } else if (picture.transfer == Transfer::srgb) {
+    std::transform(pixels.begin(), pixels.end(), pixels.begin(), linear_from_srgb);
+  }
+  return std::move(picture.pixels);
+}
+
+void require_picture_name(const std::filesystem::path& path) {
+  const std::string ending = path.extension().string();
+  if (ending != ".png" && ending != ".exr" && ending != ".tif") {
+    throw Error(fmt::format("cannot write a picture named \"{}\"", ending), path.string(),
+                "end the name in .exr (linear), .png (to look at) or .tif", ExitCode::usage);
+  }
+}
+
+namespace {
+
+void require_no_infinity(const std::filesystem::path& path, ImageView<const float> image) {
+  for (int y = 0; y < image.height(); ++y) {
+    for (const float value : image.row(y)) {
+      if (std::isinf(value)) {
+        throw Error(
+            fmt::format("a pixel of row {} would be infinite: single precision ends at 3.4e38",
+                        y),
+            path.string(), "scale the light or the pictures that it is made of down");
+      }
+    }
+  }
+}
+
+/// 8-bit sRGB codes of linear light; of what is not a number 0.
+Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
+  Image<std::uint8_t> codes(image.height(), image.width(), image.channels());
+  std::size_t i = 0;
+  for (int y = 0; y < image.height(); ++y) {
+    for (const float value : image.row(y)) {
+      const float code = 255.0F * srgb_from_linear(value * static_cast<float>(exposure));
+      codes.pixels()[i++] =
+          code > 0.0F ? static_cast<std::uint8_t>(std::lround(std::min(code, 255.0F))) : 0;
+    }
+  }
+  return codes;
+}
+
+}  // namespace
+
+void write_image(const std::filesystem::path& path, ImageView<const float> image,
+                 double exposure, const PictureNotes& notes) {
+  HAARLIGHT_EXPECTS(image.channels() == 1 || image.channels() == 3, "1 or 3 channels");
+  HAARLIGHT_EXPECTS(!image.is_empty(), "a picture with pixels");
+  require_picture_name(path);
+  const std::string ending = path.extension().string();
+  require_no_infinity(path, image);
+  PictureNotes all = notes;
+  all.texts.push_back({"haarlightProgram", "haarlight " HAARLIGHT_VERSION});
+  all.texts.push_back(
+      {"haarlightExposure", fmt::format("{:.9g}", ending == ".png" ? exposure : 1.0)});
+  if (ending == ".png") {
+    const Image<std::uint8_t> codes = codes_of(image, exposure);
+    write_file_atomically(path, png_bytes(codes.view(), all));
+  } else {
+    write_file_atomically(path, ending == ".exr" ? exr_bytes(image, all) : tiff_bytes(image));
+  }
+}
+
+float srgb_from_linear(float linear) noexcept {
+  if (linear < 0.0F) {
+    return -srgb_from_linear(-linear);
+  }
+  return linear <= 0.0031308F ? 12.92F * linear
+                              : 1.055F * std::pow(linear, 1.0F / 2.4F) - 0.055F;
+}
+
+float linear_from_srgb(float encoded) noexcept {
+  if (encoded < 0.0F) {
+    return -linear_from_srgb(-encoded);
+  }
+  return encoded <= 0.04045F ? encoded / 12.92F : std::pow((encoded + 0.055F) / 1.055F, 2.4F);
+}
+
+}  // namespace haarlight

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/image.h"
+#include "core/picture/image_io.h"
+#include "core/picture/picture_formats.h"
+
+/// @file
+/// From the numbers of a picture file to linear light of Rec. 709 primaries, where the file
+/// says that they are not sRGB's.
+
+namespace haarlight {
+
+/// Immutable; safe from any thread.
+class ColourConversion {
+ public:
+  ColourConversion() = default;
+  ColourConversion(const ColourConversion&) = delete;
+  ColourConversion& operator=(const ColourConversion&) = delete;
+  virtual ~ColourConversion() = default;
+
+  /// In place; colours outside of Rec. 709's triangle come out with negative parts.
+  /// @param pixels  one pixel after another, `channels` (1 or 3) numbers each
+  virtual void to_linear(std::span<float> pixels, int channels) const = 0;
+};
+
+struct PictureColours {
+  Transfer transfer = Transfer::srgb;  ///< what holds where there is no conversion
+  std::shared_ptr<const ColourConversion> conversion;
+  std::string name;
+};
+
+/// A profile that comes within half an 8-bit code of sRGB, or of linear light, everywhere is
+/// that: its picture gets the same values as one without a profile.
+/// @throws Error  the profile is damaged, of inks (CMYK), or a grey one in a colour picture
+[[nodiscard]] PictureColours colours_of(const PictureSource& source,
+                                        const PictureContent& content);
+
+/// An ICC profile of linear light with Rec. 709 primaries (grey: 1 channel); no date.
+[[nodiscard]] std::vector<std::byte> linear_profile(int channels);
+
+}  // namespace haarlight

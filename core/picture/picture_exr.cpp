@@ -1,0 +1,324 @@
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cstring>
+#include <exception>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <tuple>
+#include <vector>
+
+#include <ImfChannelList.h>
+#include <ImfChromaticitiesAttribute.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfIO.h>
+#include <ImfInputPart.h>
+#include <ImfMultiPartInputFile.h>
+#include <ImfOutputFile.h>
+#include <ImfPartType.h>
+#include <ImfStandardAttributes.h>
+#include <ImfStringAttribute.h>
+#include <ImfTiledInputPart.h>
+#include <fmt/format.h>
+
+#include "core/picture/picture_formats.h"
+
+namespace haarlight {
+
+namespace {
+
+/// A file in memory, to read.
+class MemoryInput final : public Imf::IStream {
+ public:
+  explicit MemoryInput(std::span<const std::byte> bytes) : IStream("picture"), bytes_(bytes) {}
+
+  bool read(char to[], int n) override {
+    if (n < 0 || at_ > bytes_.size() || static_cast<std::size_t>(n) > bytes_.size() - at_) {
+      throw std::runtime_error("it ends before the picture does");
+    }
+    std::memcpy(to, bytes_.data() + at_, static_cast<std::size_t>(n));
+    at_ += static_cast<std::size_t>(n);
+    return at_ < bytes_.size();
+  }
+  std::uint64_t tellg() override { return at_; }
+  void seekg(std::uint64_t position) override { at_ = position; }
+
+ private:
+  std::span<const std::byte> bytes_;
+  std::uint64_t at_ = 0;
+};
+
+class MemoryOutput final : public Imf::OStream {
+ public:
+  MemoryOutput() : OStream("picture") {}
+
+  void write(const char from[], int n) override {
+    const std::size_t end = at_ + static_cast<std::size_t>(n);
+    bytes.resize(std::max(bytes.size(), end));
+    std::memcpy(bytes.data() + at_, from, static_cast<std::size_t>(n));
+    at_ = end;
+  }
+  std::uint64_t tellp() override { return at_; }
+  void seekp(std::uint64_t position) override { at_ = position; }
+
+  std::vector<std::byte> bytes;
+
+ private:
+  std::uint64_t at_ = 0;
+};
+
+/// A channel's name and where it stands among those of its layer.
+struct ChannelPlace {
+  std::string layer;  ///< "left" of "left.R"
+  std::size_t place = 0;
+  std::string suffix;
+  std::string name;
+  Imf::PixelType type = Imf::HALF;
+};
+
+std::string lower(std::string_view text) {
+  std::string result(text);
+  std::transform(result.begin(), result.end(), result.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return result;
+}
+
+/// Red, green, blue before luminance; coordinates in their order; alpha and depth, which are no
+/// colours, behind kColours.
+constexpr std::size_t kColours = 100;
+std::size_t place_of(std::string_view suffix, bool is_coordinates) {
+  constexpr std::array<std::string_view, 9> kNames{"r",    "red", "g", "green", "b",
+                                                   "blue", "x",   "y", "z"};
+  constexpr std::array<std::string_view, 12> kOthers{
+      "a", "alpha", "ar", "ra", "ag", "ga", "ab", "ba", "z", "depth", "zback", "id"};
+  const std::string name = lower(suffix);
+  const auto* const found = std::find(kNames.begin(), kNames.end(), name);
+  if (found != kNames.end() && (name != "z" || is_coordinates)) {
+    return static_cast<std::size_t>(found - kNames.begin());
+  }
+  const auto* const other = std::find(kOthers.begin(), kOthers.end(), name);
+  return other == kOthers.end() ? kNames.size()
+                                : kColours + static_cast<std::size_t>(other - kOthers.begin());
+}
+
+/// The channels in the order in which they are wanted.
+std::vector<ChannelPlace> places_of(const PictureSource& source,
+                                    const Imf::ChannelList& channels) {
+  std::vector<ChannelPlace> places;
+  for (auto i = channels.begin(); i != channels.end(); ++i) {
+    const std::string_view name = i.name();
+    if (i.channel().xSampling != 1 || i.channel().ySampling != 1) {
+      refuse_picture(source, fmt::format("channel {} is stored at a lower resolution", name),
+                     "save it with all channels whole (RGB)");
+    }
+    const std::size_t dot = name.rfind('.');
+    ChannelPlace place;
+    place.layer = dot == std::string_view::npos ? "" : name.substr(0, dot);
+    place.suffix = dot == std::string_view::npos ? name : name.substr(dot + 1);
+    place.name = name;
+    place.type = i.channel().type;
+    places.push_back(place);
+  }
+  for (ChannelPlace& place : places) {
+    const bool is_coordinates =
+        std::any_of(places.begin(), places.end(), [&](const ChannelPlace& other) {
+          return other.layer == place.layer && lower(other.suffix) == "x";
+        });
+    place.place = place_of(place.suffix, is_coordinates);
+  }
+  std::sort(places.begin(), places.end(), [](const ChannelPlace& a, const ChannelPlace& b) {
+    return std::tie(a.layer, a.place, a.suffix) < std::tie(b.layer, b.place, b.suffix);
+  });
+  return places;
+}
+
+/// Of the first layer three colours, or one.
+std::vector<ChannelPlace> wanted_of(std::vector<ChannelPlace> places) {
+  std::size_t n_colours = 0;
+  while (n_colours < places.size() && places[n_colours].layer == places[0].layer &&
+         places[n_colours].place < kColours) {
+    ++n_colours;
+  }
+  places.resize(n_colours >= 3 ? 3 : 1);
+  return places;
+}
+
+void read_pixels(const PictureSource& source, Imf::MultiPartInputFile& file,
+                 const std::vector<ChannelPlace>& wanted, Image<float>& pixels) {
+  const Imf::Header& header = file.header(0);
+  const Imath::Box2i window = header.dataWindow();
+  const std::size_t n = wanted.size();
+  const std::size_t stride = sizeof(float) * n;
+  Imf::FrameBuffer frame;
+  for (std::size_t c = 0; c < n; ++c) {
+    // An integer has a float's size, and is made one below.
+    frame.insert(wanted[c].name,
+                 Imf::Slice::Make(wanted[c].type == Imf::UINT ? Imf::UINT : Imf::FLOAT,
+                                  pixels.pixels().data() + c, window, stride,
+                                  stride * static_cast<std::size_t>(pixels.width())));
+  }
+  if (header.hasType() && Imf::isTiled(header.type())) {
+    Imf::TiledInputPart part(file, 0);
+    part.setFrameBuffer(frame);
+    part.readTiles(0, part.numXTiles(0) - 1, 0, part.numYTiles(0) - 1, 0, 0);
+  } else if (!header.hasType() || header.type() == Imf::SCANLINEIMAGE) {
+    Imf::InputPart part(file, 0);
+    part.setFrameBuffer(frame);
+    part.readPixels(window.min.y, window.max.y);
+  } else {
+    refuse_picture(source, "its pixels are of type " + header.type(),
+                   "flatten it to one sample a pixel");
+  }
+  for (std::size_t c = 0; c < n; ++c) {
+    for (std::size_t i = c; wanted[c].type == Imf::UINT && i < pixels.pixels().size(); i += n) {
+      std::uint32_t value = 0;
+      std::memcpy(&value, &pixels.pixels()[i], sizeof value);
+      pixels.pixels()[i] = unit_of(value);
+    }
+  }
+}
+
+std::vector<PictureNote> notes_of(const Imf::Header& header) {
+  std::vector<PictureNote> notes;
+  for (auto i = header.begin(); i != header.end(); ++i) {
+    if (i.attribute().typeName() == std::string_view(Imf::StringAttribute::staticTypeName())) {
+      notes.push_back(
+          {i.name(), static_cast<const Imf::StringAttribute&>(i.attribute()).value()});
+    }
+  }
+  return notes;
+}
+
+constexpr const char* kCameraModel = "cameraModel";  // of OpenEXR 3.2's standard attributes
+constexpr const char* kTaken = "capDate";
+
+PictureFacts facts_of(const Imf::Header& header) {
+  PictureFacts facts;
+  const auto text = [&header](const char* name, std::string_view among, std::size_t most) {
+    const auto* found = header.findTypedAttribute<Imf::StringAttribute>(name);
+    std::string value = found == nullptr ? std::string() : found->value().substr(0, most);
+    for (char& c : value) {
+      c = c >= ' ' && c <= '~' ? c : '?';
+    }
+    return among.empty() || value.find_first_not_of(among) == std::string::npos ? value
+                                                                                : std::string();
+  };
+  const auto number = [](bool is_there, auto read) {
+    return camera_number(is_there ? static_cast<double>(read()) : 0.0);
+  };
+  constexpr std::size_t kMostModel = 64;
+  constexpr std::size_t kDate = 19;
+  facts.model = text(kCameraModel, "", kMostModel);
+  facts.taken = text(kTaken, "0123456789: ", kDate);
+  facts.exposure_s =
+      number(Imf::hasExpTime(header), [&header] { return Imf::expTime(header); });
+  facts.f_number =
+      number(Imf::hasAperture(header), [&header] { return Imf::aperture(header); });
+  facts.iso = number(Imf::hasIsoSpeed(header), [&header] { return Imf::isoSpeed(header); });
+  return facts;
+}
+
+void add_facts(const PictureFacts& facts, Imf::Header& header) {
+  if (!facts.model.empty()) {
+    header.insert(kCameraModel, Imf::StringAttribute(facts.model));
+  }
+  if (!facts.taken.empty()) {
+    header.insert(kTaken, Imf::StringAttribute(facts.taken));
+  }
+  if (facts.exposure_s) {
+    Imf::addExpTime(header, static_cast<float>(*facts.exposure_s));
+  }
+  if (facts.f_number) {
+    Imf::addAperture(header, static_cast<float>(*facts.f_number));
+  }
+  if (facts.iso) {
+    Imf::addIsoSpeed(header, static_cast<float>(*facts.iso));
+  }
+}
+
+}  // namespace
+
+PictureContent read_exr(const PictureSource& source, PictureWish wish) {
+  try {
+    MemoryInput stream(source.bytes);
+    constexpr int kOwnThread = 0;  // callers share pictures out among threads
+    Imf::MultiPartInputFile file(stream, kOwnThread, false);
+    const Imf::Header& header = file.header(0);
+    const std::vector<ChannelPlace> places = places_of(source, header.channels());
+    if (places.empty()) {
+      refuse_picture(source, "has no channels", "give a grey or an RGB picture");
+    }
+    const auto is_all = [&](Imf::PixelType type) {
+      return std::all_of(places.begin(), places.end(),
+                         [type](const ChannelPlace& place) { return place.type == type; });
+    };
+    PictureContent content{.bits_per_sample = is_all(Imf::HALF) ? 16 : 32,
+                           .is_floating = !is_all(Imf::UINT)};
+    content.notes = notes_of(header);
+    content.tags.facts = facts_of(header);
+    if (wish == PictureWish::header) {
+      return content;
+    }
+    if (Imf::hasChromaticities(header)) {
+      const Imf::Chromaticities& c = Imf::chromaticities(header);
+      content.tags.colour.primaries = {c.red.x,  c.red.y,  c.green.x, c.green.y,
+                                       c.blue.x, c.blue.y, c.white.x, c.white.y};
+    }
+    const Imath::Box2i window = header.dataWindow();
+    const auto side = [](int low, int high) {
+      return static_cast<std::uint64_t>(std::int64_t{high} - low + 1);
+    };
+    const std::uint64_t width = side(window.min.x, window.max.x);
+    const std::uint64_t height = side(window.min.y, window.max.y);
+    const std::vector<ChannelPlace> wanted = wanted_of(places);
+    require_room(source, width, height, wanted.size(),
+                 std::min(width, std::uint64_t{1} << 20U) *
+                     std::min(height, std::uint64_t{1} << 20U) * places.size() * 2);
+    content.pixels = Image<float>(static_cast<int>(height), static_cast<int>(width),
+                                  static_cast<int>(wanted.size()));
+    read_pixels(source, file, wanted, content.pixels);
+    return content;
+  } catch (const Error&) {
+    throw;
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    refuse_damaged(source, error.what());
+  }
+}
+
+std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNotes& notes) {
+  MemoryOutput stream;
+  try {
+    Imf::Header header(image.width(), image.height());
+    header.compression() = Imf::ZIP_COMPRESSION;
+    Imf::addChromaticities(header, Imf::Chromaticities());  // the default is Rec. 709
+    for (const PictureNote& note : notes.texts) {
+      header.insert(note.name, Imf::StringAttribute(note.text));
+    }
+    add_facts(notes.facts, header);
+    Imf::FrameBuffer frame;
+    for (int c = 0; c < image.channels(); ++c) {
+      const std::string name(1, image.channels() == 3 ? "RGB"[c] : 'Y');
+      header.channels().insert(name, Imf::Channel(Imf::FLOAT));
+      // OpenEXR takes what it only reads by a pointer to what it might change.
+      auto* data = reinterpret_cast<char*>(const_cast<float*>(image.data() + c));
+      frame.insert(name,
+                   Imf::Slice(Imf::FLOAT, data,
+                              sizeof(float) * static_cast<std::size_t>(image.channels()),
+                              sizeof(float) * static_cast<std::size_t>(image.row_stride())));
+    }
+    Imf::OutputFile file(stream, header, 0);
+    file.setFrameBuffer(frame);
+    file.writePixels(image.height());
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    refuse_encoding(error.what());
+  }
+  return std::move(stream.bytes);
+}
+
+}  // namespace haarlight
