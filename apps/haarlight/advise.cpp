@@ -15,7 +15,7 @@
 #include "relight/basis/plate.h"
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 namespace haarlight {
 

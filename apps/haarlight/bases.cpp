@@ -14,7 +14,7 @@
 #include "relight/basis/compress_session.h"
 #include "relight/study/basis_study.h"
 #include "relight/study/study_report.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "session/session.h"
 
 namespace haarlight {

@@ -9,7 +9,7 @@
 
 #include "apps/haarlight/calibrate.h"
 #include "apps/haarlight/develop_options.h"
-#include "session/picture_match.h"
+#include "session/import/picture_match.h"
 
 namespace haarlight {
 

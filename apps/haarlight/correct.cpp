@@ -10,7 +10,7 @@
 #include "core/files.h"
 #include "core/picture/image_io.h"
 #include "relight/shape/corrected_light.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "session/light_file.h"
 
 namespace haarlight {

@@ -1,7 +1,7 @@
 /// @file
 /// `haarlight develop SESSION`: raw frames to the light stack, and one EXR a light for people.
 
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 #include <algorithm>
 #include <string>

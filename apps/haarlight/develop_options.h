@@ -6,7 +6,7 @@
 
 #include "apps/haarlight/verb.h"
 #include "core/picture/image_io.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 /// @file
 /// What the verbs that develop a session share: the unknown curve's stand-in, and how large an

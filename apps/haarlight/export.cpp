@@ -16,7 +16,7 @@
 #include "core/log.h"
 #include "core/picture/image_io.h"
 #include "relight/light/near_light.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 namespace haarlight {
 

@@ -1,7 +1,7 @@
 /// @file
 /// `haarlight import DIR --lights FILE -o SESSION`: others' pictures become a session.
 
-#include "session/import.h"
+#include "session/import/import.h"
 
 #include <array>
 #include <cstdio>

@@ -6,7 +6,7 @@
 
 #include "apps/haarlight/verb.h"
 #include "core/picture/picture_rectangle.h"
-#include "session/picture_match.h"
+#include "session/import/picture_match.h"
 
 /// @file
 /// What the verbs that take a folder of pictures and a list of lights share.

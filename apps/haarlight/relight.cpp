@@ -27,7 +27,7 @@
 #include "relight/basis/prepared_basis.h"
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "session/session.h"
 
 namespace haarlight {

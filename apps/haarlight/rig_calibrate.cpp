@@ -14,7 +14,7 @@
 #include "core/report.h"
 #include "core/rig/measured_rig.h"
 #include "relight/light/rig_light_calibration.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 namespace haarlight {
 

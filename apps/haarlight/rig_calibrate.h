@@ -7,7 +7,7 @@
 #include "apps/haarlight/verb.h"
 #include "core/rig/measured_rig.h"
 #include "relight/light/rig_light_calibration.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 /// @file
 /// `haarlight rig calibrate camera|plane|lights RIG.toml`: the lens and the plane from pictures

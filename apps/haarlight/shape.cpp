@@ -26,8 +26,8 @@
 #include "relight/shape/object_mask.h"
 #include "relight/shape/rti_normals.h"
 #include "relight/shape/surface_mesh.h"
-#include "session/develop.h"
-#include "session/sensor_response.h"
+#include "session/develop/develop.h"
+#include "session/develop/sensor_response.h"
 
 namespace haarlight {
 

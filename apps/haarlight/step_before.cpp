@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
-#include "session/picture_match.h"
+#include "session/import/picture_match.h"
 
 namespace haarlight {
 

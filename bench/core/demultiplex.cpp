@@ -2,7 +2,7 @@
 /// runs them (float pictures in and out), beside a plain copy of memory of the same size. The
 /// results are compared with exact whole numbers before anything is timed.
 
-#include "session/demultiplex.h"
+#include "session/develop/demultiplex.h"
 
 #include <cstdio>
 #include <cstdlib>

@@ -30,7 +30,7 @@
 #include "render/picture.h"
 #include "render/rig_lights.h"
 #include "render/scene.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 #include "bench/relight/twin.h"
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "capture/plan/advice.h"
-#include "session/demultiplex.h"
+#include "session/develop/demultiplex.h"
 #include "session/light_stack.h"
 #include "session/session.h"
 

@@ -13,8 +13,8 @@
 #include "relight/basis/haar.h"
 #include "relight/basis/integer_coding.h"
 #include "relight/basis/plate.h"
-#include "session/develop.h"
-#include "session/sensor_response.h"
+#include "session/develop/develop.h"
+#include "session/develop/sensor_response.h"
 
 namespace haarlight {
 

@@ -6,7 +6,7 @@
 
 #include "relight/basis/compress.h"
 #include "relight/basis/plate_source.h"
-#include "session/demultiplex.h"
+#include "session/develop/demultiplex.h"
 #include "session/session.h"
 
 /// @file
@@ -24,10 +24,11 @@ namespace haarlight {
 /// @throws Error  a plate of another size or other lights
 [[nodiscard]] PlatePixels sharing_plate(const Session& session, const PlateChoice& choice);
 
-/// ||noise|| / ||T|| of a session's stack: of its values' standard errors (session/develop.h),
-/// in up to 16 rows spread over the picture. A value that is clipped in every exposure is the
-/// same each time and has no noise (what it lacks is ClippedValues'). Nothing where nobody
-/// measured the camera's noise (the rig file has none), or where the rows are black.
+/// ||noise|| / ||T|| of a session's stack: of its values' standard errors
+/// (session/develop/develop.h), in up to 16 rows spread over the picture. A value that is
+/// clipped in every exposure is the same each time and has no noise (what it lacks is
+/// ClippedValues'). Nothing where nobody measured the camera's noise (the rig file has none),
+/// or where the rows are black.
 /// @throws Error  as develop() does
 [[nodiscard]] std::optional<double> measure_noise(const Session& session,
                                                   const PlateChoice& choice,

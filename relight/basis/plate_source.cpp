@@ -2,7 +2,7 @@
 
 #include "core/error.h"
 #include "relight/basis/plate.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 namespace haarlight {
 

@@ -11,7 +11,7 @@
 
 #include "core/picture/image_io.h"
 #include "core/picture/picture_rectangle.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "session/session.h"
 
 /// @file

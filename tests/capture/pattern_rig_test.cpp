@@ -9,7 +9,7 @@
 
 #include "capture/daemon/daemon.h"
 #include "capture/plan/plan.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "session/storage.h"
 #include "sim/virtual_rig.h"
 #include "tests/capture/session_truth.h"

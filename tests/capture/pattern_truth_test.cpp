@@ -15,7 +15,7 @@
 #include "core/random.h"
 #include "relight/basis/plate.h"
 #include "render/scene.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "sim/transport.h"
 #include "sim/virtual_camera.h"
 #include "tests/session/small_session.h"

@@ -13,7 +13,7 @@
 #include "core/tolerance.h"
 #include "relight/basis/compress_session.h"
 #include "relight/basis/relight.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "sim/transport.h"
 #include "tests/session/small_session.h"
 

@@ -1,7 +1,7 @@
 /// @file
 /// Dark frames, flat field and drift by themselves, on sessions made by hand.
 
-#include "session/dark_model.h"
+#include "session/develop/dark_model.h"
 
 #include <cmath>
 
@@ -9,9 +9,9 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "session/develop.h"
-#include "session/drift_model.h"
-#include "session/flat_field.h"
+#include "session/develop/develop.h"
+#include "session/develop/drift_model.h"
+#include "session/develop/flat_field.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

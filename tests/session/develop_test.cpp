@@ -1,4 +1,4 @@
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "session/import.h"
+#include "session/import/import.h"
 
 #include <cmath>
 #include <cstring>
@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "session/verify.h"
 #include "tests/core/picture_files.h"
 #include "tests/session/small_session.h"

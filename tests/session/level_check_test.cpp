@@ -13,7 +13,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/random.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "tests/drawn_seed.h"
 #include "tests/session/small_session.h"
 

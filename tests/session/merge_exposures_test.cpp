@@ -3,7 +3,7 @@
 /// rounding, clipping. The Cramer-Rao bound is that of the true distribution (Poisson convolved
 /// with the normal), by summation.
 
-#include "session/merge_exposures.h"
+#include "session/develop/merge_exposures.h"
 
 #include <array>
 #include <cmath>

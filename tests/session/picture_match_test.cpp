@@ -1,4 +1,4 @@
-#include "session/picture_match.h"
+#include "session/import/picture_match.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>

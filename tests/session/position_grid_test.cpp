@@ -1,4 +1,4 @@
-#include "session/position_grid.h"
+#include "session/import/position_grid.h"
 
 #include <algorithm>
 #include <array>

@@ -20,7 +20,7 @@
 #include "core/picture/image_io.h"
 #include "session/clean_rule.h"
 #include "session/frame_check.h"
-#include "session/import.h"
+#include "session/import/import.h"
 #include "session/rig_session.h"
 #include "session/session_writer.h"
 #include "session/verify.h"

@@ -1,4 +1,4 @@
-#include "session/white_reference.h"
+#include "session/import/white_reference.h"
 
 #include <cmath>
 

@@ -21,7 +21,7 @@
 #include "core/files.h"
 #include "relight/basis/compress_session.h"
 #include "session/clean_rule.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "session/frame_check.h"
 #include "session/session_writer.h"
 #include "sim/virtual_camera.h"

@@ -10,7 +10,7 @@
 #include "core/tolerance.h"
 #include "relight/basis/plate.h"
 #include "relight/basis/relight.h"
-#include "session/develop.h"
+#include "session/develop/develop.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

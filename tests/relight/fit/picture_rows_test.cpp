@@ -8,7 +8,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "session/import.h"
+#include "session/import/import.h"
 #include "tests/relight/fit/synthetic_lights.h"
 #include "tests/temporary_folder.h"
 

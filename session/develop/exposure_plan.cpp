@@ -1,4 +1,4 @@
-#include "session/exposure_plan.h"
+#include "session/develop/exposure_plan.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
-#include "session/demultiplex.h"
+#include "session/develop/demultiplex.h"
 
 namespace haarlight {
 

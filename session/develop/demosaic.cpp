@@ -1,4 +1,4 @@
-#include "session/demosaic.h"
+#include "session/develop/demosaic.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "session/demultiplex.h"
+#include "session/develop/demultiplex.h"
 
 #include <algorithm>
 #include <map>

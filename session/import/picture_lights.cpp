@@ -1,4 +1,4 @@
-#include "session/picture_lights.h"
+#include "session/import/picture_lights.h"
 
 #include <algorithm>
 #include <charconv>

@@ -1,4 +1,4 @@
-#include "session/lineariser.h"
+#include "session/develop/lineariser.h"
 
 #include "core/picture/image_io.h"
 

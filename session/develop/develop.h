@@ -9,10 +9,10 @@
 
 #include "core/picture/image_io.h"
 #include "core/progress.h"
-#include "session/demosaic.h"
-#include "session/demultiplex.h"
+#include "session/develop/demosaic.h"
+#include "session/develop/demultiplex.h"
+#include "session/develop/radiometry.h"
 #include "session/light_stack.h"
-#include "session/radiometry.h"
 #include "session/session.h"
 
 /// @file

@@ -5,9 +5,9 @@
 #include <utility>
 #include <vector>
 
-#include "session/drift_model.h"
-#include "session/exposure_plan.h"
-#include "session/flat_field.h"
+#include "session/develop/drift_model.h"
+#include "session/develop/exposure_plan.h"
+#include "session/develop/flat_field.h"
 
 /// @file
 /// From a session's raw frames to linear radiance, pattern by pattern: the steps of develop

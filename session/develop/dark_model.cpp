@@ -1,4 +1,4 @@
-#include "session/dark_model.h"
+#include "session/develop/dark_model.h"
 
 #include <algorithm>
 #include <cmath>

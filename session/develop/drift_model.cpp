@@ -1,4 +1,4 @@
-#include "session/drift_model.h"
+#include "session/develop/drift_model.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/image.h"
-#include "session/lineariser.h"
+#include "session/develop/lineariser.h"
 
 /// @file
 /// What the camera sees without light, at any exposure, time and temperature, from the dark

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "session/sensor_response.h"
+#include "session/develop/sensor_response.h"
 
 /// @file
 /// The first step of develop: stored samples to linear steps above black.

@@ -1,4 +1,4 @@
-#include "session/bad_pixels.h"
+#include "session/develop/bad_pixels.h"
 
 #include <algorithm>
 #include <cmath>

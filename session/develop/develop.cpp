@@ -1,4 +1,4 @@
-#include "session/develop.h"
+#include "session/develop/develop.h"
 
 #include <algorithm>
 #include <array>
@@ -14,10 +14,10 @@
 #include "core/files.h"
 #include "core/log.h"
 #include "core/parallel.h"
-#include "session/demultiplex.h"
-#include "session/exposure_plan.h"
+#include "session/develop/demultiplex.h"
+#include "session/develop/exposure_plan.h"
+#include "session/develop/radiometry.h"
 #include "session/json_value.h"
-#include "session/radiometry.h"
 
 namespace haarlight {
 

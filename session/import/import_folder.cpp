@@ -1,4 +1,4 @@
-#include "session/import_folder.h"
+#include "session/import/import_folder.h"
 
 #include <cerrno>
 #include <cstdio>

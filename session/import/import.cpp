@@ -1,4 +1,4 @@
-#include "session/import.h"
+#include "session/import/import.h"
 
 #include <algorithm>
 #include <array>
@@ -18,9 +18,9 @@
 #include "core/sha256.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"
-#include "session/import_folder.h"
-#include "session/picture_lights.h"
-#include "session/position_grid.h"
+#include "session/import/import_folder.h"
+#include "session/import/picture_lights.h"
+#include "session/import/position_grid.h"
 #include "session/seal.h"
 
 namespace haarlight {

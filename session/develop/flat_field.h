@@ -3,8 +3,8 @@
 #include <string_view>
 #include <vector>
 
-#include "session/bad_pixels.h"
-#include "session/dark_model.h"
+#include "session/develop/bad_pixels.h"
+#include "session/develop/dark_model.h"
 
 /// @file
 /// The pixels' relative sensitivity, from frames of an evenly lit target.

@@ -1,4 +1,4 @@
-#include "session/sensor_response.h"
+#include "session/develop/sensor_response.h"
 
 #include <algorithm>
 #include <cmath>

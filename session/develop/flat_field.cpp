@@ -1,4 +1,4 @@
-#include "session/flat_field.h"
+#include "session/develop/flat_field.h"
 
 #include <algorithm>
 #include <array>
@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
-#include "session/demosaic.h"
+#include "session/develop/demosaic.h"
 
 namespace haarlight {
 

@@ -1,4 +1,4 @@
-#include "session/radiometry.h"
+#include "session/develop/radiometry.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "session/merge_exposures.h"
+#include "session/develop/merge_exposures.h"
 
 namespace haarlight {
 

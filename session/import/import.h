@@ -9,9 +9,9 @@
 #include "core/picture/image_io.h"
 #include "core/picture/picture_rectangle.h"
 #include "core/progress.h"
-#include "session/picture_match.h"
+#include "session/import/picture_match.h"
+#include "session/import/white_reference.h"
 #include "session/session.h"
-#include "session/white_reference.h"
 
 /// @file
 /// Others' captures (a folder of pictures and a list of lights) become a session like any
@@ -33,9 +33,9 @@ struct ImportOptions {
   std::optional<Transfer> transfer{};
   MatchOptions match{};  ///< which picture is whose
   /// Rows and columns of each face's lights, which are listed row by row, face after face;
-  /// nothing: looked for in the lights' positions (session/position_grid.h).
+  /// nothing: looked for in the lights' positions (session/import/position_grid.h).
   std::optional<std::array<int, 2>> grid{};
-  /// The frames' gains come from this patch (session/white_reference.h).
+  /// The frames' gains come from this patch (session/import/white_reference.h).
   std::optional<WhitePatch> white{};
   /// Only these pixels of the upright pictures enter; nothing: all.
   std::optional<PixelRectangle> crop{};
@@ -55,7 +55,8 @@ struct ImportResult {
 /// transfer named; those with a colour profile that is neither sRGB nor linear become linear
 /// floats (unless `transfer` is given) and the notes name it; EXIF rotation is ignored and
 /// noted, but rectangles are of the upright picture.
-/// @param light_file  empty: each picture says where its light is (session/picture_lights.h)
+/// @param light_file  empty: each picture says where its light is
+/// (session/import/picture_lights.h)
 /// @throws Error  naming picture and pixel: a picture missing, of another size or kind, with a
 ///                number that is none, with another one's pixels; a wrong count; a rectangle
 ///                outside of the pictures, or in pictures that are turned differently; no light

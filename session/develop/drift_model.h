@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "session/dark_model.h"
+#include "session/develop/dark_model.h"
 
 /// @file
 /// How the rig's brightness drifts during a session, from the sentinel light's frames:

@@ -1,4 +1,4 @@
-#include "session/merge_exposures.h"
+#include "session/develop/merge_exposures.h"
 
 #include <algorithm>
 #include <cmath>
