@@ -11,7 +11,7 @@
 
 #include "apps/haarlight/calibrate.h"
 #include "core/log.h"
-#include "relight/light/mirror_ball.h"
+#include "relight/calibration/mirror_ball.h"
 
 namespace haarlight {
 

@@ -13,10 +13,10 @@
 
 #include "apps/haarlight/calibrate.h"
 #include "apps/haarlight/rig_calibrate.h"
-#include "relight/light/calibrate_with_shape.h"
-#include "relight/light/free_lights.h"
-#include "relight/light/rig_light_calibration.h"
-#include "relight/light/sheet_layout.h"
+#include "relight/calibration/calibrate_with_shape.h"
+#include "relight/calibration/free_lights.h"
+#include "relight/calibration/rig_light_calibration.h"
+#include "relight/calibration/sheet_layout.h"
 #include "relight/shape/integrate_normals.h"
 
 namespace haarlight {

@@ -16,7 +16,7 @@
 #include "core/text_limits.h"
 #include "firmware_iface/controller_profile.h"
 #include "relight/basis/basis_check.h"
-#include "relight/light/cubemap.h"
+#include "render/light/cubemap.h"
 #include "render/rig_lights.h"
 #include "render/scene.h"
 #include "sim/fault_script.h"

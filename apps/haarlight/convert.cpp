@@ -14,8 +14,8 @@
 #include "core/files.h"
 #include "core/log.h"
 #include "core/picture/image_io.h"
-#include "relight/formats/refit.h"
-#include "relight/formats/reflectance_file.h"
+#include "relight/reflectance/formats/refit.h"
+#include "relight/reflectance/formats/reflectance_file.h"
 #include "session/light_file.h"
 
 namespace haarlight {

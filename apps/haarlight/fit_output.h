@@ -5,8 +5,8 @@
 #include <optional>
 #include <string>
 
-#include "relight/formats/reflectance_file.h"
-#include "relight/formats/web_target.h"
+#include "relight/reflectance/formats/reflectance_file.h"
+#include "relight/reflectance/formats/web_target.h"
 
 /// @file
 /// What `haarlight fit` writes: a file of a size or of a fidelity, and what it is worth when it

@@ -4,7 +4,7 @@
 
 #include "apps/page_folder.h"
 #include "apps/viewer/publish_object.h"
-#include "relight/formats/web_folder.h"
+#include "relight/reflectance/formats/web_folder.h"
 
 namespace haarlight {
 

@@ -5,7 +5,7 @@
 
 #include "apps/command_line.h"
 #include "core/report.h"
-#include "relight/light/cubemap.h"
+#include "render/light/cubemap.h"
 
 /// @file
 /// The options of every verb that lights a scene: an environment, or lights named one by one.

@@ -6,8 +6,8 @@
 
 #include "capture/plan/plan.h"
 #include "core/log.h"
-#include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
+#include "render/light/cubemap.h"
 
 /// @file
 /// The environment of a lighting plan, for load_plan().

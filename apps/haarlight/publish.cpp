@@ -16,8 +16,8 @@
 #include "apps/viewer/publish_folder.h"
 #include "apps/viewer/publish_object.h"
 #include "core/log.h"
-#include "relight/formats/reflectance_file.h"
-#include "relight/formats/web_folder.h"
+#include "relight/reflectance/formats/reflectance_file.h"
+#include "relight/reflectance/formats/web_folder.h"
 
 namespace haarlight {
 

@@ -13,7 +13,7 @@
 #include "core/markup.h"
 #include "core/report.h"
 #include "core/rig/measured_rig.h"
-#include "relight/light/rig_light_calibration.h"
+#include "relight/calibration/rig_light_calibration.h"
 #include "session/develop/develop.h"
 
 namespace haarlight {

@@ -6,7 +6,7 @@
 
 #include "apps/haarlight/verb.h"
 #include "core/rig/measured_rig.h"
-#include "relight/light/rig_light_calibration.h"
+#include "relight/calibration/rig_light_calibration.h"
 #include "session/develop/develop.h"
 
 /// @file

@@ -21,7 +21,7 @@
 #include "apps/viewer/viewer_site.h"
 #include "core/files.h"
 #include "http/server.h"
-#include "relight/formats/reflectance_file.h"
+#include "relight/reflectance/formats/reflectance_file.h"
 
 namespace haarlight {
 

@@ -13,8 +13,8 @@
 
 #include "core/rig/rig.h"
 #include "relight/basis/basis_file.h"
-#include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
+#include "render/light/cubemap.h"
 
 /// @file
 /// Environments that people bring to the viewer, and what each light must give for them. Reads

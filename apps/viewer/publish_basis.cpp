@@ -14,9 +14,9 @@
 #include "core/error.h"
 #include "core/rig/rig.h"
 #include "core/text_limits.h"
-#include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
 #include "relight/view/gpu_pages.h"
+#include "render/light/cubemap.h"
 
 namespace haarlight {
 

@@ -16,9 +16,9 @@
 #include "core/parallel.h"
 #include "core/picture/png_tile.h"
 #include "core/text_limits.h"
-#include "relight/formats/jpeg.h"
-#include "relight/formats/refit.h"
-#include "relight/formats/web_folder.h"
+#include "relight/reflectance/formats/jpeg.h"
+#include "relight/reflectance/formats/refit.h"
+#include "relight/reflectance/formats/web_folder.h"
 
 namespace haarlight {
 

@@ -7,7 +7,7 @@
 
 #include "apps/viewer/publish_folder.h"
 #include "core/progress.h"
-#include "relight/formats/reflectance.h"
+#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// A picture that is lit by direction as tiles that are loaded as they are seen: a deep zoom

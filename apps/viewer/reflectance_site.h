@@ -5,7 +5,7 @@
 
 #include "apps/viewer/viewer_site.h"
 #include "http/site.h"
-#include "relight/formats/reflectance.h"
+#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// What `haarlight view` answers for a picture that is lit by direction (.ptm, .rti, a web

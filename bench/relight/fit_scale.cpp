@@ -21,9 +21,9 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/report.h"
-#include "relight/fit/light_recipe.h"
-#include "relight/fit/near_fit.h"
-#include "relight/fit/recipe_choice.h"
+#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/near_fit.h"
+#include "relight/reflectance/fit/recipe_choice.h"
 
 namespace haarlight {
 namespace {

@@ -3,7 +3,7 @@
 /// lights; the stages and modes side by side; convergence from random starts; the real places
 /// of eight LEDs; mirror spheres. Prints the tables of docs/numerics/near-light.md.
 
-#include "relight/light/near_calibration.h"
+#include "relight/calibration/near_calibration.h"
 
 #include <algorithm>
 #include <array>
@@ -17,7 +17,7 @@
 
 #include "core/error.h"
 #include "core/random.h"
-#include "relight/light/mirror_sphere.h"
+#include "relight/calibration/mirror_sphere.h"
 #include "tests/relight/light/mat_file.h"
 
 namespace haarlight {

@@ -12,7 +12,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
-#include "relight/light/near_calibration.h"
+#include "relight/calibration/near_calibration.h"
 #include "tests/relight/light/made_sheet.h"
 
 namespace haarlight {

@@ -12,10 +12,10 @@
 
 #include <fmt/format.h>
 
-#include "relight/fit/fit_check.h"
-#include "relight/fit/light_recipe.h"
-#include "relight/fit/picture_rows.h"
-#include "relight/fit/recipe_choice.h"
+#include "relight/reflectance/fit/fit_check.h"
+#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/picture_rows.h"
+#include "relight/reflectance/fit/recipe_choice.h"
 #include "session/light_file.h"
 
 namespace haarlight {

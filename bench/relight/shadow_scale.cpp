@@ -19,11 +19,11 @@
 #include "core/random.h"
 #include "core/report.h"
 #include "core/rig/rig.h"
-#include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
 #include "relight/shadow/predict.h"
 #include "relight/shadow/shadow_points.h"
 #include "relight/shadow/shadow_truth.h"
+#include "render/light/cubemap.h"
 #include "render/rig_lights.h"
 #include "render/scene.h"
 

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 
 #include "core/rig/rig.h"
-#include "relight/light/cubemap.h"
+#include "render/light/cubemap.h"
 
 /// @file
 /// How bright each light must burn to stand in for its piece of an environment.

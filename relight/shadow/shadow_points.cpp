@@ -10,8 +10,8 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/shadow/light_tree.h"
 #include "relight/shadow/receiver_light.h"
+#include "render/light/light_tree.h"
 
 namespace haarlight {
 namespace {

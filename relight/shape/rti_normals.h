@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 
 #include "core/image.h"
-#include "relight/formats/reflectance.h"
+#include "relight/reflectance/formats/reflectance.h"
 #include "relight/shape/photometric_stereo.h"
 
 /// @file

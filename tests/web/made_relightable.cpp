@@ -13,9 +13,9 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/picture/image_io.h"
-#include "relight/formats/quantise.h"
-#include "relight/formats/refit.h"
-#include "relight/formats/reflectance_file.h"
+#include "relight/reflectance/formats/quantise.h"
+#include "relight/reflectance/formats/refit.h"
+#include "relight/reflectance/formats/reflectance_file.h"
 #include "tests/relight/formats/reflectance_truth.h"
 
 namespace haarlight {

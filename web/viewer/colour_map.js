@@ -1,4 +1,4 @@
-// How a pixel's bytes become a colour under a light: relight/formats/reflectance.cpp, operation by
+// How a pixel's bytes become a colour under a light: relight/reflectance/formats/reflectance.cpp, operation by
 // operation, for folders that no server stands behind.
 
 const kLeast = 0.001;  // of the sum of radial functions: what counts

@@ -11,8 +11,8 @@
 #include "core/picture/image_io.h"
 #include "core/picture/png_tile.h"
 #include "relight/basis/haar.h"
-#include "relight/formats/quantise.h"
-#include "relight/formats/web_folder.h"
+#include "relight/reflectance/formats/quantise.h"
+#include "relight/reflectance/formats/web_folder.h"
 #include "tests/apps/viewer/small_basis.h"
 #include "tests/relight/formats/reflectance_truth.h"
 

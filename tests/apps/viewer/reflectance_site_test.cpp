@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "http/server.h"
-#include "relight/formats/quantise.h"
+#include "relight/reflectance/formats/quantise.h"
 #include "tests/http/raw_client.h"
 #include "tests/relight/formats/reflectance_truth.h"
 

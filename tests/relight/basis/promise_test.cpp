@@ -15,8 +15,8 @@
 #include "relight/basis/compress.h"
 #include "relight/basis/dense_half.h"
 #include "relight/basis/prepared_basis.h"
-#include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
+#include "render/light/cubemap.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 

@@ -16,8 +16,8 @@
 #include "core/rig/rig.h"
 #include "relight/basis/compress.h"
 #include "relight/basis/relight.h"
-#include "relight/light/cubemap.h"
 #include "relight/light/light_weights.h"
+#include "render/light/cubemap.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 

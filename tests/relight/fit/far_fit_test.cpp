@@ -1,4 +1,4 @@
-#include "relight/fit/far_fit.h"
+#include "relight/reflectance/fit/far_fit.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,10 +7,10 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
-#include "relight/fit/fit_check.h"
-#include "relight/fit/fit_kernel.h"
-#include "relight/fit/light_haar.h"
-#include "relight/fit/recipe_choice.h"
+#include "relight/reflectance/fit/fit_check.h"
+#include "relight/reflectance/fit/fit_kernel.h"
+#include "relight/reflectance/fit/light_haar.h"
+#include "relight/reflectance/fit/recipe_choice.h"
 #include "tests/relight/fit/synthetic_lights.h"
 #include "tests/temporary_folder.h"
 

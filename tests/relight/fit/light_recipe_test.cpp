@@ -1,4 +1,4 @@
-#include "relight/fit/light_recipe.h"
+#include "relight/reflectance/fit/light_recipe.h"
 
 #include <cmath>
 
@@ -6,7 +6,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/error.h"
-#include "relight/fit/recipe_choice.h"
+#include "relight/reflectance/fit/recipe_choice.h"
 #include "tests/relight/fit/synthetic_lights.h"
 
 namespace haarlight {

@@ -1,4 +1,4 @@
-#include "relight/fit/near_fit.h"
+#include "relight/reflectance/fit/near_fit.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,9 +7,9 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
-#include "relight/fit/fit_check.h"
-#include "relight/fit/light_recipe.h"
-#include "relight/fit/recipe_choice.h"
+#include "relight/reflectance/fit/fit_check.h"
+#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/recipe_choice.h"
 #include "tests/relight/fit/synthetic_lights.h"
 
 namespace haarlight {

@@ -1,4 +1,4 @@
-#include "relight/fit/near_kernel.h"
+#include "relight/reflectance/fit/near_kernel.h"
 
 #include <array>
 #include <cmath>
@@ -11,9 +11,9 @@
 #include <gtest/gtest.h>
 
 #include "core/picture/image_io.h"
-#include "relight/fit/fit_kernel.h"
-#include "relight/fit/light_recipe.h"
-#include "relight/fit/wide_vectors.h"
+#include "relight/reflectance/fit/fit_kernel.h"
+#include "relight/reflectance/fit/light_recipe.h"
+#include "relight/reflectance/fit/wide_vectors.h"
 #include "tests/relight/fit/synthetic_lights.h"
 
 namespace haarlight {

@@ -1,4 +1,4 @@
-#include "relight/fit/picture_files.h"
+#include "relight/reflectance/fit/picture_files.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "relight/fit/picture_rows.h"
+#include "relight/reflectance/fit/picture_rows.h"
 
 #include <cstdio>
 #include <fstream>

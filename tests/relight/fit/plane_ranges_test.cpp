@@ -1,4 +1,4 @@
-#include "relight/fit/plane_ranges.h"
+#include "relight/reflectance/fit/plane_ranges.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,8 +8,8 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "relight/fit/plane_store.h"
-#include "relight/fit/transfer_table.h"
+#include "relight/reflectance/fit/plane_store.h"
+#include "relight/reflectance/fit/transfer_table.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

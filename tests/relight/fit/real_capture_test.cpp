@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
-#include "relight/fit/fit_check.h"
-#include "relight/fit/recipe_choice.h"
+#include "relight/reflectance/fit/fit_check.h"
+#include "relight/reflectance/fit/recipe_choice.h"
 #include "session/light_file.h"
 
 namespace haarlight {

@@ -14,9 +14,9 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "relight/formats/ptm_file.h"
-#include "relight/formats/quantise.h"
-#include "relight/formats/rti_file.h"
+#include "relight/reflectance/formats/ptm_file.h"
+#include "relight/reflectance/formats/quantise.h"
+#include "relight/reflectance/formats/rti_file.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

@@ -1,4 +1,4 @@
-#include "relight/formats/quantise.h"
+#include "relight/reflectance/formats/quantise.h"
 
 #include <cmath>
 #include <numeric>

@@ -1,10 +1,10 @@
-#include "relight/formats/refit.h"
+#include "relight/reflectance/formats/refit.h"
 
 #include <gtest/gtest.h>
 
 #include "core/error.h"
 #include "core/picture/image_io.h"
-#include "relight/formats/reflectance_file.h"
+#include "relight/reflectance/formats/reflectance_file.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

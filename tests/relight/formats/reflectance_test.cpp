@@ -1,4 +1,4 @@
-#include "relight/formats/reflectance.h"
+#include "relight/reflectance/formats/reflectance.h"
 
 #include <cmath>
 #include <numbers>

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 
 #include "core/image.h"
-#include "relight/formats/reflectance.h"
+#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// What the tests of relight/formats share: small models, directions, PSNR.

@@ -1,4 +1,4 @@
-#include "relight/formats/web_folder.h"
+#include "relight/reflectance/formats/web_folder.h"
 
 #include <cmath>
 #include <map>
@@ -10,8 +10,8 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "relight/formats/jpeg.h"
-#include "relight/formats/quantise.h"
+#include "relight/reflectance/formats/jpeg.h"
+#include "relight/reflectance/formats/quantise.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

@@ -1,4 +1,4 @@
-#include "relight/light/calibrate_with_shape.h"
+#include "relight/calibration/calibrate_with_shape.h"
 
 #include <algorithm>
 #include <cmath>

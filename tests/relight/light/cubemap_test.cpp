@@ -1,4 +1,4 @@
-#include "relight/light/cubemap.h"
+#include "render/light/cubemap.h"
 
 #include <algorithm>
 #include <cmath>

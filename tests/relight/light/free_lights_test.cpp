@@ -1,4 +1,4 @@
-#include "relight/light/free_lights.h"
+#include "relight/calibration/free_lights.h"
 
 #include <cmath>
 #include <numbers>
@@ -8,8 +8,8 @@
 
 #include "core/error.h"
 #include "core/random.h"
-#include "relight/light/light_terms.h"
-#include "relight/light/sheet_layout.h"
+#include "relight/calibration/light_terms.h"
+#include "relight/calibration/sheet_layout.h"
 
 namespace haarlight {
 namespace {

@@ -10,8 +10,8 @@
 #include <Eigen/Geometry>
 
 #include "core/random.h"
-#include "relight/light/rigid_likelihood.h"
-#include "relight/light/target_samples.h"
+#include "relight/calibration/rigid_likelihood.h"
+#include "relight/calibration/target_samples.h"
 
 /// @file
 /// Pictures of a sheet that is not the ideal one, from a forward model of its own: LEDs summed

@@ -1,4 +1,4 @@
-#include "relight/light/mirror_ball.h"
+#include "relight/calibration/mirror_ball.h"
 
 #include <cmath>
 #include <filesystem>

@@ -1,4 +1,4 @@
-#include "relight/light/mirror_sphere.h"
+#include "relight/calibration/mirror_sphere.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "relight/light/near_calibration.h"
+#include "relight/calibration/near_calibration.h"
 
 #include <cmath>
 #include <filesystem>
@@ -10,8 +10,8 @@
 
 #include "core/error.h"
 #include "core/random.h"
-#include "relight/light/light_likelihood.h"
-#include "relight/light/variance_objective.h"
+#include "relight/calibration/light_likelihood.h"
+#include "relight/calibration/variance_objective.h"
 #include "tests/relight/light/mat_file.h"
 
 namespace haarlight {

@@ -6,8 +6,8 @@
 #include <gtest/gtest.h>
 
 #include "core/random.h"
-#include "relight/light/near_calibration.h"
-#include "relight/light/shared_terms.h"
+#include "relight/calibration/near_calibration.h"
+#include "relight/calibration/shared_terms.h"
 #include "tests/relight/light/made_sheet.h"
 
 /// @file

@@ -13,8 +13,8 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/shadow/light_tree.h"
 #include "relight/shadow/receiver_light.h"
+#include "render/light/light_tree.h"
 #include "tests/relight/shadow/shadow_scene.h"
 
 namespace haarlight {

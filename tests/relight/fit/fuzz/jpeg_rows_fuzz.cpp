@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/error.h"
-#include "relight/fit/picture_rows.h"
+#include "relight/reflectance/fit/picture_rows.h"
 #include "tests/memory_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

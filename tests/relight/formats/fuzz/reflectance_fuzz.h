@@ -4,7 +4,7 @@
 #include <cstdlib>
 
 #include "core/error.h"
-#include "relight/formats/reflectance.h"
+#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// What the fuzz targets of the readers share.

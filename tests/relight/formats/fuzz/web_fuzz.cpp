@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "relight/formats/web_folder.h"
+#include "relight/reflectance/formats/web_folder.h"
 #include "tests/relight/formats/fuzz/reflectance_fuzz.h"
 #include "tests/repeating_mutator.h"
 

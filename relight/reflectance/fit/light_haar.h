@@ -1,0 +1,22 @@
+#pragma once
+
+#include "relight/basis/haar.h"
+#include "relight/reflectance/fit/light_sample.h"
+
+/// @file
+/// What the light-domain Haar basis, which basis files use, would need for the same capture:
+/// for comparison with fits. It gives back photographed lights only, none between them. Pure.
+
+namespace haarlight {
+
+struct HaarSize {
+  double psnr_db = 0.0;        ///< mean over the lights, at the lights themselves
+  double bytes_a_pixel = 0.0;  ///< place and value of each number kept: 3 bytes
+};
+
+/// The `n_kept` largest of a pixel's coefficients over all three channels, values as they are.
+/// @param grid  of each face; the sample's lights are whole grids
+[[nodiscard]] HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid,
+                                          int n_kept);
+
+}  // namespace haarlight

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/progress.h"
+#include "relight/light/near_light.h"
+#include "relight/reflectance/fit/picture_rows.h"
+#include "relight/reflectance/fit/plane_writer.h"
+#include "relight/reflectance/formats/reflectance.h"
+
+/// @file
+/// Fits under lights that are near: values are brought to one distance first, then each pixel
+/// is fitted in the directions from which it was lit itself. Source: Huang et al., "Near Light
+/// Correction for Image Relighting and 3D Shape Recovery", section V.A, eq. 10. Method, cost
+/// and error: docs/numerics/reflectance-fits.md, "Near lights".
+
+namespace haarlight {
+
+/// Where lights and pixels are.
+struct NearGeometry {
+  std::vector<NearLight> lights;  ///< (n_lights)
+  PixelPoints points;
+  /// Values become those of lights at this distance; 0: the lights' mean distance from the
+  /// picture's middle.
+  double reference_mm = 0.0;
+};
+
+enum class NearSolve {
+  exact,  ///< every pixel its own least-squares problem
+  /// The solution's matrix on a grid of pixels, cubics between.
+  interpolated,
+};
+
+struct NearFitOptions {
+  ReflectanceBasis basis = ReflectanceBasis::hsh;  ///< ptm or hsh, in rgb
+  int n_terms = 9;
+  double ridge = 1e-4;  ///< as LightRecipe::ridge
+  NearSolve solve = NearSolve::exact;
+  int grid = 64;  ///< interpolated: pixels between its knots, at most
+  /// What the corrected values are coded with before they are fitted: viewers expect srgb. The
+  /// rows are linear in either case.
+  Transfer transfer = Transfer::srgb;
+  PlaneOptions planes{};
+  ProgressStyle progress = ProgressStyle::none;
+};
+
+/// @param rows  linear
+/// @throws Error  a light in or behind a pixel's place; lights that tell too few terms apart
+///                (naming the cure); what the rows throw
+[[nodiscard]] FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
+                                 const NearFitOptions& options);
+
+/// The planes of one pixel, in double: the reference.
+/// @param values  (3 * n_lights) linear, light by light R, G, B
+/// @param x, y    the pixel's centre: column + 0.5, row + 0.5
+[[nodiscard]] Eigen::VectorXd near_planes_of(const NearGeometry& geometry,
+                                             const NearFitOptions& options,
+                                             const Eigen::VectorXd& values, double x, double y);
+
+}  // namespace haarlight

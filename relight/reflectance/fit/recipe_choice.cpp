@@ -1,0 +1,364 @@
+#include "relight/reflectance/fit/recipe_choice.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "relight/reflectance/fit/light_axes.h"
+
+namespace haarlight {
+
+namespace {
+
+using Directions = std::vector<Eigen::Vector3d>;
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+/// Beyond so many lights recipes whose cost grows with the cube of the lights are few.
+constexpr std::size_t kManyLights = 256;
+constexpr double kNothing = -std::numeric_limits<double>::infinity();
+
+struct FormName {
+  FitForm form;
+  std::string_view name;
+};
+constexpr std::array<FormName, 7> kForms = {{{FitForm::ptm, "ptm"},
+                                             {FitForm::lptm, "lptm"},
+                                             {FitForm::hsh4, "hsh4"},
+                                             {FitForm::hsh9, "hsh9"},
+                                             {FitForm::hsh16, "hsh16"},
+                                             {FitForm::rbf, "rbf"},
+                                             {FitForm::bilinear, "bilinear"}}};
+
+int n_terms_of(FitForm form) {
+  switch (form) {
+    case FitForm::ptm:
+    case FitForm::lptm:
+      return 6;
+    case FitForm::hsh4:
+      return 4;
+    case FitForm::hsh9:
+      return 9;
+    case FitForm::hsh16:
+      return 16;
+    case FitForm::rbf:
+    case FitForm::bilinear:
+      break;
+  }
+  return 0;
+}
+
+bool is_pca(FitForm form) { return form == FitForm::rbf || form == FitForm::bilinear; }
+
+int n_planes_of_form(FitForm form, std::size_t n_lights, const FormOptions& options) {
+  if (form == FitForm::lptm) {
+    return 9;
+  }
+  if (!is_pca(form)) {
+    return 3 * n_terms_of(form);
+  }
+  // Pictures of a web folder hold three planes each.
+  const int all = static_cast<int>(n_lights) * 3;
+  return std::max(3, std::min(options.max_planes, all) / 3 * 3);
+}
+
+void add_terms(FitForm form, const FormOptions& options, std::vector<LightRecipe>& recipes) {
+  LightRecipe recipe;
+  recipe.kind = RecipeKind::terms;
+  recipe.basis = form == FitForm::ptm || form == FitForm::lptm ? ReflectanceBasis::ptm
+                                                               : ReflectanceBasis::hsh;
+  recipe.n_terms = n_terms_of(form);
+  for (const double ridge : {0.0, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1}) {
+    recipe.ridge = options.ridge.value_or(ridge);
+    recipes.push_back(recipe);
+  }
+}
+
+void add_kriging(const FormOptions& options, std::vector<LightRecipe>& recipes) {
+  LightRecipe recipe;
+  recipe.kind = RecipeKind::kriging;
+  const auto add_noises = [&] {
+    for (const LightSpace space : {LightSpace::sphere, LightSpace::disc}) {
+      recipe.space = space;
+      for (const double noise : {1e-4, 1e-3, 1e-2, 3e-2, 0.1, 0.3}) {
+        recipe.ridge = options.ridge.value_or(noise);
+        recipes.push_back(recipe);
+      }
+    }
+  };
+  for (const KrigingKernel kernel :
+       {KrigingKernel::thin_plate, KrigingKernel::linear, KrigingKernel::cubic}) {
+    recipe.kernel = kernel;
+    add_noises();
+  }
+  recipe.kernel = KrigingKernel::matern;
+  for (const double width : {0.35, 0.5, 0.7, 1.0, 1.5}) {
+    recipe.width = width;
+    add_noises();
+  }
+}
+
+void add_radial(const FormOptions& options, std::vector<LightRecipe>& recipes) {
+  LightRecipe recipe;
+  recipe.kind = RecipeKind::radial;
+  for (const double width : {0.2, 0.3, 0.4, 0.55, 0.75, 1.0}) {
+    for (const double noise : {1e-3, 1e-2, 0.1}) {
+      recipe.width = width;
+      recipe.ridge = options.ridge.value_or(noise);
+      recipes.push_back(recipe);
+    }
+  }
+}
+
+/// The mean over the lights of 10 log10(1 / mean square).
+double mean_psnr(const VectorXd& squares, double dropped) {
+  double sum = 0.0;
+  for (const double square : squares) {
+    if (!std::isfinite(square)) {
+      return kNothing;
+    }
+    // 1e-10: 100 dB, so that exact data do not divide by zero.
+    sum -= 10.0 * std::log10(std::max(square + dropped, 1e-10));
+  }
+  return sum / static_cast<double>(squares.size());
+}
+
+VectorXd left_out_squares(const MatrixXd& residual, const MatrixXd& products) {
+  return (residual * products).cwiseProduct(residual).rowwise().sum();
+}
+
+/// Colours and luminance factors of a sample's pixels, as fit_far() finds them.
+struct Luminance {
+  Eigen::MatrixXf colours;  ///< (3, n_pixels)
+  Eigen::MatrixXf factors;  ///< (n_lights, n_pixels)
+};
+
+Luminance luminance_of(const LightSample& sample) {
+  const Index n = sample.n_lights();
+  const Index n_pixels = sample.values.cols();
+  Luminance found{Eigen::MatrixXf::Zero(3, n_pixels), Eigen::MatrixXf::Zero(n, n_pixels)};
+  for (Index j = 0; j < n_pixels; ++j) {
+    const Eigen::Map<const Eigen::MatrixXf> pixel(sample.values.col(j).data(), 3, n);
+    Eigen::VectorXf colour = pixel.rowwise().sum();
+    const float most = std::max({colour[0], colour[1], colour[2]});
+    if (most > 0.0F) {
+      colour /= most;
+      found.colours.col(j) = colour;
+      found.factors.col(j) = pixel.transpose() * colour / colour.squaredNorm();
+    }
+  }
+  return found;
+}
+
+/// lrgb is no sum over lights: its residuals are taken pixel by pixel (the colour is that of
+/// all lights, the one left out among them: its share is 1 / n_lights).
+double left_out_psnr_lrgb(const LightRecipe& recipe, const Directions& lights,
+                          const LightSample& sample, const Luminance& luminance) {
+  const Eigen::MatrixXf residual = leave_one_out(recipe, lights).cast<float>();
+  if (!residual.allFinite()) {
+    return kNothing;
+  }
+  const Eigen::MatrixXf predicted = luminance.factors - residual * luminance.factors;
+  VectorXd squares(sample.n_lights());
+  for (Index k = 0; k < squares.size(); ++k) {
+    double sum = 0.0;
+    for (Index c = 0; c < 3; ++c) {
+      sum += static_cast<double>((sample.values.row(3 * k + c).array() -
+                                  luminance.colours.row(c).array() * predicted.row(k).array())
+                                     .square()
+                                     .sum());
+    }
+    squares[k] = sum / (3.0 * static_cast<double>(sample.values.cols()));
+  }
+  return mean_psnr(squares, 0.0);
+}
+
+Directions octahedral_directions(int resolution) {
+  Directions directions;
+  directions.reserve(static_cast<std::size_t>(resolution) *
+                     static_cast<std::size_t>(resolution));
+  for (int row = 0; row < resolution; ++row) {
+    for (int column = 0; column < resolution; ++column) {
+      directions.push_back(octahedral_direction(row, column, resolution));
+    }
+  }
+  return directions;
+}
+
+/// How the knots' values make a light's: (n_lights, n_knots).
+MatrixXd knots_to_lights(const ReflectanceModel& model, const Directions& lights) {
+  const int n_knots = model.basis == ReflectanceBasis::rbf
+                          ? static_cast<int>(model.lights.size())
+                          : model.resolution * model.resolution;
+  MatrixXd rows = MatrixXd::Zero(static_cast<Index>(lights.size()), n_knots);
+  for (std::size_t i = 0; i < lights.size(); ++i) {
+    for (const KnotWeight& weight : knot_weights(model, lights[i])) {
+      rows(static_cast<Index>(i), weight.knot) += weight.weight;
+    }
+  }
+  return rows;
+}
+
+/// A pca fit and what is lost on the way from recipe to planes, but for their 8 bits.
+struct AxesFit {
+  FarFit fit;
+  double dropped = 0.0;
+};
+
+AxesFit make_axes_fit(FitForm form, const LightRecipe& recipe, const Directions& lights,
+                      const LightSample& sample, const FormOptions& options) {
+  AxesFit made;
+  ReflectanceModel& model = made.fit.model;
+  model.colour = ReflectanceColour::pca;
+  MatrixXd knots;
+  if (form == FitForm::rbf) {
+    model.basis = ReflectanceBasis::rbf;
+    model.lights = lights;
+    model.rbf_sigma = recipe.width;
+    knots = radial_centres(recipe, lights);
+  } else {
+    model.basis = ReflectanceBasis::bilinear;
+    model.resolution = options.resolution;
+    model.lights = lights;
+    knots = recipe_weights(recipe, lights, octahedral_directions(options.resolution));
+  }
+  // Errors count where lights are; a tenth is spread evenly, so that no knot is forgotten.
+  const MatrixXd spread = knots_to_lights(model, lights);
+  const VectorXd weights = 0.9 * spread.colwise().mean().transpose().array() +
+                           0.1 / static_cast<double>(knots.rows());
+  model.n_terms = n_planes_of_form(form, lights.size(), options);
+  LightAxes axes = find_light_axes(knots, weights, sample, model.n_terms);
+  model.axes = std::move(axes.axes);
+  made.fit.matrix = std::move(axes.matrix);
+  made.fit.added = std::move(axes.added);
+  const MatrixXd missed = spread * knots - recipe_weights(recipe, lights, lights);
+  made.dropped = axes.dropped + left_out_squares(missed, sample.products()).mean();
+  return made;
+}
+
+}  // namespace
+
+std::string_view to_string(FitForm form) noexcept {
+  for (const FormName& known : kForms) {
+    if (known.form == form) {
+      return known.name;
+    }
+  }
+  return "?";
+}
+
+std::optional<FitForm> fit_form_of(std::string_view name) noexcept {
+  for (const FormName& known : kForms) {
+    if (known.name == name) {
+      return known.form;
+    }
+  }
+  return {};
+}
+
+const std::vector<FitForm>& all_fit_forms() {
+  static const std::vector<FitForm> kAll = [] {
+    std::vector<FitForm> all;
+    all.reserve(kForms.size());
+    for (const FormName& known : kForms) {
+      all.push_back(known.form);
+    }
+    return all;
+  }();
+  return kAll;
+}
+
+// The inverse of knot_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2,
+// y = (a + b) / 2, z = 1 - |x| - |y|, scaled to length 1.
+Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
+  HAARLIGHT_EXPECTS(resolution >= 2, "a grid of 2 x 2 knots or more");
+  const double a = 2.0 * column / (resolution - 1) - 1.0;
+  const double b = 2.0 * row / (resolution - 1) - 1.0;
+  const double x = 0.5 * (a - b);
+  const double y = 0.5 * (a + b);
+  return Eigen::Vector3d(x, y, std::max(0.0, 1.0 - std::abs(x) - std::abs(y))).normalized();
+}
+
+std::vector<LightRecipe> recipes_of(FitForm form, const FormOptions& options) {
+  std::vector<LightRecipe> recipes;
+  if (form == FitForm::rbf) {
+    add_radial(options, recipes);
+  } else if (form == FitForm::bilinear) {
+    add_kriging(options, recipes);
+  } else {
+    add_terms(form, options, recipes);
+  }
+  return recipes;
+}
+
+double left_out_psnr(const LightRecipe& recipe, const Directions& lights,
+                     const MatrixXd& products, double dropped) {
+  const MatrixXd residual = leave_one_out(recipe, lights);
+  return residual.allFinite() ? mean_psnr(left_out_squares(residual, products), dropped)
+                              : kNothing;
+}
+
+std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Directions& lights,
+                                   const LightSample& sample, const FormOptions& options) {
+  HAARLIGHT_EXPECTS(!lights.empty() && sample.n_lights() == static_cast<Index>(lights.size()),
+                    "one direction a light");
+  const MatrixXd products = sample.products();
+  std::vector<FormScore> scores;
+  for (const FitForm form : forms) {
+    FormScore score{form, {}, n_planes_of_form(form, lights.size(), options), kNothing};
+    std::vector<LightRecipe> recipes = recipes_of(form, options);
+    score.recipe = recipes.back();  // the smoothest, where lights left out tell nothing
+    if (lights.size() > kManyLights && is_pca(form)) {
+      // One of each kind: a middle noise. The more lights, the less the recipe matters.
+      recipes.erase(std::remove_if(recipes.begin(), recipes.end(),
+                                   [](const LightRecipe& recipe) {
+                                     return recipe.ridge != 1e-2 ||
+                                            recipe.space == LightSpace::disc ||
+                                            recipe.kernel != KrigingKernel::thin_plate;
+                                   }),
+                    recipes.end());
+      score.recipe = recipes.empty() ? score.recipe : recipes.back();
+    }
+    const Luminance luminance = form == FitForm::lptm ? luminance_of(sample) : Luminance{};
+    for (const LightRecipe& recipe : recipes) {
+      const double psnr = form == FitForm::lptm
+                              ? left_out_psnr_lrgb(recipe, lights, sample, luminance)
+                              : left_out_psnr(recipe, lights, products);
+      if (psnr > score.psnr_db) {
+        score.psnr_db = psnr;
+        score.recipe = recipe;
+      }
+    }
+    if (is_pca(form) && std::isfinite(score.psnr_db)) {
+      const double dropped = make_axes_fit(form, score.recipe, lights, sample, options).dropped;
+      score.psnr_db = left_out_psnr(score.recipe, lights, products, dropped);
+    }
+    scores.push_back(score);
+  }
+  std::stable_sort(scores.begin(), scores.end(), [](const FormScore& a, const FormScore& b) {
+    return a.psnr_db > b.psnr_db;
+  });
+  return scores;
+}
+
+FarFit make_far_fit(FitForm form, const LightRecipe& recipe, const Directions& lights,
+                    const LightSample& sample, const FormOptions& options) {
+  if (is_pca(form)) {
+    return make_axes_fit(form, recipe, lights, sample, options).fit;
+  }
+  FarFit fit;
+  fit.model.basis = recipe.basis;
+  fit.model.colour = form == FitForm::lptm ? ReflectanceColour::lrgb : ReflectanceColour::rgb;
+  fit.model.n_terms = recipe.n_terms;
+  fit.matrix = term_matrix(recipe, lights);
+  fit.added = VectorXd::Zero(recipe.n_terms);
+  fit.model.lights = lights;
+  return fit;
+}
+
+}  // namespace haarlight
