@@ -12,7 +12,7 @@
 #include "core/files.h"
 #include "core/rig/rig.h"
 #include "relight/basis/compress_session.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
 #include "session/develop/develop.h"

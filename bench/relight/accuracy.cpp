@@ -24,7 +24,7 @@
 #include "core/report.h"
 #include "core/tolerance.h"
 #include "relight/basis/compress_session.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/basis/relight.h"
 #include "relight/basis/weight_list.h"
 #include "render/picture.h"

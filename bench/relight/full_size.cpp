@@ -24,7 +24,7 @@
 #include "core/report.h"
 #include "relight/basis/compress.h"
 #include "relight/basis/compress_session.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 
 namespace haarlight {
 namespace {

@@ -11,11 +11,11 @@
 
 #include "core/error.h"
 #include "relight/basis/basis_header.h"
+#include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/haar_blocks.h"
-#include "relight/basis/integer_coding.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {
 

@@ -12,7 +12,7 @@
 
 #include "core/files.h"
 #include "core/picture/picture_facts.h"
-#include "relight/basis/block_codec.h"
+#include "relight/basis/coder/block_codec.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/stack_source.h"
 

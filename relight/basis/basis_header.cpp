@@ -11,7 +11,7 @@
 #include "core/error.h"
 #include "core/text_limits.h"
 #include "relight/basis/haar.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 #include "session/json_value.h"
 #include "session/photographed.h"
 

@@ -16,12 +16,12 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "relight/basis/coder/tile_coder.h"
 #include "relight/basis/compress_recipe.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/picture_bound.h"
-#include "relight/basis/tile_coder.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 #include "relight/basis/work_folder.h"
 
 namespace haarlight {

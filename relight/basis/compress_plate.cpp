@@ -10,12 +10,12 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
+#include "relight/basis/coder/quantiser.h"
 #include "relight/basis/compress_recipe.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/picture_bound.h"
-#include "relight/basis/quantiser.h"
-#include "relight/basis/smooth_plate.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/smooth_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "relight/basis/compress.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 
 /// @file
 /// A computed plate to its file without working through every pixel under every light. Sums

@@ -9,10 +9,10 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/compress_plate.h"
 #include "relight/basis/haar.h"
-#include "relight/basis/integer_coding.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "session/develop/develop.h"
 #include "session/develop/sensor_response.h"
 

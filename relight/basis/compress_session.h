@@ -5,7 +5,7 @@
 #include <string>
 
 #include "relight/basis/compress.h"
-#include "relight/basis/plate_source.h"
+#include "relight/basis/plate/plate_source.h"
 #include "session/develop/demultiplex.h"
 #include "session/session.h"
 

@@ -11,7 +11,7 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/float_sums.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {
 

@@ -10,11 +10,11 @@
 #include <vector>
 
 #include "relight/basis/basis_file.h"
+#include "relight/basis/coder/sparse_tile.h"
 #include "relight/basis/dense_half.h"
 #include "relight/basis/large_buffer.h"
 #include "relight/basis/relight.h"
 #include "relight/basis/relight_kernels.h"
-#include "relight/basis/sparse_tile.h"
 
 /// @file
 /// A basis file unpacked into memory, for relighting it again and again: animations, a server.

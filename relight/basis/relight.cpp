@@ -8,7 +8,7 @@
 #include "core/parallel.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/light_query.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {
 

@@ -9,7 +9,7 @@
 #include <sys/file.h>
 
 #include "core/error.h"
-#include "relight/basis/block_codec.h"
+#include "relight/basis/coder/block_codec.h"
 
 namespace haarlight {
 

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "relight/basis/quantiser.h"
+#include "relight/basis/coder/quantiser.h"
 
 /// @file
 /// One coder for every basis of the comparison, so that sizes compare: the dead-zone quantiser

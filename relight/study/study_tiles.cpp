@@ -6,7 +6,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/study/coefficient_coder.h"
 
 namespace haarlight {

@@ -13,7 +13,7 @@
 #include "capture/plan/advice.h"
 #include "capture/plan/advice_pilot.h"
 #include "core/random.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "render/scene.h"
 #include "session/develop/develop.h"
 #include "sim/transport.h"

@@ -8,7 +8,7 @@
 
 #include "core/tolerance.h"
 #include "relight/basis/compress.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/basis/relight.h"
 #include "relight/light/light_weights.h"
 #include "render/picture.h"

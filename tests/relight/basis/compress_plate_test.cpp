@@ -15,9 +15,9 @@
 #include "core/random.h"
 #include "core/rig/rig.h"
 #include "relight/basis/compress_session.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
+#include "relight/basis/plate/smooth_plate.h"
 #include "relight/basis/relight.h"
-#include "relight/basis/smooth_plate.h"
 #include "tests/relight/basis/cropped_rig.h"
 #include "tests/temporary_folder.h"
 

@@ -8,7 +8,7 @@
 #include "core/error.h"
 #include "core/rig/rig.h"
 #include "core/tolerance.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/basis/relight.h"
 #include "session/develop/develop.h"
 #include "tests/session/small_session.h"

@@ -1,4 +1,4 @@
-#include "relight/basis/integer_coding.h"
+#include "relight/basis/coder/integer_coding.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +11,7 @@
 #include "core/error.h"
 #include "core/random.h"
 #include "core/tolerance.h"
-#include "relight/basis/block_codec.h"
+#include "relight/basis/coder/block_codec.h"
 #include "relight/basis/compress.h"
 #include "relight/basis/prepared_basis.h"
 #include "relight/basis/relight.h"

@@ -11,8 +11,8 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "relight/basis/coder/quantiser.h"
 #include "relight/basis/haar.h"
-#include "relight/basis/quantiser.h"
 #include "relight/study/array_binning.h"
 #include "tests/relight/basis/made_stack.h"
 

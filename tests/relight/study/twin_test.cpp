@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/study/basis_study.h"
 #include "render/scene.h"
 #include "sim/transport.h"

@@ -14,7 +14,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/error.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/relight/view/retiled.h"
 #include "tests/temporary_folder.h"

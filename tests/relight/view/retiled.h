@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "relight/basis/basis_file.h"
-#include "relight/basis/block_codec.h"
+#include "relight/basis/coder/block_codec.h"
 #include "tests/relight/basis/made_stack.h"
 
 /// @file

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/basis/stack_source.h"
 
 /// @file

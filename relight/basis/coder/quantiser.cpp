@@ -1,4 +1,4 @@
-#include "relight/basis/quantiser.h"
+#include "relight/basis/coder/quantiser.h"
 
 #include <algorithm>
 #include <bit>

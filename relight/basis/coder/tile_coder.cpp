@@ -1,4 +1,4 @@
-#include "relight/basis/tile_coder.h"
+#include "relight/basis/coder/tile_coder.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,9 +9,9 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/error_gram.h"
-#include "relight/basis/integer_coding.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {
 

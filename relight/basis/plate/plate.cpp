@@ -1,4 +1,4 @@
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 
 #include <algorithm>
 #include <array>

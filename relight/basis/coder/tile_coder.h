@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "relight/basis/basis_file.h"
-#include "relight/basis/plate.h"
-#include "relight/basis/quantiser.h"
+#include "relight/basis/coder/quantiser.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/basis/stack_source.h"
 
 /// @file

@@ -1,4 +1,4 @@
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 #include <algorithm>
 #include <array>

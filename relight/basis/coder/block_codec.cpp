@@ -1,4 +1,4 @@
-#include "relight/basis/block_codec.h"
+#include "relight/basis/coder/block_codec.h"
 
 #include <algorithm>
 #include <bit>

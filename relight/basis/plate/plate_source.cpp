@@ -1,7 +1,7 @@
-#include "relight/basis/plate_source.h"
+#include "relight/basis/plate/plate_source.h"
 
 #include "core/error.h"
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "session/develop/develop.h"
 
 namespace haarlight {

@@ -1,4 +1,4 @@
-#include "relight/basis/smooth_plate.h"
+#include "relight/basis/plate/smooth_plate.h"
 
 #include <algorithm>
 #include <array>
@@ -11,7 +11,7 @@
 #include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {
 

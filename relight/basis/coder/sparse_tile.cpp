@@ -1,4 +1,4 @@
-#include "relight/basis/sparse_tile.h"
+#include "relight/basis/coder/sparse_tile.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,10 +1,10 @@
-#include "relight/basis/integer_coding.h"
+#include "relight/basis/coder/integer_coding.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "relight/basis/haar.h"
-#include "relight/basis/tile_plate.h"
+#include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "relight/basis/plate.h"
+#include "relight/basis/plate/plate.h"
 #include "relight/basis/stack_source.h"
 
 /// @file
