@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/camera/v4l2_camera.h"
-#include "tests/capture/v4l2_rig.h"
+#include "tests/capture/v4l2/v4l2_rig.h"
 
 /// @file
 /// The fault table's row of the camera: every call that a capture makes, failed at every one of

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/doctor/rig_doctor.h"
-#include "tests/capture/v4l2_rig.h"
+#include "tests/capture/v4l2/v4l2_rig.h"
 
 namespace haarlight {
 namespace {

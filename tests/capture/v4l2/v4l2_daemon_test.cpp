@@ -9,7 +9,7 @@
 #include "core/error.h"
 #include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"
-#include "tests/capture/v4l2_rig.h"
+#include "tests/capture/v4l2/v4l2_rig.h"
 
 /// @file
 /// The production daemon with the production V4L2 camera over the shim. The sensor truly looks

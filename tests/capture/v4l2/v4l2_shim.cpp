@@ -1,4 +1,4 @@
-#include "tests/capture/v4l2_shim.h"
+#include "tests/capture/v4l2/v4l2_shim.h"
 
 #include <algorithm>
 #include <array>
@@ -15,7 +15,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "tests/capture/v4l2_shim_world.h"
+#include "tests/capture/v4l2/v4l2_shim_world.h"
 
 namespace haarlight::shim {
 

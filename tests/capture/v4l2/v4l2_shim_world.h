@@ -12,7 +12,7 @@
 #include <dlfcn.h>
 #include <linux/videodev2.h>
 
-#include "tests/capture/v4l2_shim.h"
+#include "tests/capture/v4l2/v4l2_shim.h"
 
 /// @file
 /// What the two halves of the shim share: v4l2_shim.cpp stands in the C library's place and

@@ -9,7 +9,7 @@
 #include <linux/videodev2.h>
 
 #include "capture/camera/v4l2_camera.h"
-#include "tests/capture/v4l2_shim.h"
+#include "tests/capture/v4l2/v4l2_shim.h"
 #include "tests/temporary_folder.h"
 
 /// @file

@@ -8,7 +8,7 @@
 
 #include "capture/camera/grey_jpeg.h"
 #include "capture/camera/pixel_unpack.h"
-#include "tests/capture/v4l2_rig.h"
+#include "tests/capture/v4l2/v4l2_rig.h"
 
 namespace haarlight {
 namespace {

@@ -9,7 +9,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "tests/capture/v4l2_shim_world.h"
+#include "tests/capture/v4l2/v4l2_shim_world.h"
 
 namespace haarlight::shim {
 

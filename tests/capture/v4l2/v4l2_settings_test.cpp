@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/camera/v4l2_camera.h"
-#include "tests/capture/v4l2_rig.h"
+#include "tests/capture/v4l2/v4l2_rig.h"
 
 /// @file
 /// What a rig file can ask of a V4L2 camera beside its usual controls: 64 bits, a region of the
