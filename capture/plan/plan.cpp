@@ -12,7 +12,6 @@
 
 #include "capture/plan/plan_rounds.h"
 #include "capture/plan/timing.h"
-#include "capture/sequencer/frame_rhythm.h"
 #include "core/config_table.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -597,7 +596,7 @@ DryRun dry_run(const Plan& plan, const Rig& rig) {
   }
   if (!plan.shots.empty() &&
       (rig.sync == SyncMode::free_run || rig.sync == SyncMode::camera_leads)) {
-    out.dark_seconds = static_cast<double>(FrameRhythm::kFirst) *
+    out.dark_seconds = static_cast<double>(kFramesToLearn) *
                        std::max(frame_s, plan.shots.front().exposure_us * 1e-6);
     out.seconds += out.dark_seconds;
   }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 
@@ -14,6 +15,10 @@ namespace haarlight {
 
 /// Added to the measured settle times: jitter of stamps and of the latch's own clock.
 inline constexpr std::int64_t kGuardNs = 100'000;
+
+/// Frames in the dark, before the first light, from which a camera's rhythm is learnt
+/// (capture/sequencer/frame_rhythm.h).
+inline constexpr std::size_t kFramesToLearn = 8;
 
 /// Bytes a stored frame needs beside its words: TIFF tags, evidence, its share of the journal.
 inline constexpr double kFrameOverheadBytes = 4096.0;

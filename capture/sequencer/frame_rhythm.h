@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "capture/plan/timing.h"
+
 /// @file
 /// Whether a frame's stamp lies on its camera's own period. A stamp that is late but still
 /// before its frame's arrival moves the exposure that is reckoned from it into the time of a
@@ -43,7 +45,7 @@ class FrameRhythm {
   /// Frames until a stream's rhythm is known, and until it is known again where another
   /// exposure has moved the stamps. It never moves their period; where it does not move the
   /// stamps either, one frame is enough.
-  static constexpr std::size_t kFirst = 8;
+  static constexpr std::size_t kFirst = kFramesToLearn;
   static constexpr std::size_t kAgain = 3;
 
   /// The stream's next frame, whose sequence is above that of every one before.
