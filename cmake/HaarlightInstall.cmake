@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # What `cmake --install` puts where: programs, the daemon's page, its unit for systemd, the user it
 # runs as, udev rules, examples and man pages. docs/service.md walks through it.
 
@@ -9,6 +10,7 @@ install(DIRECTORY configs/rigs configs/plans configs/scenes configs/environments
         DESTINATION ${CMAKE_INSTALL_DATADIR}/haarlight)
 file(GLOB profiles CONFIGURE_DEPENDS configs/profiles/*.toml)
 install(FILES ${profiles} DESTINATION ${CMAKE_INSTALL_DATADIR}/haarlight/profiles)
+install(FILES LICENSE NOTICE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 # The unit names the folder of the programs, known only when it is installed.
 install(CODE "
   set(BINDIR \"\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_BINDIR}\")

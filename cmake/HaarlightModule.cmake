@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # haarlight_add_module(NAME SOURCES a.cpp ... [HEADERS a.h ...] [PUBLIC_DEPS ...] [PRIVATE_DEPS ...]
 #                      [CONTROL [LOOPS a.cpp ...]] [OWN_FLAGS])
 #   A library haarlight_NAME with alias haarlight::NAME. Sources are relative to the calling

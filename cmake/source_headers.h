@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // System headers that many sources include (cmake/HaarlightHeaders.cmake).
 #include <algorithm>
 #include <array>

@@ -4,7 +4,7 @@
     python3 verify_session.py SESSION [--signers ALLOWED_SIGNERS]
 
 Prints each broken promise; exit code 0: none. Unsigned this finds accident and careless editing, signed (it calls
-ssh-keygen) everything after signing. XXH3 is left to `haarlight verify`: SHA-256 covers the same bytes."""
+ssh-keygen) everything after signing. XXH3 is left to `haarlight verify`: SHA-256 covers the same bytes.  SPDX-License-Identifier: Apache-2.0"""
 import array, contextlib, hashlib, json, math, os, re, sqlite3, stat, struct, subprocess, sys, tomllib, urllib.parse
 
 OWN = set("start.json session.json session.json.sig plan.json rig.toml frames aside journal.sqlite aborted.txt cache".split())

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/rig/rig.h"
 #include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Holds the real daemon to its promise: all-off is answered within 100 ms (99 of 100), and its page
 gets through, while clients that mean harm, or only a plan too large, keep it busy all at once:
 

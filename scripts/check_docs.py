@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Checks what the compiler cannot: links and citations of the documents, and plain text.
 
 - every relative link of a Markdown file leads to a file;
 - every citation key such as [Steele14] in code or documents has an entry in docs/references.bib;
 - no tracked file names a machine's own folders;
-- CITATION.cff has the project's version.
+- every source says its licence (SPDX), and CITATION.cff the project's version.
 """
 
 import pathlib
@@ -15,6 +16,8 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]+)(?:#[^)]*)?\)")
 CITATION = re.compile(r"\[([A-Z][A-Za-z]+[0-9]{2}[a-z]?)\]")
+LICENCE = "SPDX-License-Identifier: Apache-2.0"
+SOURCE = re.compile(r"\.(h|cpp|inc|js|css|py|cmake)$|CMakeLists\.txt$")
 MACHINE_PATH = re.compile(r"/(?:home|root|work)/[a-z]")
 
 
@@ -27,11 +30,13 @@ def main() -> int:
     problems = []
     for name in filter(None, names):
         path = ROOT / name
-        if path.suffix not in (".md", ".h", ".cpp", ".py", ".toml", ".txt", "") or not path.is_file():
+        if path.suffix not in (".md", ".h", ".cpp", ".inc", ".js", ".css", ".cmake", ".py", ".toml", ".txt", "") or not path.is_file():
             continue
         if "/corpus/" in name or name == "scripts/check_docs.py":
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
+        if SOURCE.search(name) and not name.startswith("tests/data/") and LICENCE not in text[:1000]:
+            problems.append(f"{name}:1: add the line {LICENCE}")
         for number, line in enumerate(text.splitlines(), 1):
             place = f"{name}:{number}"
             if path.suffix == ".md":

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Holds the includes to the plan of the house (docs/architecture.md).
 
 Every room may include its own files and those of the rooms listed for it. Third-party headers that

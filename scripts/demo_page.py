@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Writes out/demo/index.html from the pictures and reports beside it: demo_page.py FOLDER.
 
 Shows only what is there and measured; a picture or report that is missing ends with an error.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Captures the whole virtual rig with the real daemon while frames come late, twice, swapped, stale
 or not at all and the controller restarts in mid-run; then decodes the tag rows of every stored
 frame: each must have seen its own shot's light, and no other.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Runs the real daemon on a small file system of its own (tmpfs, needs root) that is too small, then
 fills up in mid-run, then is full at the daemon's start after a SIGKILL. A plan that does not fit is
 refused before a light is lit; a full disk suspends; the finished session equals an undisturbed one.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Kills the real daemon (SIGKILL) at random moments of captures of a virtual rig, restarts it until
 each session is done, and compares every session with an undisturbed one: same plan hash and, for
 each shot, same lights, tag and pixel hash. Times, sequence numbers and attempts may differ. Equal

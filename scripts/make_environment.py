@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Writes the environment that the demo uses where no real one is at hand: make_environment.py OUT.hdr
 
 A latitude-longitude picture in Radiance's format: a room with a blue ceiling light, a warm square

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Writes drives for 32 x 32 lights, as if painted with three soft brushes: painted_light.py OUT.json
 
 For `haarlight relight --weights`: [r, g, b] a light, rows from the top.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # To be sourced: a step of a long job, quiet unless it fails. Needs $logs, a folder.
 
 step() { # step NAME COMMAND...: with its time; shows the log's end when it fails

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// A plugin for clang-tidy 14, built by scripts/run_tidy: its matchers walk over the
 /// declarations of our own files alone. Without it they walk over all of the standard library

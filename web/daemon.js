@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The daemon's HTTP interface as the page uses it: requests, errors in words, the login, and the
 // link that knows whether what is shown is live.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Questions to the person: the warning before light flashes, the token, "are you sure".
 
 import {logIn, wordsOf} from './daemon.js';

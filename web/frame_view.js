@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A frame to look at, live or stored: whole, or pixel by pixel at a place of one's choice, with its
 // histogram and a figure of sharpness. All of it is reckoned by the daemon.
 

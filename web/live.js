@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The camera's newest frame, and light for aiming and focusing.
 
 import {DaemonError, post, wordsOf} from './daemon.js';

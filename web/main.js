@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The daemon's page: what runs, the map, one shot, live picture, plan, log. docs/page.md tells a
 // person how to use it; every action is a request of docs/http-api.md and a verb of haarlight.
 

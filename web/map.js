@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The map: one canvas a grid, drawn whole (6144 cells take about a millisecond), with a keyboard
 // cursor and, for screen readers, one grid cell that stands for the one under the cursor.
 

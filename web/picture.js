@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A picture with clipping marked. The daemon sends an indexed PNG: greys, and two colours that
 // stand for "saturated" (red) and "at or below black" (blue) exactly.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The plan editor: text, checked and priced by the daemon while it is written.
 
 import {post, wordsOf, DaemonError} from './daemon.js';

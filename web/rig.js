@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // How the devices stand, with a cure where something is amiss, and temperature, power and duty over
 // the last minutes or hours.
 

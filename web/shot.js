@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One shot: its frame, why it can be trusted, and the button that takes it again.
 
 import {get, post, wordsOf} from './daemon.js';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight-sim RIG.toml --scene SCENE.toml`: a virtual rig on real sockets, until SIGTERM.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight advise RIG`: which patterns pay, with the arithmetic.
 

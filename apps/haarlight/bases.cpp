@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight bases SESSION -o FOLDER`: compares bases on one's own capture.
 

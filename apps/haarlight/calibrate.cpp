@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight calibrate INPUT -o OUT`: where the lights are, from pictures of mirror balls or
 /// of a sheet.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight calibrate` from mirror balls: found or masked, one far light's direction from one
 /// ball, near lights' places from several.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The pictures of `haarlight calibrate`: of a session, or of a folder.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight calibrate` from a sheet: free lights, an array whose layout is known, a sheet
 /// that is not flat, a rig's faces.

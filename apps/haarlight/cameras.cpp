@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight cameras`: the V4L2 cameras of this machine and what each offers.
 

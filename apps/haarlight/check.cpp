@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight check FILE...`: reads hand-written and other input files and reports every
 /// problem.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight capture|status|pause|resume|abort|all-off|reshoot`: the daemon's client.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight compress SESSION -o BASIS`: develops a session and compresses it over the lights.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight convert IN OUT`: pictures that can be relit, from one program's format to
 /// another's, or one picture of them under a light; and lists of lights.

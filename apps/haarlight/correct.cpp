@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight correct SESSION -o FOLDER`: each light's fall-off, and the pictures without
 /// it.

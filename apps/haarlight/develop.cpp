@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight develop SESSION`: raw frames to the light stack, and one EXR a light for people.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/develop_options.h"
 
 #include "core/picture/image_io.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight export SESSION --lp|--dome|--transforms -o FILE`: what other programs read.
 

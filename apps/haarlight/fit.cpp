@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight fit CAPTURE --basis auto -o FILE`: a picture that can be lit from any direction.
 

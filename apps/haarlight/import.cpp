@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight import DIR --lights FILE -o SESSION`: others' pictures become a session.
 

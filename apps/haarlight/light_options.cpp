@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/light_options.h"
 
 #include <numbers>

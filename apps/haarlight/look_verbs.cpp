@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight sessions|shot|preview`: what the page shows of a daemon, for the command.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight VERB INPUT...`: reads the command line, runs one verb, turns every failure into a
 /// message and an exit code.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight plan RIG PLAN`: expands a plan for a rig and says what it will cost.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight plate RIG -o P.hlb`: the clean plate of a rig, computed in closed form.
 

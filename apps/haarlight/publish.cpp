@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight publish FILE -o DIR`: a folder that any web server shows.
 

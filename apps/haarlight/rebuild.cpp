@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight rebuild SESSION`: journal and session.json made again from the frames.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight relight BASIS --cubemap ENV -o OUT`: a picture under an environment, or under
 /// lights named one by one; or an animation, the environment turning once.

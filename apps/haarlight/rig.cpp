@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight rig doctor|commission|predict RIG.toml`: is everything there, what does it really
 /// do, and what will it capture?

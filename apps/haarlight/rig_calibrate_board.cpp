@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight rig calibrate camera|plane RIG.toml`: from pictures of a printed chessboard.
 

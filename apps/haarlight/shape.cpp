@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlight shape INPUT -o FOLDER`: normals, albedo, heights and a mesh of a capture.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `haarlightd RIG.toml`: the capture daemon's process. Reads and checks the configuration,
 /// opens devices, tells the service manager, and watches its own threads.

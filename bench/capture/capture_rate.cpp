@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// How many lights a second the daemon captures from a virtual rig, beside the camera's own
 /// rate and the store's own limit. The rig runs in a process of its own, so that the daemon's

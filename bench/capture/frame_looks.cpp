@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What people who look cost, in processor time: nothing while nobody does, a copy of a frame
 /// five times a second while somebody does, and what is reckoned from the copy for each answer.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// How fast packed samples become words, beside a plain copy of the words: first the result is
 /// held against memcpy's where the layouts agree, then each packing is timed.

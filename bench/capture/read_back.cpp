@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What a light's read-back costs: from the controller's acknowledgement to the status that
 /// shows the pattern, against the simulated controller in this process, by TCP on the loopback

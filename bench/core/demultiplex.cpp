@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// Demultiplexing 1024 lights: the fast transform against the dense inverse, both as develop
 /// runs them (float pictures in and out), beside a plain copy of memory of the same size. The
 /// results are compared with exact whole numbers before anything is timed.

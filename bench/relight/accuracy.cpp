@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The speed-for-accuracy table: one capture compressed to several errors, then relit; bytes,
 /// milliseconds (medians of interleaved runs), error against the uncompressed stack. From a

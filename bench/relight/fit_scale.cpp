@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Fits at full size: pictures made row by row in memory, or JPEGs written for the run and
 /// removed after it. Prints processor seconds a megapixel (reading apart where it can be told

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// A capture of full size through compress: 4000 x 3000 pixels under 1024 lights, made row by
 /// row while it is compressed, since 25 GB of pictures are not kept for a benchmark. Prints

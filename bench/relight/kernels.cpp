@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Relighting's kernels beside the memory's own speed and other people's libraries, in one
 /// process, every method in turn, medians. The data is the twin's airplane, repeated over a

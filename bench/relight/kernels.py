@@ -1,4 +1,5 @@
 #!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
 """NumPy's weighted sum and PyWavelets' transform beside haarlight's, as records of
 docs/tradeoff.schema.json.
 

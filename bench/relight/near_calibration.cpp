@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Near-light calibration on simulated targets: error beside the Cramer-Rao bound, by group of
 /// lights; the stages and modes side by side; convergence from random starts; the real places

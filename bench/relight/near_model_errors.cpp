@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Near-light calibration where the sheet, the LEDs or the lens are not ideal: errors beside
 /// the stated uncertainties, for free lights and for a rigid array. Prints a table of

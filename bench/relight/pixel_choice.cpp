@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Does a choice of recipe a pixel pay? Every recipe's error at lights left out, summed over a
 /// window around each pixel, chooses there; held against one recipe for all pixels and against

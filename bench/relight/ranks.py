@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """How `mpirun -n N haarlight compress` scales on this machine: the same capture by one and two
 processes (strong), and its left half by one beside the whole by two (weak). Captures the twin's
 airplane twice on the virtual rig, with one thread a process, medians of interleaved runs.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Cast shadows at scale: seconds and error of exact sums and of blocks of lights, for numbers
 /// of lights and of receivers, under hard and soft light, on clean and on noisy shadow

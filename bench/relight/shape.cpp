@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// CPU seconds and errors of photometric stereo a megapixel, by method, lights and model, and
 /// of integration by method; every result beside its truth. The tables of

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// How far the results of `haarlight shape` are from a known truth, and whether the stated
 /// errors hold; the tables of docs/numerics/shape.md.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The twin's stack as an exact basis file, rig inside: what commands that read captures are
 /// measured on. relight_twin_file --scene SCENE.toml -o FILE.hlb

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What SHA-256 over every byte costs a session of 5 MP: a frame's commit, finish, a capture
 /// that goes on, verify; CPU time, on a disk in memory where there is one.

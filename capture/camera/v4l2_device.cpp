@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "capture/camera/v4l2_device.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "capture/commission/light_survey.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "capture/daemon/run_observer.h"
 
 #include <algorithm>

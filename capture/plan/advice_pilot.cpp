@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "capture/plan/advice_pilot.h"
 
 #include <algorithm>

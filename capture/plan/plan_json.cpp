@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// plan.json: the immutable shot list as canonical text, and back.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What a rig allows a plan to do: power, supply strings, PWM periods, heat.
 

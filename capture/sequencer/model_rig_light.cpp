@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The model rig's light controller: jobs on a bus that takes time and may fail, and a pattern
 /// table that the camera's strobe steps.

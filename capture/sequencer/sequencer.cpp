@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The sequencer: phases, requests of people, and the one step.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The sequencer where the camera leads: its strobe steps a table that was uploaded before, in
 /// blocks no longer than the free buffers. What a frame saw follows from the step counter's

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The sequencer: the camera, there or not, and what a frame is worth by itself.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The words of capture/sequencer/sequencer.h for logs, events and the HTTP interface.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The sequencer, one pattern at a time: free-run, light leads and controller leads.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "capture/sequencer/strobe_proof.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// How the noise of shots spreads over the lights that are computed from them. Every family's
 /// sum_j A_kj^2 v_j has a closed form that costs no more than apply() itself.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/rig/pixel_format.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/basis/large_buffer.h"
 
 #include <new>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Circles in the mean of all pictures: where edges vote for the same centre and radius.
 

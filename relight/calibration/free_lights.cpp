@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/calibration/free_lights.h"
 
 #include <cmath>

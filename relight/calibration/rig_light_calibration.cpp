@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/calibration/rig_light_calibration.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "session/develop/sensor_response.h"
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """`haarlight rig calibrate`: a sheet of paper captured on a virtual rig whose lights are not where the
 rig file has them; a chessboard drawn in closed form for the lens and the plane. calibrate_test.py
 BIN, the build's folder apps/."""

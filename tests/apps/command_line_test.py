@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """What every verb of `haarlight` promises on the command line: help, exit codes, named causes, no
 overwriting, reports, quiet. command_line_test.py BIN, the build's folder apps/. No rig is needed."""
 

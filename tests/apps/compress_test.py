@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """haarlight compress, killed at random moments and shared by the processes of mpirun: the bytes are
 always those of one undisturbed process. compress_test.py BIN, the build's folder apps/.
 HAARLIGHT_SEED repeats a run."""

@@ -1,4 +1,5 @@
 #!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
 """`haarlight calibrate`: chrome ball photographs, mirror balls and sheets under a dome that made_lights.py
 draws, a rig's array without its rig file, bad input. dome_test.py BIN, the build's folder apps/."""
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Runs every example that --help, README.md and docs/ show, as it stands there, on a virtual rig:
 the cube of 1024 lights with small cameras. examples_test.py BIN, the build's folder apps/."""
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A folder of pictures and a list of lights that disagree: `haarlight import` and `haarlight fit`
 refuse or say so, and never give a light another's picture. import_test.py BIN, the build's folder
 apps/."""

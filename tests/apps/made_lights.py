@@ -1,4 +1,5 @@
 #!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of a sheet under a dome and of mirror balls, from forward models of their own (NumPy): they
 share no code with what is fitted. made_lights.py FOLDER draws chrome/, balls/ and
 paper/."""

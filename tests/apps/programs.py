@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests of the programs share: running them, a tiny capture of pictures, a virtual rig on
 free ports, and a validator of reports. Python's own library only."""
 

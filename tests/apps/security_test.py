@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The daemon under attack: what a web page of another site, a careless script or a stranger on the
 network may send, and all-off answered meanwhile. security_test.py BIN, the build's folder apps/."""
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The daemon as a service: what it tells the service manager, that every end of it leaves the rig
 dark, that its metrics are Prometheus text, and that what is installed is whole.
 service_test.py BUILD, the build's folder."""

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// A whole capture (sequencer, model rig on a virtual clock, session writer) stopped at every
 /// operation that reaches the disk, with three kinds of crash; the restarted capture must end
 /// in the undisturbed session, bit by bit: time is virtual, so the same frames come. On a real

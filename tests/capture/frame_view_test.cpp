@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What people see of a frame: crops, histograms, sharpness, the copies made for them, and the
 /// devices' past.

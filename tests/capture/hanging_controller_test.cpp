@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Calls into the controller's driver that never return, while a light is on: the real drivers
 /// against the simulated controller, by Modbus TCP and by USB (libusb under umockdev). A

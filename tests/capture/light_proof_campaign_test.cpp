@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// Proof by light against a controller that acts late and lies about it. Runs of the twin's own
 /// transport on a virtual clock: whatever the read-back says, frames are taken with the light
 /// that really was on. Prints the table of docs/numerics/light-proof.md: frames taken, wrong

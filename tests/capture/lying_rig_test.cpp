@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// A rig whose word is not its deed, on a virtual clock: a controller that acts long after it
 /// acknowledges, stamps that are late or early, beside every other fault of the model. No frame
 /// may be committed that saw another light, and honest frames must not pay for it. Seeds are

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What the page shows: marks, notes, words, histograms, pictures with clipping marked.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// Each family of patterns through the daemon, the real drivers and the virtual rig on the real
 /// clock; then developed and relit against what the rig truly showed.
 

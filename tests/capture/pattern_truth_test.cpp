@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// The planner's predictions against the twin: every family of patterns is shot by the virtual
 /// camera with its noise, developed, relit, and compared with the noise-free truth. Prints the
 /// table of docs/numerics/patterns.md.

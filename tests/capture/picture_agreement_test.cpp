@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// Two pictures of the same lights must be the same: on pictures that are sums of smooth ones,
 /// with photon noise. The twin's own transport: light_proof_campaign_test.
 

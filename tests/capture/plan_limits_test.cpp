@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// A plan that the host accepts is never refused or cut by the controller: the simulated
 /// controller, which sums milliwatts and heat on its own, is the independent checker.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// The real daemon as a process, against the simulator's servers in this one: stopped (SIGSTOP)
 /// and killed (SIGKILL) while lights are on. What the lights spend afterwards is the lease's,
 /// no more; then the capture goes on and every frame shows its own light.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// A finished session goes through the sequencer again, with its own stamps: an old capture can
 /// be judged by the present rules.
 

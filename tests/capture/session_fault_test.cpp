@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// What befalls a session from outside, with fake devices: disks that fail at its ends, folders
 /// that are moved or deleted, a controller that refuses what it took before.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The service manager's watchdog is fed while every thread makes progress: each thread is
 /// stalled in turn, and the daemon must name it. On the real clock, with fake devices.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// The daemon with its real drivers against the simulator's real servers, in one process:
 /// Modbus over TCP and over a serial line, the camera over its socket, on the real clock.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as Modbus requests: the controller answers, never lights more than it may, never
 /// reads or writes beyond its registers. Input: repeated [length byte][milliseconds byte][PDU].

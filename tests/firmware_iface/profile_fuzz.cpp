@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a controller's profile: a profile whose addresses are addresses, or an Error.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "firmware_iface/register_light_array.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any words as a controller's identity and status: decoded or refused, and what is decoded
 /// keeps its ranges.

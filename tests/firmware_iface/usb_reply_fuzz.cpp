@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a USB frame, an identity and a reply to a request: decoded or refused, and what
 /// is decoded encodes to the same bytes again.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Fuzz target: everything that http/parse.h reads from the network, with its promises checked.
 

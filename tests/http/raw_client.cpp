@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "tests/http/raw_client.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// What a basis file and a relit picture say of values that were clipped, against captures of
 /// the same scene by a bracket in which nothing is.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Fuzz target: a PLY file either reads as a sound scene or throws Error.
 

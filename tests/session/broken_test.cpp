@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Broken frames, journals and session.json: each is refused or set aside with its file, its
 /// place and a cure, and nothing is lost with it.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The first promise: no committed frame is lost or altered, whatever moment the process, the
 /// machine or the disk picks to fail. Each test runs a session once for every operation on the

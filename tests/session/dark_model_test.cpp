@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Dark frames, flat field and drift by themselves, on sessions made by hand.
 

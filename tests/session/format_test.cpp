@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// docs/session-format.md lists exactly the fields that the code writes.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Exposures of one light that belong together are never refused, however dim; exposures that
 /// contradict each other are, wherever the light suffices to tell. Random sessions, seed

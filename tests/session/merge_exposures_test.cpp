@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The estimator against synthetic frames of known radiance: Poisson light, normal read noise,
 /// rounding, clipping. The Cramer-Rao bound is that of the true distribution (Poisson convolved

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What ties a session together: what each frame says was lit, the root over every byte, the
 /// mark of a rebuild. Tampering at large: tamper_test.py.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Sessions for tests in Python, without a camera:
 ///     session_tool make SEED N FOLDER RIG        N sessions of all kinds, FOLDER/0 ...

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Tampers with sessions in many ways; `haarlight verify` (through session_tool) and
 docs/verify_session.py must find all of it where the session was signed before, and what no forger
 who computes everything again has touched where it was not. Undisturbed sessions raise no alarm.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Captures of the virtual camera, developed: what each step costs and what error it leaves,
 /// against the radiance that the camera was given. The figures of docs/numerics/exposure.md:

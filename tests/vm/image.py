@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The virtual machine's image: Debian's own kernel, as an ELF file that QEMU starts without a boot
 loader, and a first file system that holds busybox and drivers. Everything else the machine reads
 from this computer's root.

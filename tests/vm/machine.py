@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A virtual machine with real drivers: boots, runs one job, ends. QEMU without hardware support, so
 that it works wherever QEMU does."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scenarios: what is in the machine, what is run in it, and what must be true of what comes out.
 
 Each prepares a job folder (build/vm/NAME), boots, runs guest/NAME.py and judges the results here."""

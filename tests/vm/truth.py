@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a session says about itself against what its frames show: tag rows decoded, evidence checked.
 Python's own library only."""
 

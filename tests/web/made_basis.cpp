@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Writes a small basis file for the viewer's tests and benchmarks: a sphere over a plane under
 /// an array of lights, from closed forms. made_basis --help

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Writes web folders of every kind and the pictures that they must show, for the browser's
 /// test: made_relightable OUT [IN]. IN: a picture that can be relit; without it, smooth waves.

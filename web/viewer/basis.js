@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The basis file as the server gives it: what it says of itself, its tables, and its pictures as
 // pages, which come bit by bit, the most important ones first. docs/http-api.md has the layouts.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // How a pixel's bytes become a colour under a light: relight/reflectance/formats/reflectance.cpp, operation by
 // operation, for folders that no server stands behind.
 

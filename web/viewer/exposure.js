@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // How bright a linear picture is shown: apps/haarlight/display_exposure.cpp's rule.
 
 const kShare = 0.995;  // of the values are shown as white or less

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What every user of WebGL here needs.
 
 /** What the browser lacks, in words for the person. */

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sums of pictures on the graphics processor.
 //
 // One instanced square a tile and output channel goes through the list of its pages and factors, and

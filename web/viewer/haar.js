@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The 2-D Haar transform of relight/basis/haar.cpp, operation by operation: the same bits.
 
 const isPlain = ({rows, cols}) => rows === cols && Number.isInteger(Math.log2(rows));

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where a light stands over the picture, as a half ball seen from the eye: the middle is straight
 // above, the rim the horizon.
 

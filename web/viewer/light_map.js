@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The lights as a map that is painted on: a face's grid, or an import's lights on the hemisphere.
 // One canvas, a keyboard cursor, and for screen readers one cell that stands for the one under it.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the drives of the lights ask of the basis file: which terms, in which order, with what
 // factors, and a bound on what is left out. The arithmetic is relight/basis/relight.cpp's.
 

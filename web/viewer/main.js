@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Wiring: what the person does → the drives of the lights → the engine; what the engine has drawn →
 // the page's words.
 

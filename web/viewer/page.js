@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What both of the viewer's pages do: problems in words, dark and light, files to save.
 
 import {NoGraphics} from './graphics.js';

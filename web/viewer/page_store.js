@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pages in one texture array, one after another: texel a of all is at column a % 1024, row
 // a / 1024 % 256 of layer a / 2^18, so that any run of pages is uploaded in a few rectangles.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Moving over a large picture: drag, wheel, two fingers, keys; and its scale bar.
 
 const kWheel = 1.0015;    // a zoom's factor for each pixel of the wheel

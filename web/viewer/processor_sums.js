@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sums of pictures on the processor, for browsers without a graphics processor: software GL spends
 // several times as long on them, since it emulates each fetch of a texel.
 

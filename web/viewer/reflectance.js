@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The page of a picture that is lit by direction: the ball → a map of bytes to colours, the server's or,
 // in a published folder, the page's own → the canvas.
 

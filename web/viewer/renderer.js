@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sums of pictures, and how they are shown.
 //
 // A sum is a texture of floats, output channels one below the other: pages where the graphics

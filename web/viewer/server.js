@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Requests to `haarlight view`, or, in a published folder, to its files; and what went wrong in words.
 
 import {isPublished, publishedAbout, publishedBytes} from './published.js';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What went wrong with the source of the numbers, in words for the person.
 
 export class ServerError extends Error {

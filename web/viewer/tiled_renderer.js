@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A published picture that is lit by direction: tiles of deep zoom levels, loaded as they are seen and
 // dropped when they no longer are. Places are pixels of the full picture, from its upper left.
 

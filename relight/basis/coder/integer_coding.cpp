@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/basis/coder/integer_coding.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/basis/coder/tile_coder.h"
 
 #include <algorithm>

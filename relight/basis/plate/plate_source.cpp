@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/basis/plate/plate_source.h"
 
 #include "core/error.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/reflectance/formats/plane_weights.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any packets as a remote camera's answers and frames: a Fault, or a frame of the rig's size
 /// with finite numbers whose every pixel can be read. The input is a list of packets: one byte

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// What a camera or its driver may put into a buffer: any bytes, in any layout. The first byte
 /// chooses the layout, the next three the size and the padding.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// Any bytes as a plan file or a plan.json: a plan that the rig can bear, or an Error.
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "tests/capture/v4l2/v4l2_shim.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Does compile: proves that the files beside it fail for their own fault.
 

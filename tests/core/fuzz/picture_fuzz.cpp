@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a picture of each format that we read: pixels or an Error, and never more
 /// memory than the limit (what the formats' libraries take counts too).

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as TOML, on a stack of 256 KiB: read or refused, however deep. And as JSON.
 

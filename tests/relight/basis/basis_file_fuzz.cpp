@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The basis file's preamble, header, index and blocks from arbitrary bytes. The checksums are
 /// put right first, so that what lies behind them is reached.

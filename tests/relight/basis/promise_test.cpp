@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// The promise of --max-error over random captures, lights and ways of summing: what is said to
 /// be kept is kept, and no picture is further off than its bound.
 

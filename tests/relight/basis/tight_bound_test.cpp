@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// How far the stated bound on the coding error lies above the error: over random lights and
 /// real skies.
 

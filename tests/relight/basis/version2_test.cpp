@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// Files of version 2, written by the last program that did: they stay readable.
 /// Provenance: tests/relight/basis/version2/*.hlb by commit db91f8f: `haarlight plate
 /// configs/rigs/small8.toml --max-error 0.05`, and `haarlight compress --basis direct --plate

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a JSON list of weights: finite weights for 4 lights, or an Error.
 

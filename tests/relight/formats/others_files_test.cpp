@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Files that other people's programs wrote, and the photographs they were made from.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// `.ptm` and `.rti`: what is written is read back, by bytes made by hand, and what is refused.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The design tool's numbers against pictures that the renderer of the virtual rig makes:
 /// spacing, penumbra and ripple measured on them agree within 5 %.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Shadows at many points: exact sums against the plain formula, blocks of lights against exact
 /// sums, and the odd ends.

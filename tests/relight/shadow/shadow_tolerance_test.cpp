@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The tolerance on many random environments and pictures, as a job has it: 4096 receivers are
 /// checked. Prints the worst of what was reached.

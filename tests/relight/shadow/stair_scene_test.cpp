@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// The shadow of a known object on the stair scene, reprojected from its plane pictures,
 /// against the ray-traced truth: on every tread with every window. Prints the table of

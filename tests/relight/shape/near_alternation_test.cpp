@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "relight/shape/near_alternation.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a `.dome` and as our own list of lights: lights or an Error.
 

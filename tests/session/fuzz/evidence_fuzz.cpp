@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a frame's description: an Error, or evidence that can be judged and reads back.
 

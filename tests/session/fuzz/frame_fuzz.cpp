@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a frame's TIFF: an Error, or rows of the size that the header says.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a session's journal: a Fault, or rows whose states are known. An input whose
 /// first byte is even is the file; an odd one patches a good journal (offset, two bytes; value,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a light stack, the header's and the bands' hashes put right: pictures of its
 /// size, or an Error.

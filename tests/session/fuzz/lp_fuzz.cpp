@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a `.lp`: lights or an Error, in all three readings.
 

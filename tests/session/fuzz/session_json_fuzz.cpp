@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as session.json: an Error, or a session that is written and read back the same.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a fault script and as the truth about a rig of 4 lights: read or refused.
 

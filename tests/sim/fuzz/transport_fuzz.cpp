@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Any bytes as a transport file, its hash put right: planes of its size, or an Error.
 

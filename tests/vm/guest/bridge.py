@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A cable between two terminals: bytes from either go to the other. bridge.py A B"""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the scenarios share inside the machine: programs, the daemon's interface, the cables.
 Python's own library only."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A whole capture with the controller on a serial line: the daemon speaks Modbus RTU to a USB-serial
 adapter (ftdi_sio), found by its name under /dev/serial/by-id; a null-modem cable leads to the
 machine's own UART (8250), where the simulated controller listens. In the middle the adapter is

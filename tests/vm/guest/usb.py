@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A whole capture with the controller on USB: xhci, usbfs, libusb and udev are real; the device is the
 simulator's, which reaches QEMU's usb-redir by a port of the machine. In the middle it is pulled out
 and put in again."""

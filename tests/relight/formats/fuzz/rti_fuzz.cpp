@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Fuzz target: a .rti either reads as a model that can be relit or throws Error.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /// @file
 /// Fuzz target: an info.json, a 0 byte, then the picture that stands for every plane_k.jpg,
 /// either reads as a model that can be relit or throws Error.
