@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # What `cmake --install` puts where: programs, the daemon's page, its unit for systemd, the user it
-# runs as, udev rules, examples and man pages. docs/service.md walks through it.
+# runs as, udev rules, examples and man pages. docs/reference/service.md walks through it.
 
 include(GNUInstallDirs)
 install(TARGETS haarlight haarlightd haarlight-sim RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})

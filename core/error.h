@@ -13,7 +13,7 @@
 
 namespace haarlight {
 
-/// Exit codes of every program; the table in docs/exit-codes.md is the same list.
+/// Exit codes of every program; the table in docs/reference/exit-codes.md is the same list.
 enum class ExitCode : int {
   done = 0,
   target_missed = 1,  ///< an error target was not reached, or a check failed

@@ -11,7 +11,8 @@
 #include <vector>
 
 /// @file
-/// What a command did, as `--report FILE.json` stores it. Schema: docs/report.schema.json.
+/// What a command did, as `--report FILE.json` stores it. Schema:
+/// docs/reference/report.schema.json.
 
 namespace haarlight {
 

@@ -95,7 +95,7 @@ Sha256Digest sha256_from_hex(std::string_view digits) {
   }
   if (!is_good) {
     throw Error("not a SHA-256: 64 digits 0 to 9, a to f", std::string(digits.substr(0, 80)),
-                "compare with docs/session-format.md");
+                "compare with docs/reference/session-format.md");
   }
   return digest;
 }

@@ -9,7 +9,7 @@
 #include <vector>
 
 /// @file
-/// Speed-for-accuracy records, docs/tradeoff.schema.json: one method under one set of
+/// Speed-for-accuracy records, docs/reference/tradeoff.schema.json: one method under one set of
 /// conditions, what it cost and how far off it was.
 
 namespace haarlight {

@@ -8,9 +8,9 @@
 #include <vector>
 
 /// @file
-/// Another vendor's Modbus registers, as a profile file states them (docs/controllers.md):
-/// which function and address sets the level of channel k, switches it, makes a pattern show,
-/// turns all off. So a common controller needs no C++.
+/// Another vendor's Modbus registers, as a profile file states them
+/// (docs/reference/controllers.md): which function and address sets the level of channel k,
+/// switches it, makes a pattern show, turns all off. So a common controller needs no C++.
 
 namespace haarlight {
 

@@ -19,7 +19,7 @@ struct ModbusTiming {
   std::chrono::milliseconds turnaround{250};
   std::chrono::milliseconds connect{500};
   /// RTU: after a fault the line must be silent this long. Longer than the latest possible
-  /// answer (docs/register-map.md: firmware answers within 500 ms or never).
+  /// answer (docs/reference/register-map.md: firmware answers within 500 ms or never).
   std::chrono::milliseconds quiet{1000};
 };
 

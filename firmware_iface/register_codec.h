@@ -25,8 +25,8 @@ namespace haarlight {
 
 /// One element's share of the bank sum; 0 for an element that is off.
 /// A bijective 32-bit mixture (xor-shift and two odd multipliers) of element and level, so that
-/// a single wrong element or level always changes the sum. docs/register-map.md states it for
-/// authors of firmware.
+/// a single wrong element or level always changes the sum. docs/reference/register-map.md
+/// states it for authors of firmware.
 [[nodiscard]] constexpr std::uint32_t bank_sum_term(int element, std::uint16_t level) {
   if (level == 0) {
     return 0;

@@ -8,9 +8,9 @@
 
 /// @file
 /// The register map of a light controller, written down once: the drivers, the simulated
-/// controller and docs/register-map.md (a test compares them) all use this file. Addresses are
-/// the wire's, counted from 0. A 32-bit value is two registers, high word first, and is written
-/// in one request or not at all.
+/// controller and docs/reference/register-map.md (a test compares them) all use this file.
+/// Addresses are the wire's, counted from 0. A 32-bit value is two registers, high word first,
+/// and is written in one request or not at all.
 
 namespace haarlight::registers {
 
@@ -136,7 +136,7 @@ enum class Exception : std::uint8_t {
 
 enum class Space : std::uint8_t { coil, discrete_input, input_register, holding_register };
 
-/// One line of the map, as docs/register-map.md prints it.
+/// One line of the map, as docs/reference/register-map.md prints it.
 struct RegisterRow {
   Space space;
   std::uint16_t address;

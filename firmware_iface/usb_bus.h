@@ -8,7 +8,7 @@
 #include "firmware_iface/register_bus.h"
 
 /// @file
-/// The registers over USB: docs/usb-protocol.md is the wire, usb_link.h the device.
+/// The registers over USB: docs/reference/usb-protocol.md is the wire, usb_link.h the device.
 
 namespace haarlight {
 

@@ -11,10 +11,10 @@
 
 /// @file
 /// What passes over USB between host and light controller, written down once for the driver and
-/// the simulated device: docs/usb-protocol.md prints it for authors of firmware. Requests and
-/// replies are Modbus PDUs (the same registers, functions and exceptions) in a frame with a
-/// sequence number, so that a late answer cannot be taken for the next one's. Numbers are
-/// big-endian as in Modbus. Pure; safe from any thread.
+/// the simulated device: docs/reference/usb-protocol.md prints it for authors of firmware.
+/// Requests and replies are Modbus PDUs (the same registers, functions and exceptions) in a
+/// frame with a sequence number, so that a late answer cannot be taken for the next one's.
+/// Numbers are big-endian as in Modbus. Pure; safe from any thread.
 ///
 ///     byte 0-1  'H' 'L'     2  version = 1     3  kind: 0 request, 1 reply
 ///     byte 4-7  sequence    8-9  n, the PDU's length, 1 .. 253

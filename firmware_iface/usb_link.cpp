@@ -32,7 +32,7 @@ constexpr std::size_t kMostLeftBehind = 3;
 constexpr std::uint16_t kEnglish = 0x0409;
 constexpr std::size_t kReceiveBytes = 1024;  // a whole number of packets of any size
 constexpr const char* kNoPermission =
-    "no permission: install configs/udev/99-haarlight.rules, see docs/controllers.md";
+    "no permission: install configs/udev/99-haarlight.rules, see docs/reference/controllers.md";
 
 struct ListFree {
   void operator()(libusb_device** list) const noexcept { libusb_free_device_list(list, 1); }

@@ -479,7 +479,7 @@ std::optional<HttpResponse> HttpServer::Impl::find_route(Exchange& exchange) con
     return std::nullopt;
   }
   return error_response(404, "there is nothing at this path", request.path,
-                        "docs/http-api.md lists the paths");
+                        "docs/reference/http-api.md lists the paths");
 }
 
 bool HttpServer::Impl::has_token(MHD_Connection* connection) const {

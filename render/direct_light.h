@@ -19,7 +19,7 @@
 /// so that a pixel's radiance is kd D + ks S for any albedo. Visibility is sampled at jittered
 /// strata of each light; where it is uniform the integrand is smooth and Gauss points integrate
 /// it (4 x 4 strata would leave 1e-5; the 2 x 2 Gauss points leave less, see
-/// docs/simulator.md).
+/// docs/reference/simulator.md).
 
 namespace haarlight {
 
@@ -28,7 +28,7 @@ struct DirectLightOptions {
   int mixed_grid = 16;   ///< n x n strata where it is mixed, or a neighbour's differs
   /// Neighbouring lights of a grid share the test: rays to the corners of the cells and to the
   /// centres; uniform_grid then tests only lights that touch a mixed one. About 8 times faster;
-  /// its error against the separate test is in docs/simulator.md.
+  /// its error against the separate test is in docs/reference/simulator.md.
   bool share_tests = true;
   std::uint64_t seed = 0;
 };

@@ -51,8 +51,8 @@ struct Scene {
 };
 
 /// Wavefront OBJ with usemtl; materials from the .mtl beside it, or decoded from names of the
-/// form kd_ks_exponent as docs/scene-file.md tells; or PLY (ascii, binary little-endian), one
-/// mesh.
+/// form kd_ks_exponent as docs/reference/scene-file.md tells; or PLY (ascii, binary
+/// little-endian), one mesh.
 /// @throws Error  with file:line (or offset) and the cure: bad index, NaN, no triangles
 [[nodiscard]] Scene read_obj(const std::filesystem::path& path);
 [[nodiscard]] Scene read_ply(const std::filesystem::path& path);

@@ -44,7 +44,7 @@ struct FrameDescription {
 };
 
 /// SHA-256, 64 digits, over the lights' names, places and powers and the frames' form (layout:
-/// docs/session-format.md).
+/// docs/reference/session-format.md).
 [[nodiscard]] std::string setup_hash(const SessionInfo& info);
 /// What a frame of this shot says of itself. @param setup  setup_hash(info)
 [[nodiscard]] FrameDescription describe_frame(const SessionInfo& info, const std::string& setup,

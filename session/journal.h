@@ -13,8 +13,8 @@
 
 /// @file
 /// The journal of a session being captured: an SQLite file (WAL, synchronous FULL, one owner)
-/// that says which frames are committed, and what happened. Tables: docs/session-format.md.
-/// Only the .cpp sees SQLite. One thread.
+/// that says which frames are committed, and what happened. Tables:
+/// docs/reference/session-format.md. Only the .cpp sees SQLite. One thread.
 
 namespace haarlight {
 
@@ -57,7 +57,7 @@ class Journal {
   /// Every row, by shot and attempt.
   [[nodiscard]] Result<std::vector<JournalRow>> rows();
   /// All that the tables say, as text: what the session's root covers of a journal (layout:
-  /// docs/session-format.md). SQLite's own bookkeeping in the file is not in it.
+  /// docs/reference/session-format.md). SQLite's own bookkeeping in the file is not in it.
   [[nodiscard]] Result<std::string> text();
   /// All rows in one transaction, durable when this returns; on a Fault none is there.
   [[nodiscard]] Result<void> insert(std::span<const JournalRow> rows);

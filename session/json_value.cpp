@@ -50,11 +50,12 @@ JsonValue JsonValue::operator[](std::string_view key) const {
   const Json& node = node_of(node_);
   if (!node.is_object()) {
     refuse(fmt::format("expected an object, got {}", node.type_name()),
-           "compare with docs/session-format.md");
+           "compare with docs/reference/session-format.md");
   }
   const auto found = node.find(key);
   if (found == node.end()) {
-    refuse(fmt::format("\"{}\" is missing", key), "compare with docs/session-format.md");
+    refuse(fmt::format("\"{}\" is missing", key),
+           "compare with docs/reference/session-format.md");
   }
   const bool is_root = node_ == &document_->root;
   return {document_, &*found, fmt::format("{}{}{}", place_, is_root ? ": " : ".", key)};
@@ -64,7 +65,7 @@ std::vector<JsonValue> JsonValue::elements() const {
   const Json& node = node_of(node_);
   if (!node.is_array()) {
     refuse(fmt::format("expected a list, got {}", node.type_name()),
-           "compare with docs/session-format.md");
+           "compare with docs/reference/session-format.md");
   }
   std::vector<JsonValue> values;
   values.reserve(node.size());

@@ -10,9 +10,9 @@
 
 /// @file
 /// The root of a session: one SHA-256 over everything in it that must not change. Definition:
-/// docs/session-format.md. Unsigned, it finds accident and careless editing; session.json,
-/// which holds it, can be signed (session/signature.h), and then everything that happens after
-/// signing is found.
+/// docs/reference/session-format.md. Unsigned, it finds accident and careless editing;
+/// session.json, which holds it, can be signed (session/signature.h), and then everything that
+/// happens after signing is found.
 
 namespace haarlight {
 

@@ -17,7 +17,7 @@
 
 /// @file
 /// A capture on disk, as every reader sees it: `session.json` and the frames it lists.
-/// Schema: docs/session-format.md.
+/// Schema: docs/reference/session-format.md.
 
 namespace haarlight {
 

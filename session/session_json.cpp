@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
 /// session.json: SessionInfo as JSON and back. Every field is described in
-/// docs/session-format.md; a test compares that page with what is written here.
+/// docs/reference/session-format.md; a test compares that page with what is written here.
 
 #include <array>
 #include <cmath>

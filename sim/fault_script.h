@@ -9,7 +9,8 @@
 #include "firmware_iface/light_controller.h"
 
 /// @file
-/// What goes wrong in the virtual rig, and when. Written as TOML, see docs/simulator.md:
+/// What goes wrong in the virtual rig, and when. Written as TOML, see
+/// docs/reference/simulator.md:
 ///
 ///     [frames]
 ///     late_share = 0.01       late_ms = 30.0

@@ -34,7 +34,7 @@ class Words {
   explicit Words(std::string_view line) : line_(line), words_(words_of(line)) {}
 
   [[noreturn]] void refuse(const std::string& what) const {
-    throw Error(what, std::string(line_), "see docs/simulator.md for the commands",
+    throw Error(what, std::string(line_), "see docs/reference/simulator.md for the commands",
                 ExitCode::usage);
   }
   [[nodiscard]] bool is_empty() const { return next_ == words_.size(); }

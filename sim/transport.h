@@ -13,7 +13,7 @@
 /// @file
 /// Renders the transport matrix T[pixel][light] of a virtual rig once; it is kept by the hash
 /// of everything it depends on. Direct light only, definition:
-/// docs/simulator.md.
+/// docs/reference/simulator.md.
 
 namespace haarlight {
 

@@ -12,7 +12,7 @@
 
 /// @file
 /// What a virtual rig truly is where that differs from its rig file: what commissioning has to
-/// find. Written as TOML, see docs/simulator.md.
+/// find. Written as TOML, see docs/reference/simulator.md.
 
 namespace haarlight {
 

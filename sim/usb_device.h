@@ -15,7 +15,7 @@
 /// The simulated light controller as a USB device: its descriptors, its control requests and
 /// its two bulk endpoints, without any I/O. What carries the transfers is another's affair: a
 /// usb-redir connection to a virtual machine (usb_redir_server.h), or ioctls of a test.
-/// docs/usb-protocol.md is what it speaks.
+/// docs/reference/usb-protocol.md is what it speaks.
 
 namespace haarlight {
 

@@ -11,7 +11,7 @@
 /// `usb-redir` device understands, over a unix socket (QEMU outside connects to it) or over a
 /// character device (the simulator itself runs inside the machine and reaches QEMU by a
 /// virtio-serial port). The guest's own kernel, its host controller driver and libusb then see
-/// a device like any other. docs/simulator.md shows both.
+/// a device like any other. docs/reference/simulator.md shows both.
 
 namespace haarlight {
 

@@ -17,7 +17,7 @@
 /// The node sets the pace: a frame is exposed when the node has given a buffer back, and queued
 /// when its exposure is over. It can be in the host's hands no sooner than that, but much
 /// later, and the capture node's stamp is its own: what that stamp means is for the capturing
-/// rig file to say (docs/virtual-machine.md does the sum for vivid).
+/// rig file to say (docs/reference/virtual-machine.md does the sum for vivid).
 
 namespace haarlight {
 

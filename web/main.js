@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The daemon's page: what runs, the map, one shot, live picture, plan, log. docs/page.md tells a
-// person how to use it; every action is a request of docs/http-api.md and a verb of haarlight.
+// The daemon's page: what runs, the map, one shot, live picture, plan, log. docs/reference/page.md tells a
+// person how to use it; every action is a request of docs/reference/http-api.md and a verb of haarlight.
 
 import {DaemonError, Link, get, post, postUrgent, setLogin, wordsOf} from './daemon.js';
 import {askForToken, isSure, mayFlash} from './dialogs.js';

@@ -115,7 +115,7 @@ void add_options(haarlight::Command program, Arguments& arguments) {
       "Example:\n"
       "  haarlight-sim configs/rigs/small8.toml --scene configs/scenes/blocks.toml\n"
       "Ends cleanly on SIGTERM or SIGINT. How a lab tests its own scripts against it:\n"
-      "docs/simulator.md.");
+      "docs/reference/simulator.md.");
 }
 
 std::vector<haarlight::Transport> make_transports(const haarlight::Rig& rig,

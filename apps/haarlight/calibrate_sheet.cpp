@@ -193,7 +193,7 @@ void tell_wrong_model(const ModelTest& test) {
       "the pictures hold something that no unknown of the model can follow (test {}): how "
       "wrong the places are is not known, no +- is given\n  cure: a flatter and more "
       "matte sheet without dirt, no stray light, the camera straight above, the right "
-      "--aim; docs/calibration.md\n",
+      "--aim; docs/reference/calibration.md\n",
       test_text(test));
 }
 

@@ -29,7 +29,8 @@ void add_cameras(Command root, Invocation& invocation) {
   Command verb = root.add_verb(
       "cameras", "List this machine's V4L2 cameras: names, formats, rates, controls");
   verb.footer(
-      "What it prints in quotes can be written into a rig file as it stands: docs/cameras.md.\n"
+      "What it prints in quotes can be written into a rig file as it stands: "
+      "docs/reference/cameras.md.\n"
       "Cameras behind a bridge (kind = \"remote\") are not listed.\n"
       "Example:\n  haarlight cameras");
   finish_verb(verb, invocation, [](const CommonOptions& /*common*/, Report& report) {

@@ -12,8 +12,8 @@
 #include "session/session.h"
 
 /// @file
-/// What a written picture says of itself, by names that docs/picture-notes.md explains: from
-/// which session and root, under which light, and how exact.
+/// What a written picture says of itself, by names that docs/reference/picture-notes.md
+/// explains: from which session and root, under which light, and how exact.
 
 namespace haarlight {
 

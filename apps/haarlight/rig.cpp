@@ -402,7 +402,8 @@ void add_rig(Command root, Invocation& invocation) {
               {.type = "FILE"});
   verb.footer(
       "commission writes NAME.measured.toml beside the rig file; every program then puts these "
-      "values\nover the written ones. The daemon must not be running. docs/commissioning.md "
+      "values\nover the written ones. The daemon must not be running. "
+      "docs/reference/commissioning.md "
       "tells how to set up.\nExit codes: 1 when the doctor finds something wrong, or the rig "
       "file\ncontradicts what was measured, or lights are dead, dim or swapped.\n"
       "Examples:\n"

@@ -93,7 +93,7 @@ std::uint32_t u32_at(const std::string& bytes, std::size_t at) {
   return value;
 }
 
-/// The pages of kept pictures alone (docs/http-api.md, "Pages").
+/// The pages of kept pictures alone (docs/reference/http-api.md, "Pages").
 std::string kept_pages(const std::string& pages, const std::vector<char>& is_kept) {
   constexpr std::size_t kHead = 16;
   constexpr std::size_t kRecord = 8;

@@ -9,7 +9,7 @@
 
 /// @file
 /// A folder that any web server shows: the viewer's own page, and files in the place of the
-/// viewer's server. Layout: docs/http-api.md, "A published folder".
+/// viewer's server. Layout: docs/reference/http-api.md, "A published folder".
 
 namespace haarlight {
 

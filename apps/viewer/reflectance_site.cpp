@@ -52,7 +52,7 @@ Number parse_number(const HttpRequest& request, std::string_view text) {
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
   if (text.empty() || parsed.ec != std::errc() || parsed.ptr != text.data() + text.size()) {
     throw Error(fmt::format("\"{}\" is no number", text), request.path,
-                "docs/http-api.md tells the paths of the viewer");
+                "docs/reference/http-api.md tells the paths of the viewer");
   }
   return value;
 }
@@ -143,7 +143,7 @@ HttpSite reflectance_site(const std::shared_ptr<const ReflectanceModel>& model,
     if (layer < 0 || layer >= (model->n_planes() + 3) / 4 || shrink < 1 ||
         shrink > kMostShrink) {
       throw Error("no such planes", request.path,
-                  "docs/http-api.md tells the paths of the viewer");
+                  "docs/reference/http-api.md tells the paths of the viewer");
     }
     return immutable_bytes(four_planes(*model, layer, shrink));
   });

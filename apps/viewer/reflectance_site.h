@@ -11,7 +11,7 @@
 /// @file
 /// What `haarlight view` answers for a picture that is lit by direction (.ptm, .rti, a web
 /// folder): its planes for the page's graphics processor, and how bytes become colours under a
-/// light. Paths: docs/http-api.md, "The viewer's server".
+/// light. Paths: docs/reference/http-api.md, "The viewer's server".
 
 namespace haarlight {
 

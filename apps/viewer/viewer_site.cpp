@@ -31,7 +31,7 @@ int number(const HttpRequest& request, std::string_view text) {
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
   if (text.empty() || parsed.ec != std::errc() || parsed.ptr != text.data() + text.size()) {
     throw Error(fmt::format("\"{}\" is no whole number", text), request.path,
-                "docs/http-api.md tells the paths of the viewer");
+                "docs/reference/http-api.md tells the paths of the viewer");
   }
   return value;
 }

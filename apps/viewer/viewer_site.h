@@ -11,8 +11,8 @@
 
 /// @file
 /// What `haarlight view` answers: the basis file's numbers for the page's graphics processor,
-/// weights of environments, and the page's files. Paths and layouts: docs/http-api.md, "The
-/// viewer's server".
+/// weights of environments, and the page's files. Paths and layouts:
+/// docs/reference/http-api.md, "The viewer's server".
 
 namespace haarlight {
 

@@ -3,7 +3,7 @@
 /// What a light's read-back costs: from the controller's acknowledgement to the status that
 /// shows the pattern, against the simulated controller in this process, by TCP on the loopback
 /// and by Modbus RTU on a pseudo-terminal that takes as long as a line of 115200 baud. Median
-/// and 95th percentile of 300 changes of light. docs/sync-modes.md has its figures.
+/// and 95th percentile of 300 changes of light. docs/reference/sync-modes.md has its figures.
 
 #include <algorithm>
 #include <cstdio>

@@ -647,7 +647,7 @@ int run(int argc, char** argv) {
                  "The same for sparse methods, a multiple of 16", {.shows_default = true});
   program.option("--error", &arguments.error, "Relative L2 of the sparse basis",
                  {.shows_default = true});
-  program.option("--json", &arguments.json, "Records, docs/tradeoff.schema.json",
+  program.option("--json", &arguments.json, "Records, docs/reference/tradeoff.schema.json",
                  {.type = "FILE.json"});
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
     return static_cast<int>(*end);

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """NumPy's weighted sum and PyWavelets' transform beside haarlight's, as records of
-docs/tradeoff.schema.json.
+docs/reference/tradeoff.schema.json.
 
 Each round measures every method here and then runs relight_kernels for the same number of pixels
 and threads, so that both see the same machine. From the project's folder, with Debian's

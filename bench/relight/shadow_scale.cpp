@@ -469,7 +469,7 @@ int run(int argc, char** argv) {
                  {.shows_default = true});
   program.option("--repeats", &arguments.repeats,
                  "Interleaved runs; the largest cases run once", {.shows_default = true});
-  program.option("--json", &arguments.json, "Records, docs/tradeoff.schema.json");
+  program.option("--json", &arguments.json, "Records, docs/reference/tradeoff.schema.json");
   program.option("--plot", &arguments.plot, "SVG of the growth with lights and receivers");
   program.flag("--quick", &arguments.is_quick, "1024 lights and 10^5 receivers only");
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {

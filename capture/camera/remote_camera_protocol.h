@@ -8,7 +8,7 @@
 /// a packet, little-endian, first a RemoteHeader. A frame's pixels come as a memfd by
 /// SCM_RIGHTS (rows of `stride` bytes, 16-bit words); the client maps it read-only, and gives
 /// it back by closing it and sending `release` with the frame's sequence. Written down in
-/// docs/remote-camera.md.
+/// docs/reference/remote-camera.md.
 
 namespace haarlight {
 

@@ -11,7 +11,7 @@
 
 /// @file
 /// A camera of this machine, through V4L2: memory-mapped streaming, everything set by hand and
-/// read back. docs/cameras.md is the page for people.
+/// read back. docs/reference/cameras.md is the page for people.
 ///
 /// A frame's words are unpacked into memory of our own at once and the driver gets its buffer
 /// back: a slow disk then costs memory and no frame, and frames outlive an unplugged device.

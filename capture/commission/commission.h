@@ -16,7 +16,7 @@
 
 /// @file
 /// Commissioning: measures a rig's delays, its camera's stamps and noise, and its LEDs, by
-/// stepped light. docs/commissioning.md is for the person who does it, docs/numerics/
+/// stepped light. docs/reference/commissioning.md is for the person who does it, docs/numerics/
 /// commissioning.md for the estimators and their measured errors.
 ///
 ///     timing   the light is switched at chosen moments of the exposure; step_response.h

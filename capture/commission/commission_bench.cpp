@@ -172,7 +172,7 @@ void CommissionBench::open(double exposure_us) {
   setup_ = demand(camera_.start(spec_), "starting the camera");
   if (setup_.use != PixelUse::measurement) {
     throw Error("format " + spec_.format + " is not linear in light: nothing can be measured",
-                rig_.file.string(), "choose a raw format (docs/cameras.md)");
+                rig_.file.string(), "choose a raw format (docs/reference/cameras.md)");
   }
   exposure_us_ = setup_.exposure_us;
   period_us_ = 1e6 / (setup_.fps > 0.0 ? setup_.fps : spec_.fps);

@@ -288,7 +288,7 @@ std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
   throw Error("the camera does not see the light change", bench.rig().file.string(),
               "is automatic exposure or gain on? does another program drive the lights? are "
               "exposures far shorter than the camera says (exposure_unit_us, "
-              "docs/cameras.md)?");
+              "docs/reference/cameras.md)?");
 }
 
 /// Exposure switched between two values under steady light; when does it take hold?

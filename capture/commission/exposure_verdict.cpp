@@ -67,7 +67,8 @@ void require_true_exposure(const ExposureQuestion& question,
         "an exposure of {:.0f} us lasts {:.3f} +- {:.3f} times as long as the camera says",
         question.long_us, scale.value, scale.sigma);
     const std::string cure = fmt::format(
-        "set exposure_unit_us to {:.3g} times what it is now (docs/cameras.md)", scale.value);
+        "set exposure_unit_us to {:.3g} times what it is now (docs/reference/cameras.md)",
+        scale.value);
     if (verdict.kind == ExposureVerdict::wrong) {
       throw Error(found, question.device, cure + ", then begin again");
     }

@@ -214,7 +214,7 @@ class Daemon::Impl {
     if (pixel_use(camera) == PixelUse::preview) {
       throw Error(fmt::format("camera \"{}\": \"{}\" pictures are for looking only", camera.id,
                               camera.format),
-                  config_.rig.file.string(), "choose a raw format (docs/cameras.md)");
+                  config_.rig.file.string(), "choose a raw format (docs/reference/cameras.md)");
     }
   }
 

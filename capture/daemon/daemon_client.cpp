@@ -121,7 +121,8 @@ void DaemonClient::require_good(const DaemonReply& reply) {
                         : reply.status >= 500 ? ExitCode::internal
                                               : ExitCode::bad_input;
   throw Error(text("what", fmt::format("the daemon answers {}", reply.status)),
-              text("where", "haarlightd"), text("cure", "see docs/http-api.md"), code);
+              text("where", "haarlightd"), text("cure", "see docs/reference/http-api.md"),
+              code);
 }
 
 }  // namespace haarlight

@@ -56,7 +56,8 @@ Json body_of(const HttpRequest& request) {
   }
   Json json = parse_json<Json>(request.body, request.path);
   if (!json.is_object()) {
-    throw Error("the body is not a JSON object", request.path, "see docs/http-api.md");
+    throw Error("the body is not a JSON object", request.path,
+                "see docs/reference/http-api.md");
   }
   return json;
 }
@@ -267,7 +268,7 @@ class Handlers {
       }
       if (!it->is_number() || !(it->get<double>() >= 0.0 && it->get<double>() <= most)) {
         throw Error(fmt::format("\"{}\" is no number from 0 to {}", key, most), request.path,
-                    "see docs/http-api.md");
+                    "see docs/reference/http-api.md");
       }
       return it->get<double>();
     };

@@ -8,8 +8,8 @@
 /// @file
 /// What the page asks beside the daemon's plain interface (capture/daemon/daemon_http.h): the
 /// rig, a session's map of marks, a shot with its evidence in words, pictures with clipping
-/// marked, and the cost of a plan that is being written. All of it is reading; docs/http-api.md
-/// lists it for people.
+/// marked, and the cost of a plan that is being written. All of it is reading;
+/// docs/reference/http-api.md lists it for people.
 
 namespace haarlight {
 

@@ -10,8 +10,8 @@
 
 /// @file
 /// Pictures of frames for people, and what is measured in them: the camera's newest frame here,
-/// stored ones by the same functions from capture/daemon/daemon_page.cpp. docs/http-api.md
-/// lists the routes for people.
+/// stored ones by the same functions from capture/daemon/daemon_page.cpp.
+/// docs/reference/http-api.md lists the routes for people.
 
 namespace haarlight {
 

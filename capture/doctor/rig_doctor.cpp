@@ -290,10 +290,11 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   if (setup->use != PixelUse::measurement) {
     const bool is_kept = setup->use == PixelUse::display;
     line.finding = is_kept ? Finding::warning : Finding::wrong;
-    line.cure = is_kept
-                    ? "this format is not linear in light: choose a raw one where the camera "
-                      "has it (docs/cameras.md)"
-                    : "this format is for looking only: choose a raw one (docs/cameras.md)";
+    line.cure =
+        is_kept
+            ? "this format is not linear in light: choose a raw one where the camera "
+              "has it (docs/reference/cameras.md)"
+            : "this format is for looking only: choose a raw one (docs/reference/cameras.md)";
   } else if (!is_monotonic) {
     line.finding = Finding::wrong;
     line.cure =

@@ -14,9 +14,10 @@
 #include "session/session.h"
 
 /// @file
-/// What is to be photographed: a declarative plan file (docs/plan-file.md) expands, for one
-/// rig, to an immutable list of shots with a hash. The same file and rig always give the same
-/// bytes. A plan that the rig's power limits forbid is refused here, before a light is lit.
+/// What is to be photographed: a declarative plan file (docs/reference/plan-file.md) expands,
+/// for one rig, to an immutable list of shots with a hash. The same file and rig always give
+/// the same bytes. A plan that the rig's power limits forbid is refused here, before a light is
+/// lit.
 
 namespace haarlight {
 

@@ -13,7 +13,7 @@
 /// @file
 /// Picture files in and out; the daemon does not link it. Formats are recognised by their first
 /// bytes, never by their name, and only these are read: JPEG, PNG, TIFF, OpenEXR, Radiance HDR,
-/// TGA, and cameras' raw files (docs/pictures.md).
+/// TGA, and cameras' raw files (docs/reference/pictures.md).
 
 namespace haarlight {
 

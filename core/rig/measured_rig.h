@@ -14,7 +14,7 @@
 /// What a command measured on a rig: NAME.measured.toml beside the hand-written NAME.toml.
 /// read_rig() puts both texts together, the written one first: one valid TOML file, which is
 /// what a session keeps as its rig.toml, so that the rig of a session is exactly the one it was
-/// shot with. Measured values win. Keys: docs/rig-file.md.
+/// shot with. Measured values win. Keys: docs/reference/rig-file.md.
 
 namespace haarlight {
 

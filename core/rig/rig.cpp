@@ -365,7 +365,7 @@ void require_address(ConfigTable& t, const ControllerSpec& controller) {
     }
   }
   if (!fault.empty()) {
-    t.problem("address", fault, "write it in this form (docs/controllers.md)");
+    t.problem("address", fault, "write it in this form (docs/reference/controllers.md)");
   }
 }
 

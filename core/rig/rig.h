@@ -17,7 +17,8 @@
 
 /// @file
 /// The rig as its file describes it: faces of LEDs, shadow planes, cameras, controller. Every
-/// key is documented in docs/rig-file.md. Lengths in mm, world frame (right-handed, z up).
+/// key is documented in docs/reference/rig-file.md. Lengths in mm, world frame (right-handed, z
+/// up).
 
 namespace haarlight {
 
@@ -137,7 +138,8 @@ struct ControllerSpec {
   std::string
       address;  ///< "127.0.0.1:1502", "/dev/serial/by-id/...:115200" or a USB serial number
   int unit = 1;
-  std::string profile = "haarlight";  ///< or another vendor's registers: docs/controllers.md
+  std::string profile =
+      "haarlight";  ///< or another vendor's registers: docs/reference/controllers.md
   std::chrono::milliseconds lease{2000};
   double rise_us = 0.0;   ///< light rise after the latch
   double fall_us = 0.0;   ///< light fall after the latch

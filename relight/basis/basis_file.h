@@ -20,7 +20,7 @@
 /// @file
 /// The basis file `.hlb`: a light stack compressed over its lights, self-sufficient (rig, plate
 /// and norms inside), with random access by tile. Every byte is written down in
-/// docs/basis-format.md; docs/read_hlb.py reads it with numpy.
+/// docs/reference/basis-format.md; docs/reference/read_hlb.py reads it with numpy.
 
 namespace haarlight {
 

@@ -6,7 +6,7 @@
 #include "relight/basis/basis_file.h"
 
 /// @file
-/// The JSON header of a basis file. Fields: docs/basis-format.md.
+/// The JSON header of a basis file. Fields: docs/reference/basis-format.md.
 
 namespace haarlight {
 

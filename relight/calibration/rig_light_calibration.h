@@ -14,8 +14,8 @@
 
 /// @file
 /// The lights of a rig from a session of a flat matte sheet on its shadow plane: each face as a
-/// rigid array, from where the rig file has it. Frames: docs/rig-file.md; method and errors:
-/// docs/numerics/near-light.md.
+/// rigid array, from where the rig file has it. Frames: docs/reference/rig-file.md; method and
+/// errors: docs/numerics/near-light.md.
 
 namespace haarlight {
 

@@ -26,7 +26,7 @@ namespace haarlight {
 [[nodiscard]] std::string study_json(const BasisStudy& study, const std::string& name);
 
 /// One record for each basis coded once and each picture (and the stack),
-/// docs/tradeoff.schema.json.
+/// docs/reference/tradeoff.schema.json.
 /// @param command  that made it
 [[nodiscard]] std::vector<TradeoffRecord> study_records(const BasisStudy& study,
                                                         const std::string& command,

@@ -10,7 +10,7 @@
 /// A basis file's pictures as a graphics processor wants them: cut into square pages of small
 /// integers, empty ones left out. A picture is what one number of the lighting multiplies: a
 /// coefficient's, or, in a lossless file, a light's; or the pixels' gains or shifts. Layout of
-/// the bytes: docs/http-api.md, "The viewer's server".
+/// the bytes: docs/reference/http-api.md, "The viewer's server".
 ///
 /// A value that does not fit the page's integers is written as several pages, its digits:
 /// value = sum over d of digit_d * base^d with base 256 (or 65536 for gains) and digits from

@@ -15,8 +15,8 @@
 /// loses digits when the light is small or grazing, so beyond a switch-over point
 /// Gauss-Legendre quadrature over the clipped polygon takes its place (it converges
 /// geometrically there). Lobes cos^(mu - 1) have no closed form: quadrature throughout, refined
-/// near the light. Accuracy: 1e-12 relative on tests/golden/transport.json; docs/simulator.md
-/// has the table.
+/// near the light. Accuracy: 1e-12 relative on tests/golden/transport.json;
+/// docs/reference/simulator.md has the table.
 
 namespace haarlight {
 

@@ -8,7 +8,7 @@
 
 /// @file
 /// From a Bayer mosaic to three channels, linear in and out. Error on a known picture:
-/// docs/session-format.md, "Demosaic". Pure.
+/// docs/reference/session-format.md, "Demosaic". Pure.
 
 namespace haarlight {
 

@@ -313,7 +313,8 @@ Transfer transfer_of(const Session& session, const DevelopOptions& options) {
         "its samples went through a curve of the camera's own (YUYV, NV12 and the like): they "
         "are not linear in light",
         session.folder().string(),
-        "capture in a raw format (docs/cameras.md), or name the curve that develop or compress "
+        "capture in a raw format (docs/reference/cameras.md), or name the curve that develop "
+        "or compress "
         "is to undo: --transfer srgb or --transfer linear");
   }
   return *options.unknown_as;

@@ -48,7 +48,8 @@ struct DevelopOptions {
 struct Developed {
   LightStack stack;
   std::optional<LightStack> standard_error;  ///< same shape; when asked for
-  /// What each step did, as JSON (docs/session-format.md); beside the stack as stack-KEY.json.
+  /// What each step did, as JSON (docs/reference/session-format.md); beside the stack as
+  /// stack-KEY.json.
   std::string record;
   std::uint64_t n_saturated = 0;  ///< values clipped in every exposure: lower bounds
   double moved_share = 0.0;       ///< of compared values whose exposures contradict each other

@@ -10,7 +10,7 @@
 
 /// @file
 /// Lights that pictures name themselves: the notes of `haarlight export --exr`
-/// (docs/picture-notes.md).
+/// (docs/reference/picture-notes.md).
 
 namespace haarlight {
 

@@ -10,7 +10,7 @@
 
 /// @file
 /// What a neutral patch in the pictures (a white or grey card) says of their colours: a gain a
-/// channel that makes it neutral. Pure. Notes: docs/import.md.
+/// channel that makes it neutral. Pure. Notes: docs/reference/import.md.
 
 namespace haarlight {
 

@@ -438,7 +438,7 @@ class CommandLine(unittest.TestCase):
         self.assertIn("left out: Haar: the lights form no grid", done.stdout)
         place = self.folder / "compared"
         records = json.loads((place / "records.json").read_text())
-        schema = json.loads((SOURCE / "docs/tradeoff.schema.json").read_text())
+        schema = json.loads((SOURCE / "docs/reference/tradeoff.schema.json").read_text())
         self.assertGreater(len(records), 10)
         self.assertEqual(schema_problems(records, schema), [])
         for name in ("bases.txt", "bases.json", "sizes.svg", "lightings.svg", "regions.svg",

@@ -307,7 +307,7 @@ class Examples(unittest.TestCase):
         served.terminate()  # documents start simulators of this rig themselves
         served.wait(timeout=30)
         shutil.move(self.folder / "sheet.session", place / "sheet.session")
-        for document in sorted((SOURCE / "docs").glob("*.md")):
+        for document in sorted((SOURCE / "docs/reference").glob("*.md")):
             for command in shown_commands(document):
                 with self.subTest(document=document.name, command=command):
                     if command.startswith("haarlight-sim "):
@@ -331,7 +331,7 @@ class Examples(unittest.TestCase):
                         self.run_program(program, example, self.folder, "haarlightd 0")
 
     def sign(self, session, signers):
-        """As docs/session-format.md says, with a key made here."""
+        """As docs/reference/session-format.md says, with a key made here."""
         key = self.folder / "lab_key"
         for words in (["-q", "-t", "ed25519", "-N", "", "-f", key],
                       ["-q", "-Y", "sign", "-f", key, "-n", "haarlight", session / "session.json"]):

@@ -268,7 +268,7 @@ class SmallRti(unittest.TestCase):
 
     def check_session(self, name):
         self.run_line(f"verify {name}")
-        done = subprocess.run([sys.executable, SOURCE / "docs/verify_session.py", self.folder / name],
+        done = subprocess.run([sys.executable, SOURCE / "docs/reference/verify_session.py", self.folder / name],
                               capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         return session_of(self.folder / name)

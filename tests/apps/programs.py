@@ -163,7 +163,7 @@ TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "integer
 
 
 def schema_problems(value, schema, where="report"):
-    """What JSON Schema's words of docs/report.schema.json ask and `value` lacks."""
+    """What JSON Schema's words of docs/reference/report.schema.json ask and `value` lacks."""
     known = {"$schema", "title", "description", "type", "required", "properties",
              "additionalProperties", "items"}
     assert set(schema) <= known, f"the validator does not know {set(schema) - known}"
@@ -188,7 +188,7 @@ def schema_problems(value, schema, where="report"):
 
 def report_problems(path, verb):
     """Problems of the report that `verb` wrote to `path`."""
-    schema = json.loads((SOURCE / "docs/report.schema.json").read_text())
+    schema = json.loads((SOURCE / "docs/reference/report.schema.json").read_text())
     report = json.loads(path.read_text())
     problems = schema_problems(report, schema)
     if report.get("command") != verb:

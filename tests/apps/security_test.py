@@ -125,7 +125,7 @@ class Attacks(unittest.TestCase):
         self.assertIn("token", done.stderr)
 
     def test_no_change_without_the_token(self):
-        posts = re.findall(r"`POST (/v1/[a-z-]+)`", (SOURCE / "docs/http-api.md").read_text())
+        posts = re.findall(r"`POST (/v1/[a-z-]+)`", (SOURCE / "docs/reference/http-api.md").read_text())
         self.assertGreaterEqual(len(set(posts)), 9)
         for path in sorted(set(posts) - {"/v1/dry-run", "/v1/login"}):
             for headers in ([], ["Authorization: Bearer " + TOKEN[:-1]], ["Authorization: Basic eA=="],

@@ -23,8 +23,8 @@ TEST(Report, HasTheFieldsOfItsSchema) {
   const testing::TemporaryFolder folder;
   report.write(folder / "r.json");
   const auto json = nlohmann::json::parse(read_file(folder / "r.json"));
-  const auto schema =
-      nlohmann::json::parse(read_file(HAARLIGHT_SOURCE_DIR "/docs/report.schema.json"));
+  const auto schema = nlohmann::json::parse(
+      read_file(HAARLIGHT_SOURCE_DIR "/docs/reference/report.schema.json"));
   for (const auto& key : schema["required"]) {
     EXPECT_TRUE(json.contains(key.get<std::string>())) << key;
   }

@@ -30,12 +30,13 @@ std::string table_of(Space space) {
 }
 
 TEST(RegisterMap, DocumentationHasTheTablesOfTheHeader) {
-  const std::string page = read_file(HAARLIGHT_SOURCE_DIR "/docs/register-map.md");
+  const std::string page = read_file(HAARLIGHT_SOURCE_DIR "/docs/reference/register-map.md");
   for (const Space space :
        {Space::coil, Space::discrete_input, Space::input_register, Space::holding_register}) {
     const std::string table = table_of(space);
-    EXPECT_NE(page.find(table), std::string::npos) << "docs/register-map.md should contain:\n"
-                                                   << table;
+    EXPECT_NE(page.find(table), std::string::npos)
+        << "docs/reference/register-map.md should contain:\n"
+        << table;
   }
 }
 
@@ -108,10 +109,10 @@ TEST(RegisterCodec, StatusKeepsItsSigns) {
   EXPECT_EQ(block.status.boot_id, 0xDEADBEEFU);
 }
 
-// Pinned for authors of firmware: docs/register-map.md prints the same numbers.
+// Pinned for authors of firmware: docs/reference/register-map.md prints the same numbers.
 TEST(BankSum, HasItsPublishedValues) {
   EXPECT_EQ(bank_sum_term(0, 0), 0U);
-  const std::string page = read_file(HAARLIGHT_SOURCE_DIR "/docs/register-map.md");
+  const std::string page = read_file(HAARLIGHT_SOURCE_DIR "/docs/reference/register-map.md");
   for (const auto& [element, level] :
        {std::pair{0, 1}, {0, 65535}, {1, 65535}, {1023, 32768}}) {
     const std::string row =

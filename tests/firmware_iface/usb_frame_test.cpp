@@ -12,8 +12,8 @@
 #include "tests/firmware_iface/controller_fixture.h"
 
 /// @file
-/// Frames and PDUs by the bytes that docs/usb-protocol.md and [Modbus12] print, and the host's
-/// side against the controller's.
+/// Frames and PDUs by the bytes that docs/reference/usb-protocol.md and [Modbus12] print, and
+/// the host's side against the controller's.
 
 namespace haarlight {
 namespace {

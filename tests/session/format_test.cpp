@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// docs/session-format.md lists exactly the fields that the code writes.
+/// docs/reference/session-format.md lists exactly the fields that the code writes.
 
 #include <algorithm>
 #include <set>
@@ -21,8 +21,8 @@ using Names = std::set<std::string>;
 
 /// The first columns `like.this` of all tables of the page.
 Names documented_fields() {
-  const std::string page =
-      test::read_text(std::filesystem::path(HAARLIGHT_SOURCE_DIR) / "docs/session-format.md");
+  const std::string page = test::read_text(std::filesystem::path(HAARLIGHT_SOURCE_DIR) /
+                                           "docs/reference/session-format.md");
   Names names;
   for (std::size_t at = page.find("\n| `"); at != std::string::npos;
        at = page.find("\n| `", at + 1)) {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Tampers with sessions in many ways; `haarlight verify` (through session_tool) and
-docs/verify_session.py must find all of it where the session was signed before, and what no forger
+docs/reference/verify_session.py must find all of it where the session was signed before, and what no forger
 who computes everything again has touched where it was not. Undisturbed sessions raise no alarm.
 
     tamper_test.py SESSION_TOOL
@@ -25,7 +25,7 @@ import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 RIG = ROOT / "configs/rigs/small8.toml"
-SPEC = importlib.util.spec_from_file_location("verify_session", ROOT / "docs/verify_session.py")
+SPEC = importlib.util.spec_from_file_location("verify_session", ROOT / "docs/reference/verify_session.py")
 PYTHON = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(PYTHON)
 TOOL = sys.argv[1]

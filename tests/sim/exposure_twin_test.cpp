@@ -380,7 +380,7 @@ TEST_F(ExposureTwin, MarksWhatIsSaturatedInAllAndNothingElse) {
     for (std::size_t i = 0; i < value.pixels().size(); ++i) {
       const double electrons = 10.0 * truth(k, i) * spec.exposure_us * 1e-6 *
                                (((1 << spec.bits) - 1) - spec.noise.black_dn);
-      // 0.97 of the full well: docs/session-format.md.
+      // 0.97 of the full well: docs/reference/session-format.md.
       const bool is_clipped = std::round(electrons) >= 0.97 * spec.noise.full_well_e;
       n_true += is_clipped ? 1U : 0U;
       ASSERT_EQ(sigma.pixels()[i] < 0.0F, is_clipped) << electrons;

@@ -1,4 +1,4 @@
-// The screenshots of docs/page.md, of a run on a virtual cube of 1024 lights with a small camera.
+// The screenshots of docs/reference/page.md, of a run on a virtual cube of 1024 lights with a small camera.
 
 import fs from 'node:fs';
 import path from 'node:path';

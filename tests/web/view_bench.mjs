@@ -1,4 +1,4 @@
-// How fast the viewer is in headless Chromium with software GL: docs/viewer.md has its figures.
+// How fast the viewer is in headless Chromium with software GL: docs/reference/viewer.md has its figures.
 //   node view_bench.mjs PROGRAMS MODULES OUT [--demo BASIS.hlb] [--only NAME] [--runs N]
 // scripts/page_test BUILD --bench-viewer runs it. Nothing is judged here: it prints figures.
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The basis file as the server gives it: what it says of itself, its tables, and its pictures as
-// pages, which come bit by bit, the most important ones first. docs/http-api.md has the layouts.
+// pages, which come bit by bit, the most important ones first. docs/reference/http-api.md has the layouts.
 
 import {ask, askAbout, askBytes, askJson} from './server.js';
 
@@ -60,7 +60,7 @@ export class Basis {
     this.coefficientErrors = take(channels);
     this.lightNorms = take(channels);
     this.lightErrors = take(channels);
-    // One a channel; docs/basis-format.md, "Sections".
+    // One a channel; docs/reference/basis-format.md, "Sections".
     const takeBounds = said => {
       if (!said) {
         return null;
@@ -88,7 +88,7 @@ export class Basis {
     this.pages = tables(this.nLights);
     this.gains = tables(1);
     this.shifts = tables(1);
-    // a[tile][j][t] of docs/basis-format.md
+    // a[tile][j][t] of docs/reference/basis-format.md
     this.polynomials = Array.from({length: channels}, () =>
       new Float32Array(this.nTiles * this.rank * this.plateSide ** 2));
     this.isLoaded = Array.from({length: channels}, () => about.groups.map(() => false));

@@ -2,7 +2,7 @@
 // Sums of pictures on the graphics processor.
 //
 // One instanced square a tile and output channel goes through the list of its pages and factors, and
-// adds the plate: the pixels' gains times a polynomial of the place in the tile (docs/basis-format.md).
+// adds the plate: the pixels' gains times a polynomial of the place in the tile (docs/reference/basis-format.md).
 
 import {link} from './graphics.js';
 import {PageStore, kColumnBits, kLayerBits} from './page_store.js';

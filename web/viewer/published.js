@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The files of a folder that `haarlight publish` wrote, in the place of a server. Every one is checked:
 // its length and checksum are known before, so that a server's own "not found" page, a torn copy or
-// an old file is told by its name and never shown. docs/http-api.md, "A published folder".
+// an old file is told by its name and never shown. docs/reference/http-api.md, "A published folder".
 
 import {ServerError} from './server_error.js';
 

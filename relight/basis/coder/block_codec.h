@@ -10,7 +10,7 @@
 /// @file
 /// The three kinds of block of a basis file, to bytes and back. Every integer goes through the
 /// same steps: zigzag (0, -1, 1, -2 -> 0, 1, 2, 3), split into four byte planes, zstd. Written
-/// down in docs/basis-format.md. Pure; safe from any thread.
+/// down in docs/reference/basis-format.md. Pure; safe from any thread.
 
 namespace haarlight {
 

@@ -10,7 +10,8 @@
 /// @file
 /// What coder and decoder of BasisCoding::integers must do alike to the last bit: the clean
 /// plate's prediction, rounded to whole units, and the S-transform. Every operation is one of
-/// IEEE double in an order written down in docs/basis-format.md; no fused multiply-add.
+/// IEEE double in an order written down in docs/reference/basis-format.md; no fused
+/// multiply-add.
 
 namespace haarlight {
 

@@ -18,7 +18,7 @@
 ///
 /// with V the plate's vectors (plate.h) and C_t the products T_a(xi) T_b(eta) of Chebyshev
 /// polynomials, a, b <= degree, t = b (degree + 1) + a, at xi = (2 x + 1)/width - 1 and
-/// eta = (2 y + 1)/height - 1 of the tile's own x, y. Source: docs/basis-format.md.
+/// eta = (2 y + 1)/height - 1 of the tile's own x, y. Source: docs/reference/basis-format.md.
 
 namespace haarlight {
 

@@ -9,7 +9,7 @@
 
 /// @file
 /// `.ptm`, the file of polynomial texture maps. Read: PTM_1.0 to 1.2, RGB, LRGB and both as
-/// JPEG; written: PTM_1.2. Byte by byte: docs/reflectance-formats.md.
+/// JPEG; written: PTM_1.2. Byte by byte: docs/reference/reflectance-formats.md.
 
 namespace haarlight {
 

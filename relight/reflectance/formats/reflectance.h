@@ -17,7 +17,8 @@
 /// planes and a basis over light directions. The fits make it, `.ptm`, `.rti` and web folders
 /// hold it. Directions are unit vectors to the light: x right, y up, z out of the picture.
 /// Source: Malzbender et al., "Polynomial Texture Maps" (2001), eq. 1; Gautron et al., "A Novel
-/// Hemispherical Basis" (2004); the layouts of others' files: docs/reflectance-formats.md.
+/// Hemispherical Basis" (2004); the layouts of others' files:
+/// docs/reference/reflectance-formats.md.
 
 namespace haarlight {
 

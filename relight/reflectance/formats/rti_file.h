@@ -9,7 +9,7 @@
 
 /// @file
 /// `.rti` with hemispherical harmonics ("#HSH1.2"): 4, 9 or 16 terms of R, G and B, a byte
-/// each. Byte by byte: docs/reflectance-formats.md.
+/// each. Byte by byte: docs/reference/reflectance-formats.md.
 
 namespace haarlight {
 

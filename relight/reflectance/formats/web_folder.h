@@ -13,7 +13,7 @@
 
 /// @file
 /// Relight's folder for the web: info.json and plane_0.jpg, plane_1.jpg ..., three planes in
-/// each. OpenLIME shows it. Field by field: docs/reflectance-formats.md.
+/// each. OpenLIME shows it. Field by field: docs/reference/reflectance-formats.md.
 
 namespace haarlight {
 

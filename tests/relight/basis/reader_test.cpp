@@ -14,7 +14,8 @@
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 
-/// docs/read_hlb.py, written from docs/basis-format.md alone, must read what we write.
+/// docs/reference/read_hlb.py, written from docs/reference/basis-format.md alone, must read
+/// what we write.
 
 namespace haarlight {
 namespace {
@@ -39,8 +40,9 @@ class NumpyReader : public testing::Test {
 
   double compare_file_with_numpy(const std::filesystem::path& hlb) {
     const auto npy = folder_.path() / "a.npy";
-    const std::string command = fmt::format("/usr/bin/python3 {}/docs/read_hlb.py {} {}",
-                                            HAARLIGHT_SOURCE_DIR, hlb.string(), npy.string());
+    const std::string command =
+        fmt::format("/usr/bin/python3 {}/docs/reference/read_hlb.py {} {}",
+                    HAARLIGHT_SOURCE_DIR, hlb.string(), npy.string());
     EXPECT_EQ(std::system(command.c_str()), 0);
     const MemoryStack own = read_all(BasisSource(BasisFile::open(hlb)));
     const std::string bytes = read_file(npy);

@@ -3,7 +3,7 @@
 /// Provenance: tests/relight/basis/version2/*.hlb by commit db91f8f: `haarlight plate
 /// configs/rigs/small8.toml --max-error 0.05`, and `haarlight compress --basis direct --plate
 /// none` of tests/apps/programs.py's write_capture() with --max-error 0.02 and 0. The sums are
-/// numpy's over what docs/read_hlb.py of that commit read.
+/// numpy's over what docs/reference/read_hlb.py of that commit read.
 
 #include <cstring>
 

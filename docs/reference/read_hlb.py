@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """read_hlb.py FILE.hlb OUT.npy: a haarlight basis file as an array (channels, height, width, lights).
-Needs python3-numpy and libzstd1 (Debian). The format is written down in docs/basis-format.md."""
+Needs python3-numpy and libzstd1 (Debian). The format is written down in docs/reference/basis-format.md."""
 import ctypes, json, struct, sys
 import numpy as np
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Checks a haarlight session (docs/session-format.md) with Python's standard library alone.
+"""Checks a haarlight session (docs/reference/session-format.md) with Python's standard library alone.
 
     python3 verify_session.py SESSION [--signers ALLOWED_SIGNERS]
 
