@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/picture_facts.h"
+#include "core/picture/picture_facts.h"
 #include "session/light_file.h"
 
 /// @file
