@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
-#include "session/json_value.h"
+#include "core/json_value.h"
 
 namespace haarlight {
 

@@ -15,8 +15,8 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/sha256.h"
-#include "session/json_value.h"
 
 namespace haarlight {
 

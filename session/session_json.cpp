@@ -12,8 +12,8 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/json_value.h"
 #include "core/text_limits.h"
-#include "session/json_value.h"
 #include "session/light_file.h"
 #include "session/photographed.h"
 #include "session/session.h"

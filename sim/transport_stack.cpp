@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "session/light_stack.h"
+#include "core/stack/light_stack.h"
 
 namespace haarlight {
 

@@ -15,9 +15,9 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
+#include "core/picture/jpeg.h"
 #include "core/picture/png_tile.h"
 #include "core/text_limits.h"
-#include "relight/reflectance/formats/jpeg.h"
 #include "relight/reflectance/formats/refit.h"
 #include "relight/reflectance/formats/web_folder.h"
 

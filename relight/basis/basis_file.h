@@ -13,9 +13,9 @@
 
 #include "core/files.h"
 #include "core/picture/picture_facts.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/coder/block_codec.h"
 #include "relight/basis/haar.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// The basis file `.hlb`: a light stack compressed over its lights, self-sufficient (rig, plate

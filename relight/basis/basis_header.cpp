@@ -10,10 +10,10 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/json_value.h"
 #include "core/text_limits.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/plate/tile_plate.h"
-#include "session/json_value.h"
 #include "session/photographed.h"
 
 namespace haarlight {

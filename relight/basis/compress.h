@@ -10,8 +10,8 @@
 
 #include "core/picture/image_io.h"
 #include "core/progress.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/basis_file.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// Light stack to basis file within a stated error. Method: docs/numerics/relight.md, "The

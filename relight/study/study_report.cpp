@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/log_plot.h"
+#include "core/plot.h"
 
 namespace haarlight {
 

@@ -13,12 +13,12 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/log.h"
 #include "core/parallel.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/radiometry.h"
-#include "session/json_value.h"
 
 namespace haarlight {
 

@@ -10,10 +10,10 @@
 
 #include "core/picture/image_io.h"
 #include "core/progress.h"
+#include "core/stack/light_stack.h"
 #include "session/develop/demosaic.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/radiometry.h"
-#include "session/light_stack.h"
 #include "session/session.h"
 
 /// @file

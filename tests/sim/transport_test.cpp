@@ -8,9 +8,9 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/stack/light_stack.h"
 #include "render/analytic/polygon_light.h"
 #include "render/rig_lights.h"
-#include "session/light_stack.h"
 #include "sim/transport_stack.h"
 #include "tests/temporary_folder.h"
 

@@ -10,9 +10,9 @@
 #include "core/picture/image_io.h"
 #include "core/progress.h"
 #include "core/rig/rig.h"
+#include "core/stack/light_stack.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/basis_file.h"
-#include "relight/basis/stack_source.h"
-#include "session/light_stack.h"
 #include "session/session.h"
 
 /// @file

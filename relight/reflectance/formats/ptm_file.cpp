@@ -11,8 +11,8 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/picture/jpeg.h"
 #include "relight/reflectance/formats/header_reader.h"
-#include "relight/reflectance/formats/jpeg.h"
 #include "relight/reflectance/formats/quantise.h"
 
 namespace haarlight {

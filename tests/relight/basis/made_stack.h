@@ -11,8 +11,8 @@
 #include <Eigen/Geometry>
 
 #include "core/random.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/compress.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// Light stacks made from closed forms: a sphere over a plane under an n x n array at 900 mm,

@@ -11,7 +11,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "relight/reflectance/formats/jpeg.h"
+#include "core/picture/jpeg.h"
 #include "relight/reflectance/formats/quantise.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"

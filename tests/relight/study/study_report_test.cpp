@@ -10,7 +10,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "core/log_plot.h"
+#include "core/plot.h"
 
 namespace haarlight {
 namespace {

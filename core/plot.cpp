@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/log_plot.h"
+#include "core/plot.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/jpeg.h"
+#include "core/picture/jpeg.h"
 
 #include <algorithm>
 #include <csetjmp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/json_value.h"
+#include "core/json_value.h"
 
 #include <algorithm>
 #include <cmath>

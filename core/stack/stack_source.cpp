@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 
 #include <algorithm>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/light_stack.h"
+#include "core/stack/light_stack.h"
 
 #include <algorithm>
 #include <numeric>

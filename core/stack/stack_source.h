@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "session/light_stack.h"
+#include "core/stack/light_stack.h"
 
 /// @file
 /// Where a light stack's values come from: a stack file, memory, a rig's closed form, or

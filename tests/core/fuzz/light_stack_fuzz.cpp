@@ -12,7 +12,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "session/light_stack.h"
+#include "core/stack/light_stack.h"
 #include "tests/memory_file.h"
 
 namespace {
