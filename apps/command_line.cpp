@@ -301,7 +301,7 @@ CommandLine::CommandLine(const std::string& program, const std::string& descript
                          const std::string& version)
     : app_(std::make_unique<CLI::App>(description, program)) {
   app_->formatter(std::make_shared<HelpFormat>());
-  app_->set_version_flag("--version", version);
+  app_->set_version_flag("--version", program + " " + version);
 }
 
 CommandLine::~CommandLine() = default;

@@ -17,7 +17,7 @@
 /// The command line of every program: arguments, options, flags, verbs, --help and --version.
 /// Only the .cpp sees CLI11, which costs seconds in every file that includes it.
 ///
-///     CommandLine line("haarlight-sim", "a virtual rig", "0.1.0");
+///     CommandLine line("haarlight-sim", "a virtual rig", program_version());
 ///     line.root().option("RIG", &rig, "Rig file", {.type = "RIG.toml", .is_required = true});
 ///     if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
 ///       return static_cast<int>(*end);
@@ -82,6 +82,7 @@ class Command {
 /// The command line of a program. Not movable: verbs refer to it.
 class CommandLine {
  public:
+  /// `--version` prints program and version: "haarlight 0.1.0 (592dfa4)".
   CommandLine(const std::string& program, const std::string& description,
               const std::string& version);
   ~CommandLine();
