@@ -192,20 +192,31 @@ CLI::Option* add_option(CLI::App& app, const std::string& names, Target& target,
   return option;
 }
 
-/// CLI11 only says that a verb is missing; this names the wrong one. Empty: it is not that.
-std::string unknown_verb(const CLI::App& app, int argc, const char* const* argv) {
-  std::vector<std::string> verbs;
-  for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; })) {
-    verbs.push_back(verb->get_name());
+/// CLI11 only says that a verb is missing; this names the wrong one, "haarlight rig docter".
+/// Empty: it is not that.
+std::string unknown_verb(const CLI::App& program, int argc, const char* const* argv) {
+  const CLI::App* app = &program;
+  std::string words = app->get_name();
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    std::vector<std::string> verbs;
+    const CLI::App* next = nullptr;
+    for (const CLI::App* verb : app->get_subcommands([](const CLI::App*) { return true; })) {
+      verbs.push_back(verb->get_name());
+      next = verb->get_name() == word ? verb : next;
+    }
+    if (verbs.empty() || word.empty() || word.front() == '-') {
+      return {};
+    }
+    if (next == nullptr) {
+      const std::string near = nearest_word(word, verbs);
+      return fmt::format("{} is not a verb of {}{}\n", word, words,
+                         near.empty() ? "" : fmt::format(": did you mean {}?", near));
+    }
+    app = next;
+    words += " " + word;
   }
-  const std::string word = argc > 1 ? argv[1] : "";
-  if (verbs.empty() || word.empty() || word.front() == '-' ||
-      std::find(verbs.begin(), verbs.end(), word) != verbs.end()) {
-    return {};
-  }
-  const std::string near = nearest_word(word, verbs);
-  return fmt::format("{} is not a verb of {}{}\n", word, app.get_name(),
-                     near.empty() ? "" : fmt::format(": did you mean {}?", near));
+  return {};
 }
 
 /// The verb that the line names, "haarlight rig doctor"; its words, and itself.
@@ -293,9 +304,18 @@ Command Command::add_verb(const std::string& name, const std::string& help) {
   return Command(app_->add_subcommand(name, help));
 }
 
+void Command::require_verb() { app_->require_subcommand(1); }
+
 void Command::on_chosen(std::function<void()> callback) { app_->callback(std::move(callback)); }
 
-std::string Command::name() const { return app_->get_name(); }
+std::string Command::name() const {
+  const CLI::App* above = app_->get_parent();
+  if (above == nullptr) {
+    return {};
+  }
+  const std::string words = Command(app_->get_parent()).name();
+  return words.empty() ? app_->get_name() : words + " " + app_->get_name();
+}
 
 CommandLine::CommandLine(const std::string& program, const std::string& description,
                          const std::string& version)
@@ -307,8 +327,6 @@ CommandLine::CommandLine(const std::string& program, const std::string& descript
 CommandLine::~CommandLine() = default;
 
 Command CommandLine::root() { return Command(app_.get()); }
-
-void CommandLine::require_verb() { app_->require_subcommand(1); }
 
 std::optional<ExitCode> CommandLine::parse(int argc, const char* const* argv) {
   try {

@@ -69,8 +69,11 @@ class Command {
   void footer(const std::string& text);
   /// A verb of this command.
   Command add_verb(const std::string& name, const std::string& help);
+  /// Exactly one verb of this command must be named.
+  void require_verb();
   /// Called during parse() when the line names this command, every value in its place.
   void on_chosen(std::function<void()> callback);
+  /// With the verbs that lead to it, without the program: "rig doctor".
   [[nodiscard]] std::string name() const;
 
  private:
@@ -90,8 +93,6 @@ class CommandLine {
   CommandLine& operator=(const CommandLine&) = delete;
 
   [[nodiscard]] Command root();
-  /// Exactly one verb must be named.
-  void require_verb();
   /// Fills the variables, then calls what on_chosen() set. Help and version go to the standard
   /// output, problems to the standard error.
   /// @return  how the program must end at once: done after help, usage after a problem;

@@ -65,7 +65,7 @@ int main(int argc, char** argv) try {
   haarlight::CommandLine line(
       "haarlight", "haarlight: capture an object under every light, and relight it afterwards",
       haarlight::program_version());
-  line.require_verb();
+  line.root().require_verb();
   haarlight::Invocation invocation;
   haarlight::add_all_verbs(line.root(), invocation);
   if (const std::optional<haarlight::ExitCode> end = line.parse(argc, argv)) {
