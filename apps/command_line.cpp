@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iostream>
+#include <map>
 #include <sstream>
 #include <type_traits>
 #include <utility>
@@ -11,9 +12,15 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
+#include "apps/completions.h"
 #include "core/config_table.h"
 
 namespace haarlight {
+
+/// What CLI11 does not tell of its options, for the completions.
+struct OptionTable {
+  std::map<const CLI::Option*, OptionRules> rules;
+};
 
 namespace {
 
@@ -267,12 +274,50 @@ std::string usage_words(const CLI::App& app, const CLI::ParseError& error) {
                      problem);
 }
 
+CompletedOption completed(const CLI::Option& option, const OptionTable& table) {
+  CompletedOption out;
+  out.help = option.get_description();
+  std::replace(out.help.begin(), out.help.end(), '\n', ' ');
+  for (const std::string& name : option.get_lnames()) {
+    out.names.push_back("--" + name);
+  }
+  for (const std::string& name : option.get_snames()) {
+    out.names.push_back("-" + name);
+  }
+  if (const auto rules = table.rules.find(&option); rules != table.rules.end()) {
+    const bool is_named = option.get_positional() && rules->second.type.empty();
+    out.value = is_named ? option.get_name(true) : option.get_option_text();
+    const ValueKind kind = value_kind(out.value);
+    out.words = rules->second.choices.empty() ? kind.words : rules->second.choices;
+    out.is_file = kind.is_file;
+  }
+  return out;
+}
+
+/// What of the command --help shows.
+CompletedCommand completed(const CLI::App& app, const OptionTable& table) {
+  CompletedCommand out{
+      .name = app.get_name(), .help = app.get_description(), .options = {}, .verbs = {}};
+  for (const CLI::Option* option : app.get_options()) {
+    if (!option->get_group().empty()) {
+      out.options.push_back(completed(*option, table));
+    }
+  }
+  for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; })) {
+    if (!verb->get_group().empty()) {
+      out.verbs.push_back(completed(*verb, table));
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 void Command::option(const std::string& names, OptionTarget target, const std::string& help,
                      const OptionRules& rules) {
   CLI::Option* option = std::visit(
       [&](auto* held) { return add_option(*app_, names, *held, help, rules); }, target);
+  table_->rules.emplace(option, rules);
   option->required(rules.is_required);
   if (!rules.choices.empty()) {
     option->check(CLI::IsMember(rules.choices));
@@ -301,7 +346,7 @@ void Command::flag(const std::string& names, bool* target, const std::string& he
 void Command::footer(const std::string& text) { app_->footer(help_footer(text)); }
 
 Command Command::add_verb(const std::string& name, const std::string& help) {
-  return Command(app_->add_subcommand(name, help));
+  return {app_->add_subcommand(name, help), table_};
 }
 
 void Command::require_verb() { app_->require_subcommand(1); }
@@ -313,20 +358,28 @@ std::string Command::name() const {
   if (above == nullptr) {
     return {};
   }
-  const std::string words = Command(app_->get_parent()).name();
+  const std::string words = Command(app_->get_parent(), table_).name();
   return words.empty() ? app_->get_name() : words + " " + app_->get_name();
 }
 
 CommandLine::CommandLine(const std::string& program, const std::string& description,
                          const std::string& version)
-    : app_(std::make_unique<CLI::App>(description, program)) {
+    : app_(std::make_unique<CLI::App>(description, program)),
+      table_(std::make_unique<OptionTable>()) {
   app_->formatter(std::make_shared<HelpFormat>());
   app_->set_version_flag("--version", program + " " + version);
+  app_->add_option_function<std::string>(
+          "--completions",
+          [this](const std::string& shell) {
+            throw CLI::CallForVersion(completions(completed(*app_, *table_), shell), 0);
+          })
+      ->check(CLI::IsMember({"bash", "zsh", "fish"}))
+      ->group("");
 }
 
 CommandLine::~CommandLine() = default;
 
-Command CommandLine::root() { return Command(app_.get()); }
+Command CommandLine::root() { return {app_.get(), table_.get()}; }
 
 std::optional<ExitCode> CommandLine::parse(int argc, const char* const* argv) {
   try {

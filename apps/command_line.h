@@ -14,7 +14,8 @@
 #include "core/error.h"
 
 /// @file
-/// The command line of every program: arguments, options, flags, verbs, --help and --version.
+/// The command line of every program: arguments, options, flags, verbs, --help, --version and
+/// --completions SHELL, which --help does not tell.
 /// Only the .cpp sees CLI11, which costs seconds in every file that includes it.
 ///
 ///     CommandLine line("haarlight-sim", "a virtual rig", program_version());
@@ -58,6 +59,8 @@ struct OptionRules {
   bool is_bytes = false;  ///< takes 512M and 4G, powers of 1024; for std::uint64_t
 };
 
+struct OptionTable;
+
 /// One command: a program, or a verb of it. A handle; copies mean the same command.
 class Command {
  public:
@@ -78,8 +81,9 @@ class Command {
 
  private:
   friend class CommandLine;
-  explicit Command(CLI::App* app) : app_(app) {}
+  Command(CLI::App* app, OptionTable* table) : app_(app), table_(table) {}
   CLI::App* app_;
+  OptionTable* table_;
 };
 
 /// The command line of a program. Not movable: verbs refer to it.
@@ -101,6 +105,7 @@ class CommandLine {
 
  private:
   std::unique_ptr<CLI::App> app_;
+  std::unique_ptr<OptionTable> table_;
 };
 
 }  // namespace haarlight
