@@ -17,9 +17,10 @@
 
 namespace haarlight {
 
-/// What CLI11 does not tell of its options, for the completions.
+/// What CLI11 does not tell of its options and verbs.
 struct OptionTable {
   std::map<const CLI::Option*, OptionRules> rules;
+  std::map<const CLI::App*, std::string> left_out;  ///< by which option of the build
 };
 
 namespace {
@@ -274,6 +275,16 @@ std::string usage_words(const CLI::App& app, const CLI::ParseError& error) {
                      problem);
 }
 
+/// Empty: the build has the verb that the line names.
+std::string left_out_words(const CLI::App& app, const OptionTable& table) {
+  const auto [words, verb] = chosen_verb(app);
+  const auto found = table.left_out.find(verb);
+  return found == table.left_out.end()
+             ? std::string()
+             : fmt::format("{}: this build was made without it\n  cure: build with -D{}=ON\n",
+                           words, found->second);
+}
+
 CompletedOption completed(const CLI::Option& option, const OptionTable& table) {
   CompletedOption out;
   out.help = option.get_description();
@@ -349,6 +360,14 @@ Command Command::add_verb(const std::string& name, const std::string& help) {
   return {app_->add_subcommand(name, help), table_};
 }
 
+void Command::leave_out(const std::string& verb, const std::string& option) {
+  CLI::App* app = app_->add_subcommand(verb);
+  app->group("");
+  app->prefix_command();  // whatever follows
+  app->set_help_flag();
+  table_->left_out.emplace(app, option);
+}
+
 void Command::require_verb() { app_->require_subcommand(1); }
 
 void Command::on_chosen(std::function<void()> callback) { app_->callback(std::move(callback)); }
@@ -384,6 +403,10 @@ Command CommandLine::root() { return {app_.get(), table_.get()}; }
 std::optional<ExitCode> CommandLine::parse(int argc, const char* const* argv) {
   try {
     app_->parse(argc, argv);
+    if (const std::string lacks = left_out_words(*app_, *table_); !lacks.empty()) {
+      std::cerr << lacks;
+      return ExitCode::usage;
+    }
     return std::nullopt;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) {

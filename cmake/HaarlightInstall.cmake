@@ -3,7 +3,14 @@
 # runs as, udev rules, examples and man pages. docs/reference/service.md walks through it.
 
 include(GNUInstallDirs)
-install(TARGETS haarlight haarlightd haarlight-sim RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+set(programs haarlight)
+if(HAARLIGHT_DAEMON)
+  list(APPEND programs haarlightd)
+endif()
+if(HAARLIGHT_SIM)
+  list(APPEND programs haarlight-sim)
+endif()
+install(TARGETS ${programs} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(DIRECTORY web/ DESTINATION ${CMAKE_INSTALL_DATADIR}/haarlight/web
         PATTERN "README.md" EXCLUDE)
 install(DIRECTORY configs/rigs configs/plans configs/scenes configs/environments
@@ -22,10 +29,12 @@ install(FILES configs/systemd/haarlight.sysusers DESTINATION lib/sysusers.d
 file(GLOB rules CONFIGURE_DEPENDS configs/udev/*.rules)
 install(FILES ${rules} DESTINATION lib/udev/rules.d)
 # The man pages say what the programs' --help says.
+list(TRANSFORM programs REPLACE "(.+)" "\"$<TARGET_FILE:\\1>\"" OUTPUT_VARIABLE files)
+list(JOIN files " " files)
 install(CODE "
   execute_process(
     COMMAND python3 \"${PROJECT_SOURCE_DIR}/scripts/make_man\" \"${PROJECT_BINARY_DIR}/man\"
-            \"$<TARGET_FILE:haarlight>\" \"$<TARGET_FILE:haarlightd>\" \"$<TARGET_FILE:haarlight-sim>\"
+            ${files}
     RESULT_VARIABLE failed ERROR_VARIABLE why OUTPUT_QUIET)
   if(failed)
     message(FATAL_ERROR \"the man pages were not made: \${why}\")
