@@ -39,7 +39,10 @@ class Parts(unittest.TestCase):
                 if file.stem not in MODULES and not link.is_symlink():
                     link.symlink_to(file)
         cls.environment = {**os.environ, "PKG_CONFIG_LIBDIR": str(known), "PKG_CONFIG_PATH": ""}
-        parts = [f"-DHAARLIGHT_{part}=OFF" for part in ("DAEMON", "SIM", "MPI", "STUDY", "TESTS")]
+        # As the document says it.
+        text = (SOURCE / "docs/reference/building.md").read_text()
+        parts = re.findall(r"-DHAARLIGHT_\w+=OFF", re.search(r"cmake -B build/small (.|\n)*?\n\n", text)[0])
+        assert len(parts) == 4, parts
         hidden = [f"-DCMAKE_DISABLE_FIND_PACKAGE_{name}=ON" for name in PACKAGES]
         cls.configured = run("cmake", "-S", SOURCE, "-B", BUILD, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
                              "-DHAARLIGHT_PRECOMPILED=ON", "-DHAARLIGHT_WERROR=ON",
@@ -56,6 +59,16 @@ class Parts(unittest.TestCase):
         files = {pathlib.Path(entry["file"]).name for entry in commands}
         self.assertFalse(files & {"usb_link.cpp", "modbus_bus.cpp", "ranks.cpp", "usb_redir_server.cpp",
                                   "daemon_client.cpp", "bases.cpp"})
+
+    def test_in_another_projects_build_it_has_no_tests(self):
+        folder = BUILD / "parent"
+        folder.mkdir(exist_ok=True)
+        (folder / "CMakeLists.txt").write_text(
+            "cmake_minimum_required(VERSION 3.25)\nproject(parent LANGUAGES CXX)\nenable_testing()\n"
+            f"add_subdirectory({SOURCE} haarlight)\n")
+        done = run("cmake", "-S", folder, "-B", folder / "build", "-G", "Ninja")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("Total Tests: 0", run("ctest", "-N", "--test-dir", folder / "build").stdout)
 
     def test_the_command_names_what_it_lacks(self):
         built = run("cmake", "--build", BUILD, "--target", "haarlight", "--parallel", "2", env=self.environment)
