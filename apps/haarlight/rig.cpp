@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// `haarlight rig doctor|commission|predict RIG.toml`: is everything there, what does it really
-/// do, and what will it capture?
+/// `haarlight rig doctor|commission RIG.toml`: is everything there, and what does it really do?
+
+#include "apps/haarlight/rig.h"
 
 #include <chrono>
 #include <csignal>
@@ -13,8 +14,6 @@
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
-#include "apps/haarlight/rig_calibrate.h"
-#include "apps/haarlight/rig_predict.h"
 #include "apps/haarlight/verb.h"
 #include "capture/commission/commission.h"
 #include "capture/commission/commission_page.h"
@@ -29,7 +28,6 @@ namespace haarlight {
 namespace {
 
 struct RigArguments {
-  std::string action;
   std::string rig;
   std::string camera;
   std::string page;
@@ -37,9 +35,6 @@ struct RigArguments {
   bool flash_ok = false;
   bool timing_only = false;
   bool json = false;
-  PredictArguments predict;
-  std::string file;  ///< calibrate: the rig file, RIG being what to calibrate
-  CalibrateArguments calibrate;
 };
 
 /// The body of an answer from a local address; empty: nobody answers.
@@ -329,113 +324,50 @@ ExitCode run_commission(const RigArguments& arguments, const CommonOptions& comm
 
 }  // namespace
 
-void add_rig(Command root, Invocation& invocation) {
+void add_rig_doctor(Command rig, Invocation& invocation) {
   auto arguments = std::make_shared<RigArguments>();
-  Command verb =
-      root.add_verb("rig", "Examine a rig, measure what it really does, or predict it");
-  verb.option(
-      "ACTION", &arguments->action,
-      "doctor: what is there, what was expected, and the cure; lights nothing\n"
-      "commission: measure delays, time stamps, noise and lights by flashing them\n"
-      "calibrate camera|plane|lights: the lens and the plane from pictures of a printed "
-      "chessboard,\nwhere the lights are from a capture of a flat matte sheet\n"
-      "predict: how finely shadows will be sampled, from the file alone",
-      {.type = "doctor|commission|calibrate|predict",
-       .choices = {"doctor", "commission", "calibrate", "predict"},
-       .is_required = true});
-  verb.option("RIG", &arguments->rig, "Rig file; after calibrate: camera, plane or lights",
-              {.type = "RIG.toml", .is_required = true});
-  verb.option("FILE", &arguments->file, "calibrate: the rig file", {.type = "RIG.toml"});
-  verb.option("--session", &arguments->calibrate.session,
-              "calibrate lights: the capture of the sheet, one light a picture",
-              {.type = "SESSION"});
-  verb.option("--picture", &arguments->calibrate.pictures,
-              "calibrate camera, plane: a picture of the chessboard; may be repeated",
-              {.type = "PICTURE"});
-  verb.option("--board", &arguments->calibrate.board,
-              "calibrate camera, plane: the board's inner corners (default 9,6)",
-              {.type = "COLUMNS,ROWS", .delimiter = ',', .count = 2});
-  verb.option("--square", &arguments->calibrate.square_mm,
-              "calibrate camera, plane: a square's side, mm", {.shows_default = true});
-  verb.option(
-      "--region", &arguments->calibrate.region,
-      "calibrate lights: the sheet on the plane, mm along its u and v (default: the middle "
-      "four fifths)",
-      {.type = "U0,U1,V0,V1", .delimiter = ',', .count = 4});
-  verb.option("--sheet", &arguments->calibrate.sheet_mm,
-              "calibrate lights: the sheet's thickness over the plane, mm",
-              {.shows_default = true});
-  verb.option(
-      "--bow", &arguments->calibrate.bow_mm,
-      "calibrate lights: how far the sheet may be bowed, mm (a standard deviation); 0: it "
-      "is flat for certain",
-      {.bounds = Bounds{0, 20}, .shows_default = true});
-  verb.option(
-      "--lobe", &arguments->calibrate.lobe,
-      "calibrate lights: free finds one exponent for each face; given takes the rig file's",
-      {.choices = {"free", "given"}, .shows_default = true});
-  verb.flag("--json", &arguments->json, "doctor, predict: the table as JSON");
-  verb.option("--object-height", &arguments->predict.object_height,
-              "predict: lowest and highest point of the object over the plane, mm",
-              {.type = "LOW,HIGH", .delimiter = ',', .count = 2});
-  verb.option("--strip", &arguments->predict.strip_mm,
-              "predict: width of the strip whose ripple is told, mm", {.shows_default = true});
-  verb.option("--sun", &arguments->predict.sun_deg,
-              "predict: angular diameter of a hard sun, degrees", {.shows_default = true});
-  verb.option("--receiver", &arguments->predict.receivers,
-              "predict: heights over the plane of surfaces to draw on, mm",
-              {.type = "MM,...", .delimiter = ','});
-  verb.option("--camera", &arguments->camera,
-              "commission, calibrate: the camera that looks (default: the first)",
+  Command verb = rig.add_verb(
+      "doctor", "Tell what is there, what was expected, and the cure; lights nothing");
+  verb.option("RIG", &arguments->rig, "Rig file", {.type = "RIG.toml", .is_required = true});
+  verb.flag("--json", &arguments->json, "The table as JSON");
+  verb.footer(
+      "Exit code 1: something is wrong.\n"
+      "Example:\n"
+      "  haarlight rig doctor configs/rigs/small8.toml");
+  finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
+    report.add_input(arguments->rig);
+    report.add_asked("action", std::string("doctor"));
+    return run_doctor(*arguments, report);
+  });
+}
+
+void add_rig_commission(Command rig, Invocation& invocation) {
+  auto arguments = std::make_shared<RigArguments>();
+  Command verb = rig.add_verb("commission",
+                              "Measure delays, time stamps, noise and lights by flashing them");
+  verb.option("RIG", &arguments->rig, "Rig file", {.type = "RIG.toml", .is_required = true});
+  verb.option("--camera", &arguments->camera, "The camera that looks (default: the first)",
               {.type = "ID"});
   verb.flag("--flash-ok", &arguments->flash_ok,
-            "commission: begin without asking; the room is clear of people at risk from "
-            "flashing light");
+            "Begin without asking; the room is clear of people at risk from flashing light");
   verb.flag("--timing-only", &arguments->timing_only,
-            "commission: neither the camera's noise nor each light");
-  verb.option("--steps", &arguments->steps,
-              "commission: switches of the light at each of two exposures",
+            "Neither the camera's noise nor each light");
+  verb.option("--steps", &arguments->steps, "Switches of the light at each of two exposures",
               {.bounds = Bounds{20, 2000}, .shows_default = true});
   verb.option("--page", &arguments->page,
-              "commission, calibrate: the page with figures (default: NAME.commission.html, "
-              "NAME.lights.html, ...)",
-              {.type = "FILE"});
+              "The page with figures (default: NAME.commission.html)", {.type = "FILE"});
   verb.footer(
-      "commission writes NAME.measured.toml beside the rig file; every program then puts these "
-      "values\nover the written ones. The daemon must not be running. "
-      "docs/reference/commissioning.md "
-      "tells how to set up.\nExit codes: 1 when the doctor finds something wrong, or the rig "
-      "file\ncontradicts what was measured, or lights are dead, dim or swapped.\n"
-      "Examples:\n"
-      "  haarlight rig doctor configs/rigs/small8.toml\n"
-      "  haarlight rig commission configs/rigs/small8.toml --flash-ok\n"
-      "  haarlight rig calibrate lights configs/rigs/small8.toml --session sheet.session\n"
-      "  haarlight rig predict configs/rigs/cube32.toml --object-height 76,128 "
-      "--receiver=-100,50");
+      "Writes NAME.measured.toml beside the rig file; every program then puts these values "
+      "over\nthe written ones. The daemon must not be running. "
+      "docs/reference/commissioning.md tells how to set up.\n"
+      "Exit code 1: the rig file contradicts what was measured, or lights are dead, dim or "
+      "swapped.\n"
+      "Example:\n"
+      "  haarlight rig commission configs/rigs/small8.toml --flash-ok");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     report.add_input(arguments->rig);
-    report.add_asked("action", arguments->action);
-    if (arguments->action == "calibrate") {
-      CalibrateArguments calibrate = arguments->calibrate;
-      calibrate.rig = arguments->file;
-      calibrate.page = arguments->page;
-      calibrate.camera = arguments->camera;
-      const std::string& what = arguments->rig;
-      if (arguments->file.empty() ||
-          (what != "camera" && what != "plane" && what != "lights")) {
-        throw Error("calibrate what, of which rig?", what,
-                    "haarlight rig calibrate camera|plane|lights RIG.toml", ExitCode::usage);
-      }
-      return what == "camera"  ? run_calibrate_camera(calibrate, common, report)
-             : what == "plane" ? run_calibrate_plane(calibrate, common, report)
-                               : run_calibrate_lights(calibrate, common, report);
-    }
-    if (arguments->action == "predict") {
-      run_predict(arguments->rig, arguments->predict, arguments->json, report);
-      return ExitCode::done;
-    }
-    return arguments->action == "doctor" ? run_doctor(*arguments, report)
-                                         : run_commission(*arguments, common, report);
+    report.add_asked("action", std::string("commission"));
+    return run_commission(*arguments, common, report);
   });
 }
 

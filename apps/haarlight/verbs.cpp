@@ -114,7 +114,9 @@ void finish_verb(Command verb, Invocation& invocation, RunVerb run) {
   verb.option("--threads", &common.threads, "Threads to use (default: one a core)",
               {.bounds = Bounds{1, 1024}});
   verb.flag("--force", &common.force, "Overwrite an existing output");
-  verb.on_chosen([name = verb.name(), run = std::move(run), &invocation] {
+  // A nested verb reports and complains as the one that holds it: "rig".
+  const std::string words = verb.name();
+  verb.on_chosen([name = words.substr(0, words.find(' ')), run = std::move(run), &invocation] {
     invocation.command = name;
     invocation.run = [run, &invocation](Report& report) {
       limit_picture_memory(invocation.common.memory_bytes);
