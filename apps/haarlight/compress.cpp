@@ -9,7 +9,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/clipped_words.h"
+#include "relight/pipeline/clipped_words.h"
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
