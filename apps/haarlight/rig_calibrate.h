@@ -28,6 +28,9 @@ struct CalibrateArguments {
   std::string camera;  ///< id; empty: the first
 };
 
+/// Adds --session to --lobe.
+void add_calibrate_options(Command verb, CalibrateArguments& arguments);
+
 /// The lens: K and dist with uncertainties, a page with every corner's miss.
 ExitCode run_calibrate_camera(const CalibrateArguments& arguments, const CommonOptions& common,
                               Report& report);

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "core/report.h"
+#include "apps/haarlight/verb.h"
 
 /// @file
 /// `haarlight rig predict`: the design tool.
@@ -17,6 +17,9 @@ struct PredictArguments {
   double sun_deg = 0.53;
   std::vector<double> receivers;
 };
+
+/// Adds --object-height, --strip, --sun and --receiver.
+void add_predict_options(Command verb, PredictArguments& arguments);
 
 /// Prints the prediction, as JSON if asked, and adds it to the report.
 void run_predict(const std::string& rig, const PredictArguments& arguments, bool is_json,
