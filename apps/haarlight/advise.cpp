@@ -26,7 +26,7 @@ struct AdviseArguments {
   std::string rig;
   std::optional<double> signal_e;
   std::string pilot;
-  LightOptions light;
+  LightChoice light;
   double target_db = 0.0;
   double flicker = 0.0;
   int wavelets = 64;
@@ -148,7 +148,10 @@ ExitCode run_advise(const AdviseArguments& arguments, const CommonOptions& commo
   std::vector<AdviceLighting> lightings{single_lights(rig.n_lights(), kSingleLights)};
   std::optional<Lighting> own;
   if (!arguments.light.cubemap.empty()) {
-    const Environment environment = read_environment(arguments.light, report);
+    const Environment environment = read_environment(arguments.light);
+    report.add_input(arguments.light.cubemap);
+    report.add_asked("rotate_deg", arguments.light.rotate_deg);
+    report.add_detail("layout", std::string(to_string(environment.layout())));
     own = Lighting{rig_weights(environment, rig).weights, {}};
     lightings.push_back(
         {std::filesystem::path(arguments.light.cubemap).filename().string(), own->weights});

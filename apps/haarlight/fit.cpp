@@ -20,6 +20,7 @@
 #include "core/tradeoff.h"
 #include "relight/basis/haar.h"
 #include "relight/light/near_light.h"
+#include "relight/pipeline/bytes_on_disk.h"
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/light_haar.h"
 #include "relight/reflectance/fit/near_fit.h"

@@ -8,6 +8,7 @@
 
 #include "apps/haarlight/verb.h"
 #include "core/error.h"
+#include "relight/pipeline/bytes_on_disk.h"
 
 namespace haarlight {
 

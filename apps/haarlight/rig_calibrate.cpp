@@ -2,19 +2,17 @@
 #include "apps/haarlight/rig_calibrate.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <numbers>
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include "core/files.h"
 #include "core/markup.h"
-#include "core/report.h"
 #include "core/rig/measured_rig.h"
 #include "relight/calibration/rig_light_calibration.h"
+#include "relight/pipeline/calibrate/measured_file.h"
 #include "session/develop/develop.h"
 
 namespace haarlight {
@@ -22,7 +20,6 @@ namespace haarlight {
 namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
-constexpr std::uintmax_t kMaxMeasured = 16U << 20U;
 
 /// The session must have been shot with the rig as it is written today.
 void require_same_rig(const Session& session, const Rig& written) {
@@ -207,28 +204,6 @@ std::string test_text(const ModelTest& test) {
       test.lobe_z, ModelTest::kMostLobeZ);
 }
 
-MeasuredFile::MeasuredFile(const Rig& written)
-    : written_(written), file_(measured_path(written.file)) {
-  std::error_code ignored;
-  if (std::filesystem::exists(file_, ignored)) {
-    values = parse_measured(read_file(file_, kMaxMeasured), file_.string());
-  }
-  values.date = fmt::format(
-      "{:%FT%TZ}",
-      fmt::gmtime(std::chrono::system_clock::to_time_t(std::chrono::system_clock::now())));
-  values.tool = fmt::format("haarlight {}", kVersion);
-  values.rig_hash = written.hash;
-}
-
-std::size_t MeasuredFile::write() {
-  const std::string text = to_toml(values);
-  // What is written is what every program will read: prove it before it is there.
-  (void)parse_rig(join_rig_text({written_.text, text}, file_.string()), written_.file.string());
-  write_file_atomically(file_, text);
-  fmt::print("measured values: {}\n", file_.string());
-  return text.size();
-}
-
 RigFaces fit_rig_faces(const Session& session, const Rig& rig,
                        const CalibrateArguments& arguments, const CommonOptions& common) {
   const bool is_noise_known = !rig.cameras.empty() &&
@@ -340,6 +315,7 @@ RigFaces store_rig_faces(const CalibrateArguments& arguments, const CommonOption
     return fit;
   }
   report.set_bytes(stored.write());
+  fmt::print("measured values: {}\n", stored.path().string());
   return fit;
 }
 

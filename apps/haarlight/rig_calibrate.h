@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <filesystem>
 #include <string>
 #include <vector>
 
 #include "apps/haarlight/verb.h"
-#include "core/rig/measured_rig.h"
 #include "relight/calibration/rig_light_calibration.h"
 #include "session/develop/develop.h"
 
@@ -28,20 +26,6 @@ struct CalibrateArguments {
   std::vector<int> board{9, 6};       ///< inner corners: columns, rows
   double square_mm = 20.0;
   std::string camera;  ///< id; empty: the first
-};
-
-/// Puts a calibration's results into NAME.measured.toml, what else it holds untouched.
-class MeasuredFile {
- public:
-  /// @throws Error  a file that cannot be read
-  explicit MeasuredFile(const Rig& written);
-  MeasuredRig values;
-  /// Proves that every program can read it, then writes it. @return  bytes
-  std::size_t write();
-
- private:
-  const Rig& written_;
-  std::filesystem::path file_;
 };
 
 /// The lens: K and dist with uncertainties, a page with every corner's miss.

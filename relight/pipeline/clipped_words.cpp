@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "apps/haarlight/clipped_words.h"
+#include "relight/pipeline/clipped_words.h"
 
 #include <limits>
 
