@@ -10,6 +10,7 @@
 
 #include "apps/haarlight/calibrate.h"
 #include "apps/haarlight/develop_options.h"
+#include "relight/pipeline/session_stack.h"
 #include "session/import/picture_match.h"
 
 namespace haarlight {

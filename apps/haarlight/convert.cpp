@@ -15,6 +15,7 @@
 #include "core/files.h"
 #include "core/log.h"
 #include "core/picture/image_io.h"
+#include "relight/pipeline/bytes_on_disk.h"
 #include "relight/reflectance/formats/refit.h"
 #include "relight/reflectance/formats/reflectance_file.h"
 #include "session/light_file.h"

@@ -6,10 +6,10 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/picture/image_io.h"
+#include "relight/pipeline/picture_notes.h"
 #include "relight/shape/corrected_light.h"
 #include "session/develop/develop.h"
 #include "session/light_file.h"

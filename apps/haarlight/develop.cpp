@@ -11,12 +11,12 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/picture/image_io.h"
 #include "relight/basis/compress_session.h"
 #include "relight/light/near_light.h"
+#include "relight/pipeline/picture_notes.h"
 
 namespace haarlight {
 

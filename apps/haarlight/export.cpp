@@ -9,14 +9,14 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/display_exposure.h"
-#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
 #include "core/picture/image_io.h"
 #include "relight/light/near_light.h"
+#include "relight/pipeline/display_exposure.h"
+#include "relight/pipeline/picture_notes.h"
 #include "session/develop/develop.h"
 
 namespace haarlight {

@@ -14,9 +14,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/clipped_words.h"
-#include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/light_options.h"
-#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
@@ -28,6 +26,8 @@
 #include "relight/basis/prepared_basis.h"
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
+#include "relight/pipeline/display_exposure.h"
+#include "relight/pipeline/picture_notes.h"
 #include "session/develop/develop.h"
 #include "session/session.h"
 

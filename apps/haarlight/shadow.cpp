@@ -10,9 +10,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/display_exposure.h"
 #include "apps/haarlight/light_options.h"
-#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/step_before.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
@@ -23,6 +21,8 @@
 #include "relight/basis/relight.h"
 #include "relight/basis/weight_list.h"
 #include "relight/light/light_weights.h"
+#include "relight/pipeline/display_exposure.h"
+#include "relight/pipeline/picture_notes.h"
 #include "relight/shadow/composite.h"
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"

@@ -12,12 +12,13 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/display_exposure.h"
-#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/files.h"
 #include "core/log.h"
 #include "core/picture/image_io.h"
+#include "relight/pipeline/display_exposure.h"
+#include "relight/pipeline/picture_notes.h"
+#include "relight/pipeline/session_stack.h"
 #include "relight/reflectance/fit/far_fit.h"
 #include "relight/reflectance/fit/recipe_choice.h"
 #include "relight/reflectance/formats/reflectance_file.h"

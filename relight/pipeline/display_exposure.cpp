@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "apps/haarlight/display_exposure.h"
+#include "relight/pipeline/display_exposure.h"
 
 #include <algorithm>
 #include <cstddef>

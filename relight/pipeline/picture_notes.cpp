@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "apps/haarlight/picture_notes.h"
+#include "relight/pipeline/picture_notes.h"
 
 #include <fmt/format.h>
 
