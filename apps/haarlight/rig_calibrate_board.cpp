@@ -12,6 +12,7 @@
 #include "core/markup.h"
 #include "core/picture/chessboard.h"
 #include "core/picture/image_io.h"
+#include "relight/pipeline/calibrate/measured_file.h"
 
 namespace haarlight {
 
@@ -184,6 +185,7 @@ ExitCode run_calibrate_camera(const CalibrateArguments& arguments, const CommonO
   }
   at->lens = lens;
   report.set_bytes(stored.write());
+  fmt::print("measured values: {}\n", stored.path().string());
   return ExitCode::done;
 }
 
@@ -259,6 +261,7 @@ ExitCode run_calibrate_plane(const CalibrateArguments& arguments, const CommonOp
                planes.end());
   planes.push_back(m);
   report.set_bytes(stored.write());
+  fmt::print("measured values: {}\n", stored.path().string());
   return ExitCode::done;
 }
 
