@@ -2,7 +2,6 @@
 #include "relight/pipeline/fit_pipeline.h"
 
 #include <algorithm>
-#include <cmath>
 #include <ctime>
 #include <memory>
 #include <utility>

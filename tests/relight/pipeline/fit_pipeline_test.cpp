@@ -123,6 +123,16 @@ TEST_F(FitPipeline, WhatAFileCannotHoldIsRefusedBeforeItIsWritten) {
   EXPECT_FALSE(std::filesystem::exists(options_.out));
 }
 
+TEST_F(FitPipeline, NearLightsNeedPlacesAndHoldNothingOut) {
+  options_.out = folder_ / "made.ptm";
+  options_.near = NearSolve::exact;
+  EXPECT_THROW((void)fit_capture(options_), Error);  // directions
+  EXPECT_THROW((void)compare_fits(options_), Error);
+  options_.hold_out = {4, 1};
+  EXPECT_THROW((void)fit_capture(options_), Error);
+  EXPECT_FALSE(std::filesystem::exists(options_.out));
+}
+
 TEST_F(FitPipeline, AListAndAFolderThatDisagreeAreToldAsTheyAreFound) {
   write_image(folder_ / "pictures/other.png", Image<float>(6, 8, 1).view());
   options_.out = folder_ / "made.ptm";
