@@ -5,8 +5,6 @@
 #include <vector>
 
 #include "apps/haarlight/verb.h"
-#include "relight/calibration/rig_light_calibration.h"
-#include "session/develop/develop.h"
 
 /// @file
 /// `haarlight rig calibrate camera|plane|lights RIG.toml`: the lens and the plane from pictures
@@ -34,29 +32,6 @@ ExitCode run_calibrate_camera(const CalibrateArguments& arguments, const CommonO
 /// The first plane, from one or more pictures of a board that lies on it.
 ExitCode run_calibrate_plane(const CalibrateArguments& arguments, const CommonOptions& common,
                              Report& report);
-
-/// The faces of a rig as a capture of a sheet shows them.
-struct RigFaces {
-  SheetSamples sheet;
-  std::vector<FaceCalibration> faces;
-  bool is_good = true;  ///< every fit ended well and its model was not found wrong
-  bool is_plane_measured = false;
-  bool is_noise_known = false;
-};
-/// @param rig  the session's, or as it is known today
-[[nodiscard]] RigFaces fit_rig_faces(const Session& session, const Rig& rig,
-                                     const CalibrateArguments& arguments,
-                                     const CommonOptions& common);
-/// What the test of the model says, for a person.
-[[nodiscard]] std::string test_text(const ModelTest& test);
-/// Results and notes, for people and the report.
-void tell_faces(const Rig& rig, const RigFaces& fit, const CommonOptions& common,
-                Report& report);
-/// Fits, tells, writes the page and, where all is good, NAME.measured.toml.
-/// @throws Error  a session of another rig, a sheet that is not seen, lights that cannot be
-/// found
-RigFaces store_rig_faces(const CalibrateArguments& arguments, const CommonOptions& common,
-                         Report& report);
 
 /// Writes NAME.measured.toml and a page with pictures.
 /// @throws Error  a session of another rig, a sheet that is not seen, lights that cannot be

@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "apps/haarlight/fit_output.h"
+#include "relight/pipeline/fit_output.h"
 
-#include <array>
 #include <cstdlib>
 
-#include <fmt/format.h>
-
-#include "apps/haarlight/verb.h"
 #include "core/error.h"
 #include "relight/pipeline/bytes_on_disk.h"
 
@@ -97,24 +93,6 @@ std::optional<FitFile> try_fit_file(ReflectanceModel& model, const MeasurePictur
     return write_fit(folder.path() / "fit.rti", model, {}, measure, keeps_planes);
   }
   return {};
-}
-
-std::uint64_t parse_bytes(const std::string& text, const std::string& option) {
-  char* end = nullptr;
-  const double number = std::strtod(text.c_str(), &end);
-  const std::string unit = end;
-  constexpr double kThousand = 1e3;
-  const double factor = unit.empty()                 ? 1.0
-                        : unit == "k" || unit == "K" ? kThousand
-                        : unit == "M"                ? kThousand * kThousand
-                        : unit == "G"                ? kThousand * kThousand * kThousand
-                                                     : 0.0;
-  constexpr double kMost = 1e15;
-  if (end == text.c_str() || !(number * factor >= 1.0) || number * factor > kMost) {
-    throw Error("not a number of bytes", option + " " + text, "for example: --bytes 800k",
-                ExitCode::usage);
-  }
-  return static_cast<std::uint64_t>(number * factor);
 }
 
 }  // namespace haarlight

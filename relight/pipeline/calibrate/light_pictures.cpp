@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file
-/// The pictures of `haarlight calibrate`: of a session, or of a folder.
+#include "relight/pipeline/calibrate/light_pictures.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,8 +7,8 @@
 
 #include <fmt/format.h>
 
-#include "apps/haarlight/calibrate.h"
-#include "apps/haarlight/develop_options.h"
+#include "core/error.h"
+#include "relight/pipeline/session_stack.h"
 #include "session/import/picture_match.h"
 
 namespace haarlight {
@@ -20,8 +19,8 @@ namespace fs = std::filesystem;
 
 constexpr float kAny = std::numeric_limits<float>::infinity();
 
-bool is_mask(const fs::path& picture, const std::vector<std::string>& masks) {
-  return std::any_of(masks.begin(), masks.end(), [&](const std::string& mask) {
+bool is_mask(const fs::path& picture, const std::vector<fs::path>& masks) {
+  return std::any_of(masks.begin(), masks.end(), [&](const fs::path& mask) {
     std::error_code ignored;
     return fs::equivalent(picture, mask, ignored) && !ignored;
   });
@@ -44,28 +43,29 @@ void require_finite(const Image<float>& picture, const fs::path& file) {
 
 }  // namespace
 
-LightPictures LightPictures::open(const FindLightsArguments& arguments,
-                                  const CommonOptions& common) {
+LightPictures LightPictures::open(const LightPicturesOptions& options,
+                                  const PipelineSettings& settings) {
   LightPictures out;
-  out.common_ = common;
-  out.folder_ = arguments.input;
+  out.settings_ = settings;
+  out.folder_ = options.input;
+  out.transfer_ = options.transfer;
+  const std::string input = options.input.string();
   std::error_code ignored;
   if (!fs::exists(out.folder_, ignored)) {
-    throw Error("not found", arguments.input, "name a session, or a folder of pictures");
+    throw Error("not found", input, "name a session, or a folder of pictures");
   }
   if (fs::exists(out.folder_ / "session.json", ignored)) {
-    if (!arguments.exclude.empty()) {
+    if (!options.exclude.empty()) {
       throw Error("pictures of a session cannot be left out", "--exclude",
                   "leave the option out", ExitCode::usage);
     }
-    out.session_ = Session::open(arguments.input);
+    out.session_ = Session::open(options.input);
     const SessionInfo& info = out.session_->info();
     if (info.form.crop) {
       throw Error(
-          "holds a part of its pictures: lights are found from the middle of whole ones",
-          arguments.input, "import them without --crop and calibrate on that");
+          "holds a part of its pictures: lights are found from the middle of whole ones", input,
+          "import them without --crop and calibrate on that");
     }
-    out.unknown_as_ = arguments.transfer == "file" ? "" : arguments.transfer;
     for (std::size_t k = 0; k < info.lights.size(); ++k) {
       const std::string& name = info.lights[k].name;
       out.names_.push_back(name.empty() ? fmt::format("light{}", k) : name);
@@ -74,19 +74,16 @@ LightPictures LightPictures::open(const FindLightsArguments& arguments,
     out.height_ = info.form.height;
     return out;
   }
-  if (arguments.transfer != "file") {
-    out.transfer_ = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
-  }
   for (const std::string& name : picture_names(out.folder_)) {
     const bool is_excluded = std::any_of(
-        arguments.exclude.begin(), arguments.exclude.end(),
+        options.exclude.begin(), options.exclude.end(),
         [&](const std::string& part) { return name.find(part) != std::string::npos; });
-    if (!is_excluded && !is_mask(out.folder_ / name, arguments.masks)) {
+    if (!is_excluded && !is_mask(out.folder_ / name, options.masks)) {
       out.names_.push_back(name);
     }
   }
   if (out.names_.empty()) {
-    throw Error("no pictures", arguments.input,
+    throw Error("no pictures", input,
                 "one picture for each light: .jpg, .png, .tif, .exr, .tga or .hdr");
   }
   std::vector<LightPicture> pictures;
@@ -107,10 +104,10 @@ void LightPictures::for_each(const Visit& visit) const {
     return;
   }
   const Developed developed =
-      develop_all(*session_, develop_options(*session_, common_, unknown_as_));
+      develop_all(*session_, develop_options(*session_, settings_, transfer_));
   const std::vector<float> clip = clip_levels(*session_);
   for_each_light_image(
-      developed.stack, common_.memory_bytes, [&](int k, const Image<float>& picture) {
+      developed.stack, settings_.memory_bytes, [&](int k, const Image<float>& picture) {
         float most = kAny;
         // Of channels with gains of their own the least: cautious.
         for (auto i = static_cast<std::size_t>(k); i < clip.size(); i += names_.size()) {
@@ -121,7 +118,7 @@ void LightPictures::for_each(const Visit& visit) const {
 }
 
 void LightPictures::for_each_file(const Visit& visit) const {
-  Progress progress("pictures", names_.size(), common_.progress());
+  Progress progress("pictures", names_.size(), settings_.progress);
   for (std::size_t k = 0; k < names_.size(); ++k) {
     const fs::path file = folder_ / names_[k];
     PictureFile picture = read_picture(file);

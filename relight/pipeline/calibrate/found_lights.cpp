@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file
-/// What `haarlight calibrate` writes and tells.
+#include "relight/pipeline/calibrate/found_lights.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,8 +9,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "apps/haarlight/calibrate.h"
+#include "core/error.h"
 #include "core/files.h"
+#include "core/picture/image_io.h"
 #include "session/light_file.h"
 
 namespace haarlight {
@@ -21,16 +21,16 @@ namespace {
 namespace fs = std::filesystem;
 using Eigen::Vector3d;
 
-constexpr std::size_t kMostRows = 100;  // of the table on the standard output
+constexpr std::size_t kMostRows = 100;  // of the table
 
-enum class Form { folder, json, lp, csv };
+enum class ListForm { folder, json, lp, csv };
 
-Form form_of(const std::string& out) {
-  const std::string ending = fs::path(out).extension().string();
-  return ending == ".json"  ? Form::json
-         : ending == ".lp"  ? Form::lp
-         : ending == ".csv" ? Form::csv
-                            : Form::folder;
+ListForm form_of(const fs::path& out) {
+  const std::string ending = out.extension().string();
+  return ending == ".json"  ? ListForm::json
+         : ending == ".lp"  ? ListForm::lp
+         : ending == ".csv" ? ListForm::csv
+                            : ListForm::folder;
 }
 
 double median(std::vector<double> values) {
@@ -150,6 +150,29 @@ std::string row_of(const FoundLight& light, bool has_powers) {
   return out + (light.finding == "good" ? "" : "  " + light.finding);
 }
 
+/// What is known of all lights.
+struct FoundStatistics {
+  std::int64_t n_seen = 0;
+  std::int64_t n_weak = 0;
+  std::vector<double> mm;       ///< standard errors of places, 3-D
+  std::vector<double> degrees;  ///< of directions
+};
+
+FoundStatistics statistics_of(const FoundLights& found) {
+  FoundStatistics out;
+  for (const FoundLight& light : found.lights) {
+    out.n_seen += light.is_seen() ? 1 : 0;
+    out.n_weak += light.is_seen() && light.finding != "good" ? 1 : 0;
+    if (light.sigma_mm) {
+      out.mm.push_back(light.sigma_mm->norm());
+    }
+    if (light.sigma_deg) {
+      out.degrees.push_back(*light.sigma_deg);
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 double direction_sigma_deg(const Vector3d& position_mm, const Eigen::Matrix3d& covariance_mm2) {
@@ -160,24 +183,22 @@ double direction_sigma_deg(const Vector3d& position_mm, const Eigen::Matrix3d& c
          std::numbers::pi;
 }
 
-void require_writable(const FindLightsArguments& arguments, const CommonOptions& common) {
-  require_absent(arguments.out, common.force);
+void require_writable(const fs::path& out, bool overwrites) {
+  require_absent(out, overwrites);
   std::error_code ignored;
-  const bool is_folder = fs::is_directory(arguments.out, ignored);
-  if (is_folder != (form_of(arguments.out) == Form::folder) &&
-      fs::exists(arguments.out, ignored)) {
+  const bool is_folder = fs::is_directory(out, ignored);
+  if (is_folder != (form_of(out) == ListForm::folder) && fs::exists(out, ignored)) {
     throw Error(is_folder ? "a folder of that name is there" : "a file of that name is there",
-                arguments.out, "choose another name", ExitCode::usage);
+                out.string(), "choose another name", ExitCode::usage);
   }
 }
 
-std::uint64_t write_found(const FoundLights& found, const FindLightsArguments& arguments) {
-  const fs::path out = arguments.out;
-  const Form form = form_of(arguments.out);
-  if (form != Form::folder) {
-    const std::string text = form == Form::json ? json_of(found)
-                             : form == Form::lp ? lp_of(found)
-                                                : csv_of(found);
+std::uint64_t write_found(const FoundLights& found, const fs::path& out) {
+  const ListForm form = form_of(out);
+  if (form != ListForm::folder) {
+    const std::string text = form == ListForm::json ? json_of(found)
+                             : form == ListForm::lp ? lp_of(found)
+                                                    : csv_of(found);
     write_file_atomically(out, text);
     return text.size();
   }
@@ -188,7 +209,7 @@ std::uint64_t write_found(const FoundLights& found, const FindLightsArguments& a
   std::error_code error;
   fs::create_directories(out, error);
   if (error) {
-    throw Error("cannot make a folder: " + error.message(), arguments.out,
+    throw Error("cannot make a folder: " + error.message(), out.string(),
                 "check the folder's rights and free space", ExitCode::io);
   }
   write_file_atomically(out / "lights.json", json);
@@ -202,47 +223,46 @@ std::uint64_t write_found(const FoundLights& found, const FindLightsArguments& a
   return bytes;
 }
 
-void tell_found(const FoundLights& found, const CommonOptions& common, Report& report) {
-  std::int64_t n_seen = 0;
-  std::int64_t n_weak = 0;
-  std::vector<double> mm;
-  std::vector<double> degrees;
-  for (const FoundLight& light : found.lights) {
-    n_seen += light.is_seen() ? 1 : 0;
-    n_weak += light.is_seen() && light.finding != "good" ? 1 : 0;
-    if (light.sigma_mm) {
-      mm.push_back(light.sigma_mm->norm());
-    }
-    if (light.sigma_deg) {
-      degrees.push_back(*light.sigma_deg);
-    }
-    if (found.lights.size() <= kMostRows && !common.quiet) {
-      fmt::print("{}\n", row_of(light, found.has_powers));
+std::string found_table(const FoundLights& found) {
+  std::string text;
+  if (found.lights.size() <= kMostRows) {
+    for (const FoundLight& light : found.lights) {
+      text += row_of(light, found.has_powers) + "\n";
     }
   }
-  report.add_reached("lights", static_cast<std::int64_t>(found.lights.size()));
-  report.add_reached("lights_seen", n_seen);
-  report.add_reached("lights_weak", n_weak);
-  if (!mm.empty()) {
-    report.add_reached("position_sigma_mm_median", median(mm));
-    report.add_reached("position_sigma_mm_largest", *std::max_element(mm.begin(), mm.end()));
-  }
-  if (!degrees.empty()) {
-    report.add_reached("direction_sigma_deg_median", median(degrees));
-    report.add_reached("direction_sigma_deg_largest",
-                       *std::max_element(degrees.begin(), degrees.end()));
-  }
-  report.add_detail("frame", found.frame);
+  return text;
+}
+
+std::string found_line(const FoundLights& found) {
+  const FoundStatistics all = statistics_of(found);
   std::string how =
-      mm.empty() ? "" : fmt::format(", places +- {:.2f} mm (3-D, median)", median(mm));
-  how += degrees.empty()
+      all.mm.empty() ? "" : fmt::format(", places +- {:.2f} mm (3-D, median)", median(all.mm));
+  how += all.degrees.empty()
              ? ""
-             : fmt::format(", directions +- {:.3f} degrees (median)", median(degrees));
+             : fmt::format(", directions +- {:.3f} degrees (median)", median(all.degrees));
   if (how.empty()) {
     how = ", no +- is known";
   }
-  fmt::print("{} of {} lights found{}{}\n", n_seen, found.lights.size(),
-             n_weak > 0 ? fmt::format(", {} of them weak", n_weak) : "", how);
+  return fmt::format("{} of {} lights found{}{}\n", all.n_seen, found.lights.size(),
+                     all.n_weak > 0 ? fmt::format(", {} of them weak", all.n_weak) : "", how);
+}
+
+void report_found(const FoundLights& found, Report& report) {
+  const FoundStatistics all = statistics_of(found);
+  report.add_reached("lights", static_cast<std::int64_t>(found.lights.size()));
+  report.add_reached("lights_seen", all.n_seen);
+  report.add_reached("lights_weak", all.n_weak);
+  if (!all.mm.empty()) {
+    report.add_reached("position_sigma_mm_median", median(all.mm));
+    report.add_reached("position_sigma_mm_largest",
+                       *std::max_element(all.mm.begin(), all.mm.end()));
+  }
+  if (!all.degrees.empty()) {
+    report.add_reached("direction_sigma_deg_median", median(all.degrees));
+    report.add_reached("direction_sigma_deg_largest",
+                       *std::max_element(all.degrees.begin(), all.degrees.end()));
+  }
+  report.add_detail("frame", found.frame);
 }
 
 }  // namespace haarlight

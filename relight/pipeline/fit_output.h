@@ -10,17 +10,16 @@
 #include "relight/reflectance/formats/web_target.h"
 
 /// @file
-/// What `haarlight fit` writes: a file of a size or of a fidelity, and what it is worth when it
-/// is read again.
+/// What a fit writes: a file of a size or of a fidelity, and what it is worth when it is read
+/// again.
 
 namespace haarlight {
 
 /// What a folder's pictures shall be; at most one of the three.
 struct FitSize {
-  std::optional<double> quality;
-  std::optional<std::uint64_t> bytes;
-  std::optional<double> psnr_db;
-  [[nodiscard]] bool is_asked() const { return quality || bytes || psnr_db; }
+  std::optional<double> quality{};       ///< 1..100
+  std::optional<std::uint64_t> bytes{};  ///< the most: the best quality that they hold
+  std::optional<double> psnr_db{};       ///< the least, read again: the fewest bytes
 };
 
 /// @throws Error(usage)  two of the three; any of them where no folder is written
@@ -47,9 +46,5 @@ struct FitFile {
 [[nodiscard]] std::optional<FitFile> try_fit_file(ReflectanceModel& model,
                                                   const MeasurePictures& measure,
                                                   bool keeps_planes);
-
-/// "500k", "2M" or "2500000": bytes, the letters for 10^3, 10^6, 10^9.
-/// @throws Error(usage)
-[[nodiscard]] std::uint64_t parse_bytes(const std::string& text, const std::string& option);
 
 }  // namespace haarlight
