@@ -10,7 +10,7 @@
 #include "apps/haarlight/fit_options.h"
 #include "apps/haarlight/fit_page.h"
 #include "core/files.h"
-#include "relight/pipeline/fit_report.h"
+#include "relight/pipeline/fit/fit_report.h"
 
 namespace haarlight {
 

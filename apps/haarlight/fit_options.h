@@ -6,7 +6,7 @@
 
 #include "apps/haarlight/picture_options.h"
 #include "apps/haarlight/verb.h"
-#include "relight/pipeline/fit_pipeline.h"
+#include "relight/pipeline/fit/fit_pipeline.h"
 
 /// @file
 /// The command line of `haarlight fit`.

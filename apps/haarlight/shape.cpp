@@ -8,7 +8,7 @@
 
 #include "apps/haarlight/shape_options.h"
 #include "core/log.h"
-#include "relight/pipeline/shape_report.h"
+#include "relight/pipeline/shape/shape_report.h"
 
 namespace haarlight {
 

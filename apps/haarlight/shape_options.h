@@ -6,7 +6,7 @@
 
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
-#include "relight/pipeline/shape_pipeline.h"
+#include "relight/pipeline/shape/shape_pipeline.h"
 
 /// @file
 /// The command line of `haarlight shape`.

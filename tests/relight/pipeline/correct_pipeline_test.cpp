@@ -68,7 +68,7 @@ TEST_F(CorrectPipeline, TheWeakestCornerIsThatOfTheInverseCube) {
 TEST_F(CorrectPipeline, APlaneComesOutEvenAndAlikeUnderAllLights) {
   (void)correct_fall_off(options_);
   const Image<float> first = read_linear_image(options_.out / "light_0000.exr");
-  const double middle = double{first(0, 0, 0)};
+  const auto middle = double{first(0, 0, 0)};
   for (const char* name : {"light_0000.exr", "light_0001.exr"}) {
     const Image<float> even = read_linear_image(options_.out / name);
     for (const float value : even.pixels()) {

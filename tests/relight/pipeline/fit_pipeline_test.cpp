@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/fit_pipeline.h"
+#include "relight/pipeline/fit/fit_pipeline.h"
 
 #include <cmath>
 
@@ -7,7 +7,7 @@
 
 #include "core/error.h"
 #include "relight/pipeline/bytes_on_disk.h"
-#include "relight/pipeline/fit_report.h"
+#include "relight/pipeline/fit/fit_report.h"
 #include "relight/reflectance/formats/reflectance_file.h"
 #include "tests/relight/pipeline/made_capture.h"
 

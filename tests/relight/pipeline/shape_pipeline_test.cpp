@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/shape_pipeline.h"
+#include "relight/pipeline/shape/shape_pipeline.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "relight/pipeline/shape_report.h"
+#include "relight/pipeline/shape/shape_report.h"
 #include "tests/relight/pipeline/made_capture.h"
 
 namespace haarlight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/fit_output.h"
+#include "relight/pipeline/fit/fit_output.h"
 
 #include <cstdlib>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/shape_report.h"
+#include "relight/pipeline/shape/shape_report.h"
 
 #include <algorithm>
 #include <iterator>
@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "relight/pipeline/shape_output.h"
+#include "relight/pipeline/shape/shape_output.h"
 #include "relight/shape/height_bow.h"
 
 namespace haarlight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/fit_input.h"
+#include "relight/pipeline/fit/fit_input.h"
 
 #include <utility>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/shape_output.h"
+#include "relight/pipeline/shape/shape_output.h"
 
 #include <algorithm>
 

@@ -7,7 +7,7 @@
 #include <Eigen/Core>
 
 #include "core/picture/picture_facts.h"
-#include "relight/pipeline/fit_pipeline.h"
+#include "relight/pipeline/fit/fit_pipeline.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/reflectance/fit/picture_rows.h"
 #include "session/session.h"

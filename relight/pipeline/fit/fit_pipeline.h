@@ -10,7 +10,7 @@
 
 #include "core/picture/image_io.h"
 #include "core/picture/picture_rectangle.h"
-#include "relight/pipeline/fit_output.h"
+#include "relight/pipeline/fit/fit_output.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/light_haar.h"

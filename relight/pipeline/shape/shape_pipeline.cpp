@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/shape_pipeline.h"
+#include "relight/pipeline/shape/shape_pipeline.h"
 
 #include <algorithm>
 #include <utility>
@@ -10,7 +10,7 @@
 #include "core/files.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/session_stack.h"
-#include "relight/pipeline/shape_output.h"
+#include "relight/pipeline/shape/shape_output.h"
 #include "relight/reflectance/fit/far_fit.h"
 #include "relight/reflectance/fit/recipe_choice.h"
 #include "relight/reflectance/formats/reflectance_file.h"

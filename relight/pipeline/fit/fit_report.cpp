@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/fit_report.h"
+#include "relight/pipeline/fit/fit_report.h"
 
 #include <fmt/format.h>
 

@@ -6,7 +6,7 @@
 
 #include "core/report.h"
 #include "core/tradeoff.h"
-#include "relight/pipeline/fit_pipeline.h"
+#include "relight/pipeline/fit/fit_pipeline.h"
 
 /// @file
 /// What a fit says of itself: a table for people, entries of a report, tradeoff records. Pure.

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/report.h"
-#include "relight/pipeline/shape_pipeline.h"
+#include "relight/pipeline/shape/shape_pipeline.h"
 
 /// @file
 /// What a recovered surface says of itself: lines for people, doubts, entries of a report. Pure.

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/image.h"
-#include "relight/pipeline/shape_pipeline.h"
+#include "relight/pipeline/shape/shape_pipeline.h"
 
 /// @file
 /// The files of a recovered surface.

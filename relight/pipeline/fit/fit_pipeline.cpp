@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pipeline/fit_pipeline.h"
+#include "relight/pipeline/fit/fit_pipeline.h"
 
 #include <algorithm>
 #include <ctime>
@@ -12,7 +12,7 @@
 #include "core/files.h"
 #include "relight/basis/haar.h"
 #include "relight/light/near_light.h"
-#include "relight/pipeline/fit_input.h"
+#include "relight/pipeline/fit/fit_input.h"
 #include "relight/reflectance/formats/refit.h"
 #include "relight/reflectance/formats/reflectance_file.h"
 
