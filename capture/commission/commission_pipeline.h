@@ -29,10 +29,10 @@ struct CommissionRigOptions {
   /// GET of a local address: empty where nobody answers. A daemon that answers holds the
   /// devices.
   std::function<std::string(const std::string& url)> fetch;
-  /// Called when all else is checked, before a device is opened: flashing is begun by a person
+  /// Called when all else is checked, before a device is touched: flashing is begun by a person
   /// who was told. Throws where nobody agrees.
   std::function<void()> require_consent;
-  /// Called when the devices are open, before the first flash.
+  /// Called before the devices are opened and their threads start; may be empty.
   std::function<void()> begin;
   std::function<bool()> should_stop;  ///< asked between frames
   std::function<void(std::string_view stage, double share)> progress;
