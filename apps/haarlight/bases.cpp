@@ -41,7 +41,6 @@ struct BasesArguments {
 struct OpenCapture {
   std::optional<Session> session;
   std::optional<BasisFile> basis;
-  std::optional<LightStack> stack;
   std::unique_ptr<StackSource> source;
   std::optional<Rig> rig;
   OpenPlate plate;
@@ -92,8 +91,7 @@ void open_session(const BasesArguments& arguments, const CommonOptions& common,
   capture.session = Session::open(arguments.input);
   const SessionInfo& info = capture.session->info();
   options.plate = sharing_plate(*capture.session, PlateChoice::parse(arguments.plate));
-  capture.stack = develop(*capture.session, options);
-  capture.source = std::make_unique<LightStackSource>(*capture.stack);
+  capture.source = std::make_unique<LightStack>(develop(*capture.session, options));
   capture.rig = capture.session->rig();
   take_rig(capture);
   if (capture.rig) {
@@ -234,7 +232,7 @@ ExitCode run_bases(const BasesArguments& arguments, const CommonOptions& common,
   write_image(folder / "regions.png", regions.view());
   bytes += std::filesystem::file_size(folder / "regions.png");
   report.set_bytes(bytes);
-  report.add_detail("plate", capture.plate.kind);
+  report.add_detail("plate", std::string(to_string(capture.plate.origin)));
   report.add_detail("pixels_studied", static_cast<std::int64_t>(study.n_pixels));
   report.add_detail("study_seconds", study.seconds);
   bool is_reached = true;

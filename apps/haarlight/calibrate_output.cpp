@@ -12,6 +12,7 @@
 
 #include "apps/haarlight/calibrate.h"
 #include "core/files.h"
+#include "core/order_statistics.h"
 #include "session/light_file.h"
 
 namespace haarlight {
@@ -33,13 +34,8 @@ Form form_of(const std::string& out) {
                             : Form::folder;
 }
 
-double median(std::vector<double> values) {
-  if (values.empty()) {
-    return 0.0;
-  }
-  const auto mid = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), mid, values.end());
-  return *mid;
+double median_or_0(std::vector<double> values) {
+  return values.empty() ? 0.0 : upper_median(values);
 }
 
 /// What import, fit and shape read: unseen lights are not in it.
@@ -224,20 +220,20 @@ void tell_found(const FoundLights& found, const CommonOptions& common, Report& r
   report.add_reached("lights_seen", n_seen);
   report.add_reached("lights_weak", n_weak);
   if (!mm.empty()) {
-    report.add_reached("position_sigma_mm_median", median(mm));
+    report.add_reached("position_sigma_mm_median", median_or_0(mm));
     report.add_reached("position_sigma_mm_largest", *std::max_element(mm.begin(), mm.end()));
   }
   if (!degrees.empty()) {
-    report.add_reached("direction_sigma_deg_median", median(degrees));
+    report.add_reached("direction_sigma_deg_median", median_or_0(degrees));
     report.add_reached("direction_sigma_deg_largest",
                        *std::max_element(degrees.begin(), degrees.end()));
   }
   report.add_detail("frame", found.frame);
   std::string how =
-      mm.empty() ? "" : fmt::format(", places +- {:.2f} mm (3-D, median)", median(mm));
+      mm.empty() ? "" : fmt::format(", places +- {:.2f} mm (3-D, median)", median_or_0(mm));
   how += degrees.empty()
              ? ""
-             : fmt::format(", directions +- {:.3f} degrees (median)", median(degrees));
+             : fmt::format(", directions +- {:.3f} degrees (median)", median_or_0(degrees));
   if (how.empty()) {
     how = ", no +- is known";
   }

@@ -111,7 +111,7 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
   report.add_reached("worst_light", summary.worst_light);
   report_clipped(header, report);
   report.add_detail("coding", std::string(to_string(header.coding)));
-  report.add_detail("plate", header.plate);
+  report.add_detail("plate", std::string(to_string(header.plate)));
   report.add_detail("plate_rank", std::int64_t{header.plate_rank});
   report.add_detail("coefficients_per_pixel", header.mean_coefficients);
   report.add_detail("seconds_plate", summary.seconds_plate);
@@ -135,9 +135,9 @@ ExitCode compress_part(const CompressArguments& arguments, const CommonOptions& 
       "{:.1f} coefficients a pixel\n"
       "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
       arguments.output, header.dims.width, header.dims.height, header.dims.channels,
-      header.dims.n_lights, to_string(header.basis), header.plate, header.reached.relative_l2,
-      asked.relative_l2, asked.reason, header.reached.worst_pixel, summary.worst_light,
-      header.mean_coefficients, summary.bytes,
+      header.dims.n_lights, to_string(header.basis), to_string(header.plate),
+      header.reached.relative_l2, asked.relative_l2, asked.reason, header.reached.worst_pixel,
+      summary.worst_light, header.mean_coefficients, summary.bytes,
       is_smaller ? raw / double(summary.bytes) : double(summary.bytes) / raw,
       is_smaller ? "smaller" : "larger",
       !is_smaller && header.coding == BasisCoding::lossless

@@ -45,10 +45,8 @@ struct ConvertArguments {
 }
 
 std::string name_of(const ReflectanceModel& model) {
-  constexpr std::array<std::string_view, 3> kColours{"rgb", "lrgb", "pca"};
   return fmt::format("{} of {} terms in {}, {} x {}", to_string(model.basis), model.n_terms,
-                     kColours[static_cast<std::size_t>(model.colour)], model.planes.width(),
-                     model.planes.height());
+                     to_string(model.colour), model.planes.width(), model.planes.height());
 }
 
 /// What OUT shall hold; basis and terms as IN where nothing else was asked and OUT can.

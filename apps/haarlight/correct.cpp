@@ -43,7 +43,7 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
       pixel_points(session, arguments.plane.width_mm, arguments.plane.height_mm.value_or(0.0));
   const LightStack stack =
       develop(session, develop_options(session, common, arguments.transfer));
-  const StackShape& shape = stack.shape();
+  const StackDims shape = stack.dims();
   const LightCorrection correction(
       lights.near, pixels, shape.width, shape.height, pixels.plane_normal(),
       arguments.fall_off == "plane" ? FallOff::plane : FallOff::distance);

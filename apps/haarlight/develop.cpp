@@ -47,7 +47,7 @@ std::uint64_t write_pictures(const Session& session, const LightStack& stack,
                              const std::string& ending, const fs::path& folder,
                              const CommonOptions& common) {
   fs::create_directories(folder);
-  Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights),
+  Progress progress("write EXR", static_cast<std::size_t>(stack.dims().n_lights),
                     common.progress());
   std::uint64_t bytes = 0;
   const std::vector<SessionLight> seen = lights_in_picture(session);
@@ -100,13 +100,13 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   }
   const Developed developed = develop_all(session, options);
   const LightStack& stack = developed.stack;
-  const StackShape& shape = stack.shape();
+  const StackDims shape = stack.dims();
   std::uint64_t bytes = sizeof(float) * static_cast<std::uint64_t>(shape.width) *
                         static_cast<std::uint64_t>(shape.height) *
                         static_cast<std::uint64_t>(shape.channels) *
                         static_cast<std::uint64_t>(shape.n_lights);
   report.add_reached("lights", std::int64_t{shape.n_lights});
-  report.add_reached("bands", std::int64_t{shape.n_bands()});
+  report.add_reached("bands", std::int64_t{stack.bands().n()});
   if (!arguments.exr.empty()) {
     require_absent(arguments.exr, common.force);
     bytes += write_pictures(session, stack, "", arguments.exr, common);
@@ -120,8 +120,8 @@ ExitCode run_develop(const DevelopArguments& arguments, const CommonOptions& com
   report.add_detail("steps", developed.record);
   report.set_bytes(bytes);
   fmt::print("{}: {} x {} x {} under {} lights, {} band{}\n", arguments.session, shape.width,
-             shape.height, shape.channels, shape.n_lights, shape.n_bands(),
-             shape.n_bands() == 1 ? "" : "s");
+             shape.height, shape.channels, shape.n_lights, stack.bands().n(),
+             stack.bands().n() == 1 ? "" : "s");
   fmt::print("  kept in {} for compress, relight and the others{}\n",
              arguments.cache.empty() ? (session.folder() / "cache").string() : arguments.cache,
              arguments.exr.empty() ? "; --exr DIR writes pictures" : "");

@@ -94,7 +94,7 @@ OpenCapture open_pictures(const FitArguments& arguments, const CommonOptions& co
   capture.rows = std::move(opened.rows);
   if (const std::optional<PixelRectangle> crop = crop_asked(arguments.list)) {
     require_same_orientation(files, orientations);
-    const PictureShape shape = capture.rows->shape();
+    const StackDims shape = capture.rows->dims();
     capture.rows = cropped_rows(
         std::move(capture.rows),
         stored_rectangle(*crop, shape.width, shape.height, orientations.front(), "--crop"));
@@ -286,7 +286,7 @@ class Fitter {
         {},    {}};
     fitted.seconds = processor_seconds() - start;
     fitted.result.model.photographed = capture_.photographed;
-    const PictureShape shape = kept_->shape();
+    const StackDims shape = kept_->dims();
     fitted.n_pixels = static_cast<long long>(shape.width) * shape.height;
     return fitted;
   }

@@ -111,7 +111,7 @@ void compare_with_session(const RelightArguments& arguments, const LightWeights&
   const Session session = Session::open(arguments.against);
   options.plate = sharing_plate(session, {});
   const LightStack stack = develop(session, options);
-  const Image<float> truth = relight_stack(LightStackSource(stack), weights);
+  const Image<float> truth = relight_stack(stack, weights);
   if (truth.height() != picture.height() || truth.width() != picture.width()) {
     throw Error("the session's frames have another size than the basis file", arguments.against,
                 "give the session that was compressed");

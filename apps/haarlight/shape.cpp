@@ -416,14 +416,12 @@ void measure_shape(const ShapeArguments& arguments, const CommonOptions& common,
   options.stereo.saturation = clip_levels(session);
   options.finds_part_heights =
       session.rig().has_value() && !arguments.plane.height_mm.has_value();
-  std::optional<LightStackSource> errors;
   if (developed.standard_error) {
-    errors.emplace(*developed.standard_error);
-    options.stereo.errors = &*errors;
+    options.stereo.errors = &*developed.standard_error;
   }
-  const LightStackSource stack(developed.stack);
-  choose_mask(arguments, session, stack, lights, std::move(given), found);
-  found.shape = recover_shape(stack, lights, found.pixels, found.mask.mask.view(), options);
+  choose_mask(arguments, session, developed.stack, lights, std::move(given), found);
+  found.shape =
+      recover_shape(developed.stack, lights, found.pixels, found.mask.mask.view(), options);
 }
 
 Found shape_of_session(const ShapeArguments& arguments, const CommonOptions& common,

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <vector>
 
+#include "core/order_statistics.h"
+
 namespace haarlight {
 namespace {
 
@@ -16,12 +18,6 @@ double sum_of_channels(ImageView<const float> picture, int y, int x) {
     sum += static_cast<double>(picture(y, x, c));
   }
   return sum;
-}
-
-double take_median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 }  // namespace
@@ -103,9 +99,9 @@ double fit_plate_scale(std::span<const float> values, std::span<const double> fa
   if (ratios.empty()) {
     return 0.0;
   }
-  const double rough = take_median(ratios);
+  const double rough = upper_median(std::span(ratios));
   std::erase_if(ratios, [rough](double r) { return std::abs(r - rough) > 0.25 * rough; });
-  return ratios.empty() ? rough : take_median(ratios);
+  return ratios.empty() ? rough : upper_median(std::span(ratios));
 }
 
 bool shows_plane(std::span<const float> values, std::span<const float> plate,
