@@ -8,6 +8,8 @@
 #include <string_view>
 #include <vector>
 
+#include "core/enum_words.h"
+
 /// @file
 /// A JSON text from outside, read value by value: whatever is missing or of the wrong kind
 /// throws an Error that names the file and the place in it ("session.json: frames[3].shot").
@@ -37,6 +39,11 @@ class JsonValue {
   [[nodiscard]] std::string text() const;
   /// One of the listed words; its index.
   [[nodiscard]] std::size_t choice(const std::vector<std::string_view>& words) const;
+  /// The enum's value of this word.
+  template <EnumWithWords Enum>
+  [[nodiscard]] Enum one_of() const {
+    return static_cast<Enum>(choice(all_words<Enum>()));
+  }
 
   [[nodiscard]] bool is_object() const;
   [[nodiscard]] bool is_array() const;

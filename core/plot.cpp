@@ -53,39 +53,79 @@ std::string mark(int look, double x, double y) {
   }
 }
 
-/// A range of one axis in decades.
-struct Axis {
-  double low = std::numeric_limits<double>::infinity();
-  double high = -std::numeric_limits<double>::infinity();
-
-  void add(double value) {
-    low = std::min(low, std::log10(value));
-    high = std::max(high, std::log10(value));
+/// The range of one axis: decades where it is logarithmic.
+class Axis {
+ public:
+  Axis(PlotScale scale, const std::optional<PlotRange>& range)
+      : is_log_(scale == PlotScale::logarithmic), is_given_(range.has_value()) {
+    if (range) {
+      low_ = on_axis(range->low);
+      high_ = on_axis(range->high);
+    }
   }
-  [[nodiscard]] bool is_empty() const { return !(low <= high); }
+
+  /// Whether the axis has a place for a value.
+  [[nodiscard]] bool has(double value) const {
+    return std::isfinite(value) && (!is_log_ || value > 0.0) &&
+           (!is_given_ || (on_axis(value) >= low_ && on_axis(value) <= high_));
+  }
+  void add(double value) {
+    if (!is_given_) {
+      low_ = std::min(low_, on_axis(value));
+      high_ = std::max(high_, on_axis(value));
+    }
+  }
   void pad() {
-    const double margin = std::max(0.04 * (high - low), 0.06);
-    low -= margin;
-    high += margin;
+    if (!is_given_) {
+      const double margin = std::max(0.04 * (high_ - low_), is_log_ ? 0.06 : 1e-9);
+      low_ -= margin;
+      high_ += margin;
+    }
   }
   [[nodiscard]] double place(double value) const {
-    return (std::log10(value) - low) / (high - low);
+    return (on_axis(value) - low_) / (high_ - low_);
+  }
+  [[nodiscard]] std::vector<double> ticks() const { return is_log_ ? decades() : steps(); }
+
+ private:
+  [[nodiscard]] double on_axis(double value) const {
+    return is_log_ ? std::log10(value) : value;
   }
   /// 1, 2, 5 of each decade; decades alone where there are many.
-  [[nodiscard]] std::vector<double> ticks() const {
+  [[nodiscard]] std::vector<double> decades() const {
     std::vector<double> found;
-    const bool has_parts = high - low < 2.5;
-    for (int decade = static_cast<int>(std::floor(low)); decade <= high; ++decade) {
+    const bool has_parts = high_ - low_ < 2.5;
+    for (int decade = static_cast<int>(std::floor(low_)); decade <= high_; ++decade) {
       for (const double part : {1.0, 2.0, 5.0}) {
         const double value = part * std::pow(10.0, decade);
-        if ((part == 1.0 || has_parts) && std::log10(value) >= low &&
-            std::log10(value) <= high) {
+        if ((part == 1.0 || has_parts) && std::log10(value) >= low_ &&
+            std::log10(value) <= high_) {
           found.push_back(value);
         }
       }
     }
     return found;
   }
+  /// Some five round numbers.
+  [[nodiscard]] std::vector<double> steps() const {
+    const double decade = std::pow(10.0, std::floor(std::log10((high_ - low_) / 5.0)));
+    const double parts = (high_ - low_) / 5.0 / decade;
+    const double step = decade * (parts > 5.0   ? 10.0
+                                  : parts > 2.0 ? 5.0
+                                  : parts > 1.0 ? 2.0
+                                                : 1.0);
+    std::vector<double> found;
+    const double end = std::floor(high_ / step);
+    for (double i = std::ceil(low_ / step); i <= end; ++i) {
+      found.push_back(i == 0.0 ? 0.0 : i * step);
+    }
+    return found;
+  }
+
+  bool is_log_;
+  bool is_given_;
+  double low_ = std::numeric_limits<double>::infinity();
+  double high_ = -std::numeric_limits<double>::infinity();
 };
 
 std::string tick_text(double value) {
@@ -95,22 +135,44 @@ std::string tick_text(double value) {
   if (value >= 1e4) {
     return fmt::format("{:g} k", value / 1e3);
   }
-  return value < 1e-4 ? fmt::format("{:.0e}", value) : fmt::format("{:g}", value);
+  return value > 0.0 && value < 1e-4 ? fmt::format("{:.0e}", value)
+                                     : fmt::format("{:g}", value);
 }
 
-bool is_shown(const std::pair<double, double>& point) {
-  return point.first > 0.0 && point.second > 0.0 && std::isfinite(point.first) &&
-         std::isfinite(point.second);
+std::string draw_series(const PlotSeries& series,
+                        const std::vector<std::pair<double, double>>& points) {
+  std::string path;
+  std::string marks;
+  for (const auto& [x, y] : points) {
+    path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : "L", x, y);
+    if (series.style == PlotStyle::marked_line) {
+      marks += mark(series.look, x, y);
+    } else if (series.style == PlotStyle::dots) {
+      marks += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='1.7' fill='{}'/>", x, y,
+                           colour(series.look));
+    }
+  }
+  if (path.empty() || series.style == PlotStyle::dots) {
+    return marks;
+  }
+  return fmt::format("<path d='{}' fill='none' stroke='{}' stroke-width='1.6'{}/>{}", path,
+                     colour(series.look), series.is_dashed ? " stroke-dasharray='5 4'" : "",
+                     marks);
 }
 
 std::string draw_panel(const PlotPanel& panel, double x0, double y0) {
-  Axis horizontal;
-  Axis vertical;
+  Axis horizontal(panel.scale, panel.x_range);
+  Axis vertical(panel.scale, panel.y_range);
+  const auto is_shown = [&](const std::pair<double, double>& point) {
+    return horizontal.has(point.first) && vertical.has(point.second);
+  };
+  bool is_empty = true;
   for (const PlotSeries& series : panel.series) {
     for (const auto& point : series.points) {
       if (is_shown(point)) {
         horizontal.add(point.first);
         vertical.add(point.second);
+        is_empty = false;
       }
     }
   }
@@ -122,7 +184,7 @@ std::string draw_panel(const PlotPanel& panel, double x0, double y0) {
       "<text x='{:.1f}' y='{:.1f}' font-weight='600'>{}</text>"
       "<rect x='{:.1f}' y='{:.1f}' width='{:.1f}' height='{:.1f}' fill='none' stroke='#888'/>",
       left, y0 + 22.0, escaped(panel.title), left, top, width, height);
-  if (horizontal.is_empty()) {
+  if (is_empty) {
     return out + fmt::format(
                      "<text x='{:.1f}' y='{:.1f}' text-anchor='middle'>nothing to "
                      "show</text>",
@@ -151,35 +213,28 @@ std::string draw_panel(const PlotPanel& panel, double x0, double y0) {
       left + 0.5 * width, top + height + 36.0, escaped(panel.x_name), x0 + 16.0,
       top + 0.5 * height, x0 + 16.0, top + 0.5 * height, escaped(panel.y_name));
   for (const PlotSeries& series : panel.series) {
-    std::string path;
-    std::string marks;
+    std::vector<std::pair<double, double>> points;
     for (const auto& point : series.points) {
       if (is_shown(point)) {
-        path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : "L", px(point.first),
-                            py(point.second));
-        marks += mark(series.look, px(point.first), py(point.second));
+        points.emplace_back(px(point.first), py(point.second));
       }
     }
-    if (!path.empty()) {
-      out += fmt::format("<path d='{}' fill='none' stroke='{}' stroke-width='1.6'{}/>{}", path,
-                         colour(series.look), series.is_dashed ? " stroke-dasharray='5 4'" : "",
-                         marks);
-    }
+    out += draw_series(series, points);
   }
   return out;
 }
 
 }  // namespace
 
-std::string draw_log_panels(const std::string& title, const std::vector<PlotPanel>& panels,
-                            int columns) {
+std::string draw_panels(const std::string& title, const std::vector<PlotPanel>& panels,
+                        int columns) {
   HAARLIGHT_EXPECTS(columns > 0 && !panels.empty(), "a panel");
   std::vector<PlotSeries> legend;
   for (const PlotPanel& panel : panels) {
     for (const PlotSeries& series : panel.series) {
       if (std::none_of(legend.begin(), legend.end(),
                        [&](const PlotSeries& known) { return known.name == series.name; })) {
-        legend.push_back({series.name, {}, series.look, series.is_dashed});
+        legend.push_back({series.name, {}, series.look, series.is_dashed, series.style});
       }
     }
   }
@@ -207,11 +262,14 @@ std::string draw_log_panels(const std::string& title, const std::vector<PlotPane
     const std::size_t row = i / static_cast<std::size_t>(in_row);
     const double x = 20.0 + double(column) * kEntry;
     const double y = kTitle + rows * kHeight + 10.0 + double(row) * kLegendRow;
-    out += fmt::format(
-        "<path d='M{:.1f} {:.1f}h30' fill='none' stroke='{}' stroke-width='1.6'{}/>{}"
-        "<text x='{:.1f}' y='{:.1f}'>{}</text>\n",
-        x, y, colour(legend[i].look), legend[i].is_dashed ? " stroke-dasharray='5 4'" : "",
-        mark(legend[i].look, x + 15.0, y), x + 38.0, y + 4.0, escaped(legend[i].name));
+    PlotSeries line = legend[i];
+    line.style = line.style == PlotStyle::dots ? PlotStyle::dots : PlotStyle::line;
+    out += draw_series(line, {{x, y}, {x + 15.0, y}, {x + 30.0, y}});
+    if (legend[i].style == PlotStyle::marked_line) {
+      out += mark(legend[i].look, x + 15.0, y);
+    }
+    out += fmt::format("<text x='{:.1f}' y='{:.1f}'>{}</text>\n", x + 38.0, y + 4.0,
+                       escaped(legend[i].name));
   }
   return out + "</svg>\n";
 }

@@ -52,7 +52,7 @@ CPP_ONLY = {
     r"ceres/": None,
     r"opencv2/": None,
     r"tiffio\.h": None,
-    r"jpeglib\.h": ["capture/camera/grey_jpeg.cpp", "core/picture/jpeg.cpp", "core/picture/picture_jpeg.cpp", "relight/reflectance/fit/jpeg_rows.cpp"],
+    r"jpeglib\.h": ["core/picture/jpeg.cpp"],
     r"tbb/": ["core/parallel.cpp"],
     r"mpi\.h": ["core/ranks.cpp"],
     r"curl/": None,

@@ -23,8 +23,7 @@ struct FrameInspection {
 
 /// Reads the file once: a plain file and no link; form, session and plan; what it says was lit
 /// against the plan; hash of the active pixels, range and mean of the pixels against the
-/// evidence, and the clean rule. Never throws for what the file
-/// contains.
+/// evidence, and the clean rule. Never throws for what the file contains.
 [[nodiscard]] FrameInspection inspect_frame(const std::filesystem::path& file,
                                             const SessionInfo& info);
 

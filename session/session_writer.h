@@ -97,8 +97,7 @@ class SessionWriter {
   [[nodiscard]] bool is_finished() const;
 
   /// Writes session.json with its root (session/seal.h; the files in aside/ are read once
-  /// more), checkpoints the journal and takes it out of WAL mode. Every shot must
-  /// be committed.
+  /// more), checkpoints the journal and takes it out of WAL mode. Every shot must be committed.
   [[nodiscard]] Result<void> finish();
 
  private:

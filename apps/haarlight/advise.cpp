@@ -71,14 +71,14 @@ AdviceScene scene_of(const AdviseArguments& arguments, const Rig& rig,
   options.keep_bayer = true;  // the noise of single pixels, not of their averages
   options.plate = sharing_plate(session, {});
   const LightStack stack = develop(session, options);
-  if (stack.shape().n_lights != rig.n_lights()) {
-    throw Error(fmt::format("the pilot has {} lights, the rig {}", stack.shape().n_lights,
+  if (stack.dims().n_lights != rig.n_lights()) {
+    throw Error(fmt::format("the pilot has {} lights, the rig {}", stack.dims().n_lights,
                             rig.n_lights()),
                 arguments.pilot, "use a session of this rig");
   }
   // The plate that develop will use, whether or not the pilot itself needed one.
   PlatePixels plate;
-  const int camera = camera_of_size(rig, stack.shape().width, stack.shape().height);
+  const int camera = camera_of_size(rig, stack.dims().width, stack.dims().height);
   if (!rig.planes.empty() && camera >= 0) {
     const auto computed = std::make_shared<const ComputedPlate>(rig, camera);
     plate.read = [computed](int y, int x0, int x1, std::span<float> out) {

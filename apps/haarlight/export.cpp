@@ -40,7 +40,7 @@ struct ExportArguments {
 double choose_exposure(const LightStack& stack) {
   std::vector<float> sample;
   constexpr std::size_t kEvery = 97;  // a prime: no rhythm with pixels or lights
-  for (int i = 0; i < stack.shape().n_bands(); ++i) {
+  for (int i = 0; i < stack.bands().n(); ++i) {
     const std::span<const float> values = stack.band(i);
     for (std::size_t at = 0; at < values.size(); at += kEvery) {
       sample.push_back(values[at]);

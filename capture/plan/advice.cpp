@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "session/clip_level.h"
 
@@ -22,8 +23,6 @@ constexpr double kPeakShare = 0.999;  // as the twin's figures are defined
 constexpr std::size_t kBlock = 32;    // pixels at once
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr int kManyDarks = 16;  // default_families(): dark noise below 6 % of read noise
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// r^2 and the rounding to whole counts.
 double read_variance(const CameraSpec& camera) {

@@ -258,8 +258,7 @@ void ModelRig::perform(const Action& action) {
   }
 }
 
-// ---- camera
-// ----------------------------------------------------------------------------------
+// ---- camera ----
 
 void ModelRig::after_camera(std::int64_t takes_ns, std::function<void()> work) {
   camera_idle_ns_ = std::max(now_ns_, camera_idle_ns_) + takes_ns;
@@ -450,8 +449,7 @@ void ModelRig::deliver(const ModelFrame& frame) {
   outcome_.n_suspected += !frame.is_stamp_false && is_suspected ? 1 : 0;
 }
 
-// ---- disk
-// ------------------------------------------------------------------------------------
+// ---- disk ----
 
 /// To a withdrawal, which needs the disk as a commit does. The writer is one thread: it never
 /// says that all is good after a later commit has failed.
@@ -523,8 +521,7 @@ void ModelRig::commit_next() {
   });
 }
 
-// ---- the world
-// -------------------------------------------------------------------------------
+// ---- the world ----
 
 void ModelRig::every(double rate, const std::function<void()>& work) {
   if (rate <= 0.0) {

@@ -21,6 +21,7 @@ namespace {
 /// that. A picture larger than its bytes can hold is damaged or a trap.
 constexpr std::uint64_t kMostPixelsPerByte = 512;
 constexpr int kLongestSide = 65500;  // libjpeg's JPEG_MAX_DIMENSION
+constexpr int kMostScans = 100;
 
 struct JumpError {
   jpeg_error_mgr base;
@@ -62,69 +63,21 @@ bool is_done(JumpError& error, const Call& call) {
   return true;
 }
 
-class Decoder {
- public:
-  Decoder(std::string_view source, std::string where) : where_(std::move(where)) {
-    info_.err = set_up(error_);
-    const bool is_good = is_done(error_, [&] {
-      jpeg_create_decompress(&info_);
-      jpeg_mem_src(&info_, reinterpret_cast<const unsigned char*>(source.data()),
-                   source.size());
-      jpeg_read_header(&info_, TRUE);
-    });
-    if (!is_good) {
-      const std::string message = error_.message;
-      jpeg_destroy_decompress(&info_);
-      throw damaged(message);
-    }
-    const std::uint64_t n_pixels =
-        std::uint64_t{info_.image_width} * std::uint64_t{info_.image_height};
-    if (n_pixels > kMostPixelsPerByte * source.size()) {
-      const std::string message = fmt::format("{} x {} pixels in {} bytes", info_.image_width,
-                                              info_.image_height, source.size());
-      jpeg_destroy_decompress(&info_);
-      throw damaged(message);
-    }
+/// Its size is one that its bytes can hold.
+JpegDecoder open_sound(std::string_view source) {
+  JpegDecoder decoder(std::as_bytes(std::span(source)));
+  const auto width = static_cast<std::uint64_t>(decoder.width());
+  const auto height = static_cast<std::uint64_t>(decoder.height());
+  if (width * height > kMostPixelsPerByte * source.size()) {
+    throw JpegDamage(fmt::format("{} x {} pixels in {} bytes", width, height, source.size()));
   }
-  ~Decoder() { jpeg_destroy_decompress(&info_); }
-  Decoder(const Decoder&) = delete;
-  Decoder& operator=(const Decoder&) = delete;
+  return decoder;
+}
 
-  [[nodiscard]] JpegShape shape() const {
-    return {static_cast<int>(info_.image_height), static_cast<int>(info_.image_width)};
-  }
-
-  void decode(int channels, const TakeRow& take) {
-    require(is_done(error_, [&] {
-      info_.out_color_space = channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
-      jpeg_start_decompress(&info_);
-    }));
-    std::vector<std::uint8_t> row(static_cast<std::size_t>(info_.output_width) *
-                                  static_cast<std::size_t>(channels));
-    std::uint8_t* samples = row.data();
-    while (info_.output_scanline < info_.output_height) {
-      const auto y = static_cast<int>(info_.output_scanline);
-      require(is_done(error_, [&] { jpeg_read_scanlines(&info_, &samples, 1); }));
-      take(y, row);
-    }
-    require(is_done(error_, [&] { jpeg_finish_decompress(&info_); }));
-  }
-
- private:
-  [[nodiscard]] Error damaged(const std::string& message) const {
-    return {fmt::format("not a sound JPEG picture: {}", message), where_,
-            "copy the file again from its source"};
-  }
-  void require(bool is_good) const {
-    if (!is_good) {
-      throw damaged(error_.message);
-    }
-  }
-
-  std::string where_;
-  jpeg_decompress_struct info_{};
-  JumpError error_{};
-};
+Error unsound(const JpegDamage& damage, const std::string& where) {
+  return {fmt::format("not a sound JPEG picture: {}", damage.what()), where,
+          "copy the file again from its source"};
+}
 
 class Encoder {
  public:
@@ -136,15 +89,16 @@ class Encoder {
   Encoder(const Encoder&) = delete;
   Encoder& operator=(const Encoder&) = delete;
 
-  std::string encode(JpegShape shape, int channels, int quality, const GiveRow& give) {
-    start(shape, channels, [&] {
-      jpeg_set_quality(&info_, quality, TRUE);
-      for (int i = 0; i < channels; ++i) {  // 4:4:4
+  std::string encode(JpegShape shape, const JpegQuality& quality, const GiveRow& give) {
+    start(shape, quality.channels, [&] {
+      jpeg_set_quality(&info_, quality.quality, TRUE);
+      for (int i = 0; i < quality.channels; ++i) {  // 4:4:4
         info_.comp_info[i].h_samp_factor = 1;
         info_.comp_info[i].v_samp_factor = 1;
       }
+      info_.optimize_coding = quality.has_own_tables ? TRUE : FALSE;
     });
-    return rows(shape, channels, give);
+    return rows(shape, quality.channels, give);
   }
 
   std::string encode(JpegShape shape, const JpegSteps& steps, const GiveRow& give) {
@@ -162,6 +116,7 @@ class Encoder {
         part.dc_tbl_no = i == 0 ? 0 : 1;
         part.ac_tbl_no = i == 0 ? 0 : 1;
       }
+      info_.optimize_coding = TRUE;
     });
     return rows(shape, 3, give);
   }
@@ -178,7 +133,6 @@ class Encoder {
       info_.in_color_space = channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
       jpeg_set_defaults(&info_);
       set_up_coding();
-      info_.optimize_coding = TRUE;
       jpeg_start_compress(&info_, TRUE);
     }));
   }
@@ -211,14 +165,113 @@ class Encoder {
 
 }  // namespace
 
+struct JpegDecoder::Impl {
+  jpeg_decompress_struct info{};
+  jpeg_progress_mgr progress{};
+  JumpError error{};
+
+  Impl() = default;
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+  ~Impl() { jpeg_destroy_decompress(&info); }
+
+  template <class Call>
+  void require(const Call& call) {
+    if (!is_done(error, call)) {
+      throw JpegDamage(error.message);
+    }
+  }
+};
+
+namespace {
+
+/// libjpeg's progress monitor: called often while scans are read.
+void count_scans(j_common_ptr info) {
+  if (reinterpret_cast<j_decompress_ptr>(info)->input_scan_number > kMostScans) {
+    auto* error = reinterpret_cast<JumpError*>(info->err);
+    std::snprintf(error->message, sizeof error->message, "more than %d scans", kMostScans);
+    std::longjmp(error->jump, 1);
+  }
+}
+
+}  // namespace
+
+JpegDecoder::JpegDecoder(std::span<const std::byte> source) : impl_(std::make_unique<Impl>()) {
+  Impl& impl = *impl_;
+  impl.info.err = set_up(impl.error);
+  impl.progress.progress_monitor = count_scans;
+  impl.require([&] {
+    jpeg_create_decompress(&impl.info);
+    impl.info.progress = &impl.progress;
+    jpeg_mem_src(&impl.info, reinterpret_cast<const unsigned char*>(source.data()),
+                 static_cast<unsigned long>(source.size()));
+    jpeg_read_header(&impl.info, TRUE);
+  });
+}
+
+JpegDecoder::~JpegDecoder() = default;
+JpegDecoder::JpegDecoder(JpegDecoder&&) noexcept = default;
+JpegDecoder& JpegDecoder::operator=(JpegDecoder&&) noexcept = default;
+
+int JpegDecoder::width() const { return static_cast<int>(impl_->info.image_width); }
+int JpegDecoder::height() const { return static_cast<int>(impl_->info.image_height); }
+int JpegDecoder::n_components() const { return impl_->info.num_components; }
+bool JpegDecoder::has_multiple_scans() const {
+  return jpeg_has_multiple_scans(&impl_->info) != 0;
+}
+int JpegDecoder::next_row() const { return static_cast<int>(impl_->info.output_scanline); }
+std::size_t JpegDecoder::n_bytes_left() const { return impl_->info.src->bytes_in_buffer; }
+
+void JpegDecoder::start(int channels) {
+  HAARLIGHT_EXPECTS(channels == 1 || channels == 3, "grey or RGB");
+  impl_->require([&] {
+    impl_->info.out_color_space = channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
+    jpeg_start_decompress(&impl_->info);
+  });
+}
+
+void JpegDecoder::read(std::span<std::uint8_t> row) {
+  const jpeg_decompress_struct& info = impl_->info;
+  HAARLIGHT_EXPECTS(row.size() == std::size_t{info.output_width} *
+                                      static_cast<std::size_t>(info.output_components) &&
+                        info.output_scanline < info.output_height,
+                    "one row of the picture");
+  std::uint8_t* samples = row.data();
+  impl_->require([&] { jpeg_read_scanlines(&impl_->info, &samples, 1); });
+}
+
+void JpegDecoder::skip(int n_rows) {
+  impl_->require([&] { jpeg_skip_scanlines(&impl_->info, static_cast<JDIMENSION>(n_rows)); });
+}
+
+void JpegDecoder::finish() {
+  impl_->require([&] { jpeg_finish_decompress(&impl_->info); });
+}
+
 JpegShape jpeg_shape(std::string_view source, const std::string& where) {
-  return Decoder(source, where).shape();
+  try {
+    const JpegDecoder decoder = open_sound(source);
+    return {decoder.height(), decoder.width()};
+  } catch (const JpegDamage& damage) {
+    throw unsound(damage, where);
+  }
 }
 
 void decode_jpeg(std::string_view source, int channels, const std::string& where,
                  const TakeRow& take) {
-  HAARLIGHT_EXPECTS(channels == 1 || channels == 3, "grey or RGB");
-  Decoder(source, where).decode(channels, take);
+  try {
+    JpegDecoder decoder = open_sound(source);
+    decoder.start(channels);
+    std::vector<std::uint8_t> row(static_cast<std::size_t>(decoder.width()) *
+                                  static_cast<std::size_t>(channels));
+    for (int y = 0; y < decoder.height(); ++y) {
+      decoder.read(row);
+      take(y, row);
+    }
+    decoder.finish();
+  } catch (const JpegDamage& damage) {
+    throw unsound(damage, where);
+  }
 }
 
 namespace {
@@ -234,12 +287,12 @@ void require_shape(JpegShape shape, const std::string& where) {
 
 }  // namespace
 
-std::string encode_jpeg(JpegShape shape, int channels, int quality, const std::string& where,
+std::string encode_jpeg(JpegShape shape, const JpegQuality& quality, const std::string& where,
                         const GiveRow& give) {
-  HAARLIGHT_EXPECTS(channels == 1 || channels == 3, "grey or RGB");
-  HAARLIGHT_EXPECTS(quality >= 1 && quality <= 100, "quality 1 to 100");
+  HAARLIGHT_EXPECTS(quality.channels == 1 || quality.channels == 3, "grey or RGB");
+  HAARLIGHT_EXPECTS(quality.quality >= 1 && quality.quality <= 100, "quality 1 to 100");
   require_shape(shape, where);
-  return Encoder(where).encode(shape, channels, quality, give);
+  return Encoder(where).encode(shape, quality, give);
 }
 
 std::string encode_jpeg(JpegShape shape, const JpegSteps& steps, const std::string& where,

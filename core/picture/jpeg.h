@@ -2,19 +2,64 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 
-#include "core/image.h"
-
 /// @file
-/// Planes as JPEG pictures in memory, grey or R, G, B (stored as YCbCr, colours at full size).
-/// Only the .cpp sees libjpeg.
+/// JPEG in memory, grey or R, G, B: the one place that knows libjpeg. Decoding takes nothing on
+/// trust: what libjpeg only warns of, and then makes up, is damage here.
 
 namespace haarlight {
+
+/// What libjpeg has to say of a picture that it cannot decode. Who called adds which file it is
+/// and what to do.
+class JpegDamage : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// A picture being decoded, row by row. One thread. After JpegDamage only destruction.
+class JpegDecoder {
+ public:
+  /// Reads the header. Borrows the bytes. @throws JpegDamage
+  explicit JpegDecoder(std::span<const std::byte> source);
+  ~JpegDecoder();
+  JpegDecoder(JpegDecoder&&) noexcept;
+  JpegDecoder& operator=(JpegDecoder&&) noexcept;
+  JpegDecoder(const JpegDecoder&) = delete;
+  JpegDecoder& operator=(const JpegDecoder&) = delete;
+
+  [[nodiscard]] int width() const;
+  [[nodiscard]] int height() const;
+  [[nodiscard]] int n_components() const;  ///< as stored: 1 grey, 3 colour, 4 CMYK
+  /// Progressive, or components one after the other: all coefficients are held in memory, at 2
+  /// bytes each.
+  [[nodiscard]] bool has_multiple_scans() const;
+
+  /// Before the first row. @param channels  1 (grey) or 3 (R, G, B) to decode to
+  /// @throws JpegDamage  also beyond 100 scans: encoders write some 10, and each costs time for
+  ///                     every pixel
+  void start(int channels);
+  [[nodiscard]] int next_row() const;
+  /// @param row  (width, channels) samples
+  void read(std::span<std::uint8_t> row);
+  /// Passes over rows without colour conversion.
+  void skip(int n_rows);
+  /// After the last row: what follows it. @throws JpegDamage
+  void finish();
+  /// Of the source, from its end.
+  [[nodiscard]] std::size_t n_bytes_left() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 struct JpegShape {
   int height = 0;
@@ -48,10 +93,16 @@ struct JpegSteps {
 [[nodiscard]] std::string encode_jpeg(JpegShape shape, const JpegSteps& steps,
                                       const std::string& where, const GiveRow& give);
 
-/// @param quality  1 to 100
-/// @param channels 1 (grey) or 3 (R, G, B; 4:4:4)
+/// For the eye.
+struct JpegQuality {
+  int channels = 3;  ///< 1 (grey) or 3 (R, G, B, stored as YCbCr, colours at full size)
+  int quality = 90;  ///< 1 to 100
+  /// Huffman tables made for the picture: fewer bytes, for a second pass over it.
+  bool has_own_tables = true;
+};
+
 /// @throws Error  beyond JPEG's 65500 pixels a side, or libjpeg refused
-[[nodiscard]] std::string encode_jpeg(JpegShape shape, int channels, int quality,
+[[nodiscard]] std::string encode_jpeg(JpegShape shape, const JpegQuality& quality,
                                       const std::string& where, const GiveRow& give);
 
 }  // namespace haarlight

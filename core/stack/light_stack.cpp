@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 
 namespace haarlight {
@@ -40,29 +41,20 @@ struct Head {
 };
 static_assert(sizeof(Head) == 32);
 
-std::uint64_t data_offset(const StackShape& shape) {
-  const std::size_t end = kHeaderBytes + kHashBytes * static_cast<std::size_t>(shape.n_bands());
+std::uint64_t data_offset(const StackBands& bands) {
+  const std::size_t end = kHeaderBytes + kHashBytes * static_cast<std::size_t>(bands.n());
   return (end + kAlign - 1) / kAlign * kAlign;
 }
 
-int rows_of(const StackShape& shape, int i_band) {
-  return std::min(shape.band_rows, shape.height - i_band * shape.band_rows);
-}
-
-std::size_t row_values(const StackShape& shape) {
-  return static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.channels) *
-         static_cast<std::size_t>(shape.n_lights);
-}
-
-std::string head_bytes(const StackShape& shape) {
+std::string head_bytes(const StackDims& dims, int band_rows) {
   Head head;
   std::memcpy(head.magic, kMagic, sizeof head.magic);
   head.version = kStackVersion;
-  head.width = static_cast<std::uint32_t>(shape.width);
-  head.height = static_cast<std::uint32_t>(shape.height);
-  head.channels = static_cast<std::uint32_t>(shape.channels);
-  head.n_lights = static_cast<std::uint32_t>(shape.n_lights);
-  head.band_rows = static_cast<std::uint32_t>(shape.band_rows);
+  head.width = static_cast<std::uint32_t>(dims.width);
+  head.height = static_cast<std::uint32_t>(dims.height);
+  head.channels = static_cast<std::uint32_t>(dims.channels);
+  head.n_lights = static_cast<std::uint32_t>(dims.n_lights);
+  head.band_rows = static_cast<std::uint32_t>(band_rows);
   std::string bytes(sizeof head, '\0');
   std::memcpy(bytes.data(), &head, sizeof head);
   return bytes;
@@ -102,11 +94,13 @@ void scatter_row(std::span<const float> values, std::size_t n_lights, int y, int
 
 }  // namespace
 
-LightStack::LightStack(std::filesystem::path path, const StackShape& shape, MappedFile file)
+LightStack::LightStack(std::filesystem::path path, const StackDims& dims, int band_rows,
+                       MappedFile file)
     : path_(std::move(path)),
-      shape_(shape),
+      dims_(dims),
+      bands_{dims.height, band_rows},
       file_(std::move(file)),
-      data_offset_(haarlight::data_offset(shape)) {}
+      data_offset_(haarlight::data_offset(bands_)) {}
 
 LightStack LightStack::open(const std::filesystem::path& file) {
   MappedFile mapped(file);
@@ -125,14 +119,14 @@ LightStack LightStack::open(const std::filesystem::path& file) {
   if (!is_sane(head)) {
     throw Error("damaged: the header has impossible sizes", file.string(), kCure);
   }
-  StackShape shape;
-  shape.width = static_cast<int>(head.width);
-  shape.height = static_cast<int>(head.height);
-  shape.channels = static_cast<int>(head.channels);
-  shape.n_lights = static_cast<int>(head.n_lights);
-  shape.band_rows = static_cast<int>(head.band_rows);
-  const std::uint64_t offset = haarlight::data_offset(shape);
-  std::uint64_t wanted = row_values(shape) * sizeof(float);
+  StackDims dims;
+  dims.width = static_cast<int>(head.width);
+  dims.height = static_cast<int>(head.height);
+  dims.channels = static_cast<int>(head.channels);
+  dims.n_lights = static_cast<int>(head.n_lights);
+  const StackBands bands{dims.height, static_cast<int>(head.band_rows)};
+  const std::uint64_t offset = haarlight::data_offset(bands);
+  std::uint64_t wanted = std::uint64_t{dims.row_values()} * sizeof(float);
   if (__builtin_mul_overflow(wanted, std::uint64_t{head.height}, &wanted) ||
       __builtin_add_overflow(wanted, offset, &wanted) || bytes.size() != wanted) {
     throw Error(
@@ -141,32 +135,53 @@ LightStack LightStack::open(const std::filesystem::path& file) {
   }
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()),
                               static_cast<std::size_t>(offset));
-  const std::size_t table_bytes = kHashBytes * static_cast<std::size_t>(shape.n_bands());
+  const std::size_t table_bytes = kHashBytes * static_cast<std::size_t>(bands.n());
   const std::string hashed = std::string(text.substr(0, sizeof head)) +
                              std::string(text.substr(kHeaderBytes, table_bytes));
   if (content_hash(hashed) != text.substr(sizeof head, kHashBytes)) {
     throw Error("damaged: the header's checksum does not hold", file.string(), kCure);
   }
-  return {file, shape, std::move(mapped)};
+  return {file, dims, bands.rows, std::move(mapped)};
 }
 
 std::span<const float> LightStack::band(int i_band) const {
-  HAARLIGHT_EXPECTS(0 <= i_band && i_band < shape_.n_bands(), "a band of the stack");
-  const std::size_t values = row_values(shape_);
-  const std::size_t first =
-      values * static_cast<std::size_t>(i_band) * static_cast<std::size_t>(shape_.band_rows);
+  HAARLIGHT_EXPECTS(0 <= i_band && i_band < bands_.n(), "a band of the stack");
+  const std::size_t values = dims_.row_values();
+  const std::size_t first = values * static_cast<std::size_t>(bands_.first_row(i_band));
   const std::byte* data = file_.bytes().data() + data_offset_ + first * sizeof(float);
   return {reinterpret_cast<const float*>(data),
-          values * static_cast<std::size_t>(rows_of(shape_, i_band))};
+          values * static_cast<std::size_t>(bands_.n_rows(i_band))};
+}
+
+void LightStack::read_tile(const TileRect& rect, std::span<float> out) const {
+  require_tile(dims_, rect, out.size());
+  const std::size_t row_values = count(rect.width) * count(dims_.n_lights);
+  for (int y = rect.y0; y < rect.y0 + rect.height; ++y) {
+    const int i_band = y / bands_.rows;
+    const int band_y0 = bands_.first_row(i_band);
+    const int band_rows = bands_.n_rows(i_band);
+    const std::span<const float> values = band(i_band);
+    for (int c = 0; c < dims_.channels; ++c) {
+      const std::size_t row = count(c) * count(band_rows) + count(y - band_y0);
+      const std::size_t from =
+          (row * count(dims_.width) + count(rect.x0)) * count(dims_.n_lights);
+      const std::size_t to = (count(c) * count(rect.height) + count(y - rect.y0)) * row_values;
+      const std::span<const float> row_of_tile(values.data() + from, row_values);
+      std::copy(row_of_tile.begin(), row_of_tile.end(),
+                out.begin() + static_cast<std::ptrdiff_t>(to));
+      // A stack may be larger than memory: what was copied need not stay.
+      drop_pages(std::as_bytes(row_of_tile));
+    }
+  }
 }
 
 void LightStack::check() const {
-  for (int i = 0; i < shape_.n_bands(); ++i) {
+  for (int i = 0; i < bands_.n(); ++i) {
     const std::string_view stored(reinterpret_cast<const char*>(file_.bytes().data()) +
                                       kHeaderBytes + kHashBytes * static_cast<std::size_t>(i),
                                   kHashBytes);
     if (content_hash(std::as_bytes(band(i))) != stored) {
-      throw Error(fmt::format("band {} of {} is damaged", i, shape_.n_bands()), path_.string(),
+      throw Error(fmt::format("band {} of {} is damaged", i, bands_.n()), path_.string(),
                   kCure);
     }
   }
@@ -177,19 +192,18 @@ Image<float> LightStack::light_image(int k) const {
 }
 
 std::vector<Image<float>> LightStack::light_images(int first, int n) const {
-  HAARLIGHT_EXPECTS(0 <= first && n >= 1 && first + n <= shape_.n_lights,
-                    "lights of the stack");
-  const auto n_lights = static_cast<std::size_t>(shape_.n_lights);
-  const std::size_t row = static_cast<std::size_t>(shape_.width) * n_lights;
+  HAARLIGHT_EXPECTS(0 <= first && n >= 1 && first + n <= dims_.n_lights, "lights of the stack");
+  const auto n_lights = static_cast<std::size_t>(dims_.n_lights);
+  const std::size_t row = static_cast<std::size_t>(dims_.width) * n_lights;
   std::vector<Image<float>> images(static_cast<std::size_t>(n),
-                                   Image<float>(shape_.height, shape_.width, shape_.channels));
-  for (int i = 0; i < shape_.n_bands(); ++i) {
+                                   Image<float>(dims_.height, dims_.width, dims_.channels));
+  for (int i = 0; i < bands_.n(); ++i) {
     std::span<const float> rest = band(i);
-    for (int c = 0; c < shape_.channels; ++c) {
-      for (int y = 0; y < rows_of(shape_, i); ++y) {
+    for (int c = 0; c < dims_.channels; ++c) {
+      for (int y = 0; y < bands_.n_rows(i); ++y) {
         scatter_row(rest.subspan(static_cast<std::size_t>(first),
                                  row - static_cast<std::size_t>(first)),
-                    n_lights, i * shape_.band_rows + y, c, images);
+                    n_lights, bands_.first_row(i) + y, c, images);
         drop_pages(std::as_bytes(rest.first(row)));
         rest = rest.subspan(row);
       }
@@ -200,14 +214,13 @@ std::vector<Image<float>> LightStack::light_images(int first, int n) const {
 
 void for_each_light_image(const LightStack& stack, std::uint64_t memory_bytes,
                           const std::function<void(int, const Image<float>&)>& visit) {
-  const StackShape& shape = stack.shape();
-  const std::uint64_t picture_bytes = row_values(shape) /
-                                      static_cast<std::uint64_t>(shape.n_lights) *
-                                      static_cast<std::uint64_t>(shape.height) * sizeof(float);
+  const StackDims dims = stack.dims();
+  const std::uint64_t picture_bytes =
+      dims.n_pixels() * static_cast<std::uint64_t>(dims.channels) * sizeof(float);
   const int most = static_cast<int>(std::clamp<std::uint64_t>(
-      memory_bytes / picture_bytes, 1, static_cast<std::uint64_t>(shape.n_lights)));
-  for (int first = 0; first < shape.n_lights; first += most) {
-    const int n = std::min(most, shape.n_lights - first);
+      memory_bytes / picture_bytes, 1, static_cast<std::uint64_t>(dims.n_lights)));
+  for (int first = 0; first < dims.n_lights; first += most) {
+    const int n = std::min(most, dims.n_lights - first);
     const std::vector<Image<float>> images = stack.light_images(first, n);
     for (int k = 0; k < n; ++k) {
       visit(first + k, images[static_cast<std::size_t>(k)]);
@@ -215,27 +228,28 @@ void for_each_light_image(const LightStack& stack, std::uint64_t memory_bytes,
   }
 }
 
-LightStackWriter::LightStackWriter(const std::filesystem::path& file, const StackShape& shape)
-    : shape_(shape), path_(file), file_(file) {
-  HAARLIGHT_EXPECTS(shape.width >= 1 && shape.height >= 1 && shape.n_lights >= 1,
+LightStackWriter::LightStackWriter(const std::filesystem::path& file, const StackDims& dims,
+                                   int band_rows)
+    : dims_(dims), bands_{dims.height, band_rows}, path_(file), file_(file) {
+  HAARLIGHT_EXPECTS(dims.width >= 1 && dims.height >= 1 && dims.n_lights >= 1,
                     "a stack with pixels and lights");
-  HAARLIGHT_EXPECTS(shape.channels == 1 || shape.channels == 3, "1 or 3 channels");
-  HAARLIGHT_EXPECTS(shape.band_rows >= 1 && shape.band_rows <= shape.height, "rows of a band");
-  const std::vector<std::byte> zeros(static_cast<std::size_t>(data_offset(shape)));
+  HAARLIGHT_EXPECTS(dims.channels == 1 || dims.channels == 3, "1 or 3 channels");
+  HAARLIGHT_EXPECTS(band_rows >= 1 && band_rows <= dims.height, "rows of a band");
+  const std::vector<std::byte> zeros(static_cast<std::size_t>(data_offset(bands_)));
   file_.append(zeros);
 }
 
 void LightStackWriter::append_band(std::span<const float> values) {
-  HAARLIGHT_EXPECTS(next_band_ < shape_.n_bands(), "no more bands than the shape has");
-  const int rows = rows_of(shape_, next_band_);
-  HAARLIGHT_EXPECTS(values.size() == row_values(shape_) * static_cast<std::size_t>(rows),
+  HAARLIGHT_EXPECTS(next_band_ < bands_.n(), "no more bands than the shape has");
+  const int rows = bands_.n_rows(next_band_);
+  HAARLIGHT_EXPECTS(values.size() == dims_.row_values() * static_cast<std::size_t>(rows),
                     "the values of one band");
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!std::isfinite(values[i])) {
-      const auto n_lights = static_cast<std::size_t>(shape_.n_lights);
-      const auto width = static_cast<std::size_t>(shape_.width);
+      const auto n_lights = static_cast<std::size_t>(dims_.n_lights);
+      const auto width = static_cast<std::size_t>(dims_.width);
       const std::size_t y = i / n_lights / width % static_cast<std::size_t>(rows) +
-                            static_cast<std::size_t>(next_band_ * shape_.band_rows);
+                            static_cast<std::size_t>(bands_.first_row(next_band_));
       throw Error(fmt::format("light {}, pixel (x {}, y {}) is not a finite number",
                               i % n_lights, i / n_lights % width, y),
                   path_.string(), "repair or replace this light's picture");
@@ -247,8 +261,8 @@ void LightStackWriter::append_band(std::span<const float> values) {
 }
 
 void LightStackWriter::finish() {
-  HAARLIGHT_EXPECTS(next_band_ == shape_.n_bands(), "every band of the shape");
-  std::string head = head_bytes(shape_);
+  HAARLIGHT_EXPECTS(next_band_ == bands_.n(), "every band of the shape");
+  std::string head = head_bytes(dims_, bands_.rows);
   head += content_hash(head + band_hashes_);
   head += band_hashes_;
   file_.rewrite(0, std::as_bytes(std::span(head)));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -10,6 +11,7 @@
 
 #include "core/files.h"
 #include "core/image.h"
+#include "core/stack/stack_source.h"
 
 /// @file
 /// The light stack T[pixel][light]: linear radiance of every pixel under each light at unit
@@ -18,24 +20,26 @@
 
 namespace haarlight {
 
-struct StackShape {
-  int width = 0;
-  int height = 0;
-  int channels = 1;
-  int n_lights = 0;
-  int band_rows = 0;  ///< rows a band; the last band may have fewer
-  [[nodiscard]] int n_bands() const { return (height + band_rows - 1) / band_rows; }
-  friend bool operator==(const StackShape&, const StackShape&) = default;
+/// The bands that a picture's rows are stored in.
+struct StackBands {
+  int height = 0;  ///< of the picture
+  int rows = 1;    ///< of each band; the last may have fewer
+  [[nodiscard]] int n() const { return (height + rows - 1) / rows; }
+  [[nodiscard]] int first_row(int i_band) const { return i_band * rows; }
+  [[nodiscard]] int end_row(int i_band) const { return std::min((i_band + 1) * rows, height); }
+  [[nodiscard]] int n_rows(int i_band) const { return end_row(i_band) - first_row(i_band); }
 };
 
 /// A stack file mapped read-only. Thread-safe.
-class LightStack {
+class LightStack final : public StackSource {
  public:
   /// @throws Error  not a stack file, truncated, wrong version or checksum
   [[nodiscard]] static LightStack open(const std::filesystem::path& file);
 
-  [[nodiscard]] const StackShape& shape() const noexcept { return shape_; }
+  [[nodiscard]] StackDims dims() const override { return dims_; }
+  void read_tile(const TileRect& rect, std::span<float> out) const override;
 
+  [[nodiscard]] const StackBands& bands() const noexcept { return bands_; }
   /// The band's values in C order (channels, rows, width, n_lights), float.
   [[nodiscard]] std::span<const float> band(int i_band) const;
 
@@ -51,10 +55,11 @@ class LightStack {
   [[nodiscard]] std::vector<Image<float>> light_images(int first, int n) const;
 
  private:
-  LightStack(std::filesystem::path path, const StackShape& shape, MappedFile file);
+  LightStack(std::filesystem::path path, const StackDims& dims, int band_rows, MappedFile file);
 
   std::filesystem::path path_;
-  StackShape shape_;
+  StackDims dims_;
+  StackBands bands_;
   MappedFile file_;
   std::uint64_t data_offset_ = 0;
 };
@@ -67,14 +72,16 @@ void for_each_light_image(const LightStack& stack, std::uint64_t memory_bytes,
 /// Writes a stack band by band, in order; the file appears in `finish()`.
 class LightStackWriter {
  public:
-  LightStackWriter(const std::filesystem::path& file, const StackShape& shape);
+  /// @param band_rows  1..dims.height
+  LightStackWriter(const std::filesystem::path& file, const StackDims& dims, int band_rows);
   /// @param values  (channels, rows of this band, width, n_lights)
   /// @throws Error  on NaN or infinity (naming light and pixel), or when writing fails
   void append_band(std::span<const float> values);
   void finish();
 
  private:
-  StackShape shape_;
+  StackDims dims_;
+  StackBands bands_;
   std::filesystem::path path_;
   PendingFile file_;
   std::string band_hashes_;

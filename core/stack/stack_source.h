@@ -6,8 +6,6 @@
 #include <span>
 #include <vector>
 
-#include "core/stack/light_stack.h"
-
 /// @file
 /// Where a light stack's values come from: a stack file, memory, a rig's closed form, or
 /// another basis file. Everything that compresses or compares reads through this one door, tile
@@ -33,8 +31,17 @@ struct StackDims {
   [[nodiscard]] std::size_t n_pixels() const {
     return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   }
+  /// Of all channels and lights.
+  [[nodiscard]] std::size_t row_values() const {
+    return static_cast<std::size_t>(width) * static_cast<std::size_t>(channels) *
+           static_cast<std::size_t>(n_lights);
+  }
   friend bool operator==(const StackDims&, const StackDims&) = default;
 };
+
+/// @throws ContractViolation  unless the tile lies inside the picture and `n_values` is what it
+///             holds
+void require_tile(const StackDims& dims, const TileRect& rect, std::size_t n_values);
 
 /// T[pixel][light] by tiles. read_tile is thread-safe.
 class StackSource {
@@ -74,17 +81,6 @@ class RowSource : public StackSource {
   /// Every row was served: what can only be judged over all of them.
   /// @throws Error  the values contradict each other
   virtual void finish() {}
-};
-
-/// A stack file. Borrows it.
-class LightStackSource final : public StackSource {
- public:
-  explicit LightStackSource(const LightStack& stack) : stack_(stack) {}
-  [[nodiscard]] StackDims dims() const override;
-  void read_tile(const TileRect& rect, std::span<float> out) const override;
-
- private:
-  const LightStack& stack_;
 };
 
 /// A stack in memory, (channels, height, width, n_lights).

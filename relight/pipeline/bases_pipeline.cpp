@@ -24,7 +24,6 @@ namespace {
 struct OpenCapture {
   std::optional<Session> session;
   std::optional<BasisFile> basis;
-  std::optional<LightStack> stack;
   std::unique_ptr<StackSource> source;
   std::optional<Rig> rig;
   OpenPlate plate;
@@ -74,8 +73,7 @@ void open_session(const BasesOptions& bases, OpenCapture& capture) {
   capture.session = Session::open(bases.input);
   const SessionInfo& info = capture.session->info();
   options.plate = sharing_plate(*capture.session, PlateChoice::parse(bases.plate));
-  capture.stack = develop(*capture.session, options);
-  capture.source = std::make_unique<LightStackSource>(*capture.stack);
+  capture.source = std::make_unique<LightStack>(develop(*capture.session, options));
   capture.rig = capture.session->rig();
   take_rig(capture);
   if (capture.rig) {
@@ -217,7 +215,7 @@ BasesSummary compare_bases(const BasesOptions& options) {
   const OpenCapture capture = open_capture(options);
   BasesSummary summary;
   summary.study = study_bases(capture.study, study_options(options));
-  summary.plate_kind = capture.plate.kind;
+  summary.plate_origin = capture.plate.origin;
   summary.bytes = write_study(options, summary.study);
   for (const BasisResult& result : summary.study.results) {
     for (const BasisPoint& point : result.points) {
@@ -246,7 +244,7 @@ void add_to_report(const BasesOptions& options, const BasesSummary& summary, Rep
     }
   }
   report.set_bytes(summary.bytes);
-  report.add_detail("plate", summary.plate_kind);
+  report.add_detail("plate", std::string(to_string(summary.plate_origin)));
   report.add_detail("pixels_studied", static_cast<std::int64_t>(summary.study.n_pixels));
   report.add_detail("study_seconds", summary.study.seconds);
   for (const BasisResult& result : summary.study.results) {

@@ -36,7 +36,7 @@ struct BasesOptions {
 
 struct BasesSummary {
   BasisStudy study;
-  std::string plate_kind;
+  PlateOrigin plate_origin = PlateOrigin::none;
   bool is_reached = true;  ///< every basis reached every error that it can reach
   std::uint64_t bytes = 0;
   std::vector<PipelineNote> notes;  ///< all that was told

@@ -41,7 +41,7 @@ PictureClipping picture_clipping(const RelightBound& bound) {
 
 std::string clipped_words(const BasisHeader& header, const PictureClipping& clipping) {
   if (!header.clipped) {
-    return header.kind == "plate" ? "" : kNotTold;
+    return header.content == BasisContent::plate ? "" : kNotTold;
   }
   if (clipping.share == 0.0) {
     return {};

@@ -79,9 +79,9 @@ std::string compress_words(const CompressCaptureOptions& options,
       "{:.1f} coefficients a pixel\n"
       "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
       options.output, header.dims.width, header.dims.height, header.dims.channels,
-      header.dims.n_lights, to_string(header.basis), header.plate, header.reached.relative_l2,
-      summary.relative_l2_asked, summary.asked_reason, header.reached.worst_pixel,
-      found.worst_light, header.mean_coefficients, found.bytes,
+      header.dims.n_lights, to_string(header.basis), to_string(header.plate),
+      header.reached.relative_l2, summary.relative_l2_asked, summary.asked_reason,
+      header.reached.worst_pixel, found.worst_light, header.mean_coefficients, found.bytes,
       is_smaller ? raw / double(found.bytes) : double(found.bytes) / raw,
       is_smaller ? "smaller" : "larger",
       !is_smaller && header.coding == BasisCoding::lossless
@@ -146,7 +146,7 @@ void add_to_report(const CompressCaptureOptions& options, const CompressCaptureS
   report.add_reached("worst_light", found.worst_light);
   report_clipped(header, report);
   report.add_detail("coding", std::string(to_string(header.coding)));
-  report.add_detail("plate", header.plate);
+  report.add_detail("plate", std::string(to_string(header.plate)));
   report.add_detail("plate_rank", std::int64_t{header.plate_rank});
   report.add_detail("coefficients_per_pixel", header.mean_coefficients);
   report.add_detail("seconds_plate", found.seconds_plate);

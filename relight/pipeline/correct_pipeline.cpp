@@ -33,7 +33,7 @@ CorrectSummary correct_fall_off(const CorrectOptions& options) {
       pixel_points(session, options.width_mm, options.height_mm.value_or(0.0));
   const LightStack stack =
       develop(session, develop_options(session, options.settings, options.transfer));
-  const StackShape& shape = stack.shape();
+  const StackDims shape = stack.dims();
   const LightCorrection correction(lights.near, pixels, shape.width, shape.height,
                                    pixels.plane_normal(), options.fall_off);
   const fs::path& folder = options.out;

@@ -37,7 +37,7 @@ std::uint64_t write_pictures(const Session& session, const LightStack& stack,
                              const std::string& ending, const fs::path& folder,
                              const PipelineSettings& settings) {
   fs::create_directories(folder);
-  Progress progress("write EXR", static_cast<std::size_t>(stack.shape().n_lights),
+  Progress progress("write EXR", static_cast<std::size_t>(stack.dims().n_lights),
                     settings.progress);
   std::uint64_t bytes = 0;
   const std::vector<SessionLight> seen = lights_in_picture(session);
@@ -75,11 +75,11 @@ DevelopOptions develop_options(const DevelopSessionOptions& options, const Sessi
 
 void tell_developed(const DevelopSessionOptions& options, const DevelopSummary& summary,
                     PipelineNotes& notes) {
-  const StackShape& shape = summary.shape;
+  const StackDims& shape = summary.dims;
   notes.add(NoteKind::result,
             fmt::format("{}: {} x {} x {} under {} lights, {} band{}", options.session,
                         shape.width, shape.height, shape.channels, shape.n_lights,
-                        shape.n_bands(), shape.n_bands() == 1 ? "" : "s"));
+                        summary.n_bands, summary.n_bands == 1 ? "" : "s"));
   notes.add(NoteKind::result,
             fmt::format("  kept in {} for compress, relight and the others{}", summary.cache,
                         options.exr.empty() ? "; --exr DIR writes pictures" : ""));
@@ -103,15 +103,16 @@ DevelopSummary develop_session(const DevelopSessionOptions& options) {
   const Session session = Session::open(options.session);
   const Developed developed = develop_all(session, develop_options(options, session));
   DevelopSummary summary;
-  summary.shape = developed.stack.shape();
+  summary.dims = developed.stack.dims();
+  summary.n_bands = developed.stack.bands().n();
   summary.n_saturated = static_cast<std::uint64_t>(developed.n_saturated);
   summary.moved_share = developed.moved_share;
   summary.record = developed.record;
   summary.cache = options.cache.empty() ? (session.folder() / "cache").string() : options.cache;
-  summary.bytes = sizeof(float) * static_cast<std::uint64_t>(summary.shape.width) *
-                  static_cast<std::uint64_t>(summary.shape.height) *
-                  static_cast<std::uint64_t>(summary.shape.channels) *
-                  static_cast<std::uint64_t>(summary.shape.n_lights);
+  summary.bytes = sizeof(float) * static_cast<std::uint64_t>(summary.dims.width) *
+                  static_cast<std::uint64_t>(summary.dims.height) *
+                  static_cast<std::uint64_t>(summary.dims.channels) *
+                  static_cast<std::uint64_t>(summary.dims.n_lights);
   if (!options.exr.empty()) {
     require_absent(options.exr, options.settings.overwrites);
     summary.bytes +=
@@ -132,8 +133,8 @@ void add_to_report(const DevelopSessionOptions& options, const DevelopSummary& s
   report.add_input(options.session);
   report.add_asked("demosaic", std::string(word_of(options.demosaic)));
   report.add_asked("memory_bytes", static_cast<std::int64_t>(options.settings.memory_bytes));
-  report.add_reached("lights", std::int64_t{summary.shape.n_lights});
-  report.add_reached("bands", std::int64_t{summary.shape.n_bands()});
+  report.add_reached("lights", std::int64_t{summary.dims.n_lights});
+  report.add_reached("bands", std::int64_t{summary.n_bands});
   report.add_reached("saturated_in_all", static_cast<std::int64_t>(summary.n_saturated));
   report.add_reached("moved_share", summary.moved_share);
   report.add_detail("steps", summary.record);

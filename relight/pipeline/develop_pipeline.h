@@ -35,7 +35,8 @@ struct DevelopSessionOptions {
 };
 
 struct DevelopSummary {
-  StackShape shape;
+  StackDims dims;                   ///< of the stack
+  int n_bands = 0;                  ///< that it is stored in
   std::uint64_t n_saturated = 0;    ///< values that are lower bounds
   double moved_share = 0.0;         ///< of compared values that contradict each other
   std::string record;               ///< the steps taken

@@ -94,7 +94,7 @@ Achieved compare_with_session(const RelightPictureOptions& options, const LightW
   const Session session = Session::open(options.against);
   develop_options.plate = sharing_plate(session, {});
   const LightStack stack = develop(session, develop_options);
-  const Image<float> truth = relight_stack(LightStackSource(stack), weights);
+  const Image<float> truth = relight_stack(stack, weights);
   if (truth.height() != picture.height() || truth.width() != picture.width()) {
     throw Error("the session's frames have another size than the basis file", options.against,
                 "give the session that was compressed");

@@ -5,16 +5,12 @@
 #include <cmath>
 #include <vector>
 
+#include "core/order_statistics.h"
+
 namespace haarlight {
 namespace {
 
 constexpr double kExcess = 0.02;  // about the noise of a camera value, spec/relight.md: 1 %
-
-double take_median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 
@@ -59,9 +55,9 @@ double fit_plate_scale(std::span<const float> values, std::span<const double> fa
   if (ratios.empty()) {
     return 0.0;
   }
-  const double rough = take_median(ratios);
+  const double rough = upper_median(std::span(ratios));
   std::erase_if(ratios, [rough](double r) { return std::abs(r - rough) > 0.25 * rough; });
-  return ratios.empty() ? rough : take_median(ratios);
+  return ratios.empty() ? rough : upper_median(std::span(ratios));
 }
 
 bool shows_plane(std::span<const float> values, std::span<const float> plate,

@@ -82,8 +82,9 @@ class Developer {
   Developer(const Developer&) = delete;
   Developer& operator=(const Developer&) = delete;
 
-  /// band_rows: the most rows that fit the memory budget at a time.
-  [[nodiscard]] const StackShape& shape() const noexcept;
+  [[nodiscard]] StackDims dims() const noexcept;
+  /// As many rows at a time as fit the memory budget.
+  [[nodiscard]] StackBands bands() const noexcept;
   /// Hash of everything that the values depend on: the key of develop_all()'s cache.
   [[nodiscard]] const std::string& key() const noexcept;
 

@@ -14,8 +14,8 @@ namespace {
 
 using testing::TemporaryFolder;
 
-constexpr StackShape kShape{
-    .width = 45, .height = 7, .channels = 3, .n_lights = 37, .band_rows = 3};
+constexpr StackDims kShape{.width = 45, .height = 7, .channels = 3, .n_lights = 37};
+constexpr int kBandRows = 3;
 
 /// A value of its own for each pixel, channel and light; exact as a float.
 float value_at(int y, int x, int c, int k) {
@@ -23,11 +23,11 @@ float value_at(int y, int x, int c, int k) {
 }
 
 LightStack make_stack(const std::filesystem::path& file) {
-  LightStackWriter writer(file, kShape);
-  for (int y0 = 0; y0 < kShape.height; y0 += kShape.band_rows) {
+  LightStackWriter writer(file, kShape, kBandRows);
+  for (int y0 = 0; y0 < kShape.height; y0 += kBandRows) {
     std::vector<float> band;
     for (int c = 0; c < kShape.channels; ++c) {
-      for (int y = y0; y < std::min(y0 + kShape.band_rows, kShape.height); ++y) {
+      for (int y = y0; y < std::min(y0 + kBandRows, kShape.height); ++y) {
         for (int x = 0; x < kShape.width; ++x) {
           for (int k = 0; k < kShape.n_lights; ++k) {
             band.push_back(value_at(y, x, c, k));

@@ -11,6 +11,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/order_statistics.h"
 #include "core/picture/image_io.h"
 #include "session/light_file.h"
 
@@ -33,13 +34,8 @@ ListForm form_of(const fs::path& out) {
                             : ListForm::folder;
 }
 
-double median(std::vector<double> values) {
-  if (values.empty()) {
-    return 0.0;
-  }
-  const auto mid = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), mid, values.end());
-  return *mid;
+double median_or_0(std::vector<double> values) {
+  return values.empty() ? 0.0 : upper_median(values);
 }
 
 /// What import, fit and shape read: unseen lights are not in it.
@@ -236,10 +232,11 @@ std::string found_table(const FoundLights& found) {
 std::string found_line(const FoundLights& found) {
   const FoundStatistics all = statistics_of(found);
   std::string how =
-      all.mm.empty() ? "" : fmt::format(", places +- {:.2f} mm (3-D, median)", median(all.mm));
+      all.mm.empty() ? ""
+                     : fmt::format(", places +- {:.2f} mm (3-D, median)", median_or_0(all.mm));
   how += all.degrees.empty()
              ? ""
-             : fmt::format(", directions +- {:.3f} degrees (median)", median(all.degrees));
+             : fmt::format(", directions +- {:.3f} degrees (median)", median_or_0(all.degrees));
   if (how.empty()) {
     how = ", no +- is known";
   }
@@ -253,12 +250,12 @@ void report_found(const FoundLights& found, Report& report) {
   report.add_reached("lights_seen", all.n_seen);
   report.add_reached("lights_weak", all.n_weak);
   if (!all.mm.empty()) {
-    report.add_reached("position_sigma_mm_median", median(all.mm));
+    report.add_reached("position_sigma_mm_median", median_or_0(all.mm));
     report.add_reached("position_sigma_mm_largest",
                        *std::max_element(all.mm.begin(), all.mm.end()));
   }
   if (!all.degrees.empty()) {
-    report.add_reached("direction_sigma_deg_median", median(all.degrees));
+    report.add_reached("direction_sigma_deg_median", median_or_0(all.degrees));
     report.add_reached("direction_sigma_deg_largest",
                        *std::max_element(all.degrees.begin(), all.degrees.end()));
   }

@@ -55,7 +55,7 @@ FitInput open_pictures(const FitOptions& options, PipelineNotes& notes) {
   input.rows = std::move(opened.rows);
   if (options.crop) {
     require_same_orientation(files, orientations);
-    const PictureShape shape = input.rows->shape();
+    const StackDims shape = input.rows->dims();
     input.rows = cropped_rows(std::move(input.rows),
                               stored_rectangle(*options.crop, shape.width, shape.height,
                                                orientations.front(), "--crop"));

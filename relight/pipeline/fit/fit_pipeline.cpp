@@ -150,7 +150,7 @@ class CaptureFitter {
     out.score = score;
     out.seconds = processor_seconds() - start;
     result.model.photographed = input_.photographed;
-    const PictureShape shape = kept_->shape();
+    const StackDims shape = kept_->dims();
     out.n_pixels = static_cast<long long>(shape.width) * shape.height;
     out.n_planes = result.model.n_planes();
     out.quantisation_rms = result.quantisation_rms;

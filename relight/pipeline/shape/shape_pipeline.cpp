@@ -202,12 +202,10 @@ void measure_shape(const ShapePipelineOptions& options, const Session& session,
   ShapeOptions shape = stereo_options(options);
   shape.stereo.saturation = clip_levels(session);
   shape.finds_part_heights = session.rig().has_value() && !options.height_mm.has_value();
-  std::optional<LightStackSource> errors;
   if (developed.standard_error) {
-    errors.emplace(*developed.standard_error);
-    shape.stereo.errors = &*errors;
+    shape.stereo.errors = &*developed.standard_error;
   }
-  const LightStackSource stack(developed.stack);
+  const LightStack& stack = developed.stack;
   choose_mask(options, session, stack, lights, std::move(given), summary);
   summary.shape = recover_shape(stack, lights, summary.pixels, summary.mask.mask.view(), shape);
 }

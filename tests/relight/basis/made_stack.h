@@ -130,7 +130,7 @@ inline CompressSource made_source(const MemoryStack& stack, const HaarGrid& grid
   CompressSource source;
   source.stack = &stack;
   source.plate = plate;
-  source.plate_kind = plate != nullptr ? "captured" : "none";
+  source.plate_origin = plate != nullptr ? PlateOrigin::captured : PlateOrigin::none;
   source.grid = grid;
   source.lights = made_lights(stack.dims().n_lights);
   source.name = "made";

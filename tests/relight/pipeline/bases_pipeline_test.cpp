@@ -26,7 +26,7 @@ TEST(BasesPipeline, FindsThatACaptureOfRankOneIsOneVector) {
   options.plate = "none";
   const BasesSummary summary = compare_bases(options);
   EXPECT_TRUE(summary.is_reached);
-  EXPECT_EQ(summary.plate_kind, "none");
+  EXPECT_EQ(summary.plate_origin, PlateOrigin::none);
   EXPECT_EQ(summary.study.n_pixels, 48);
   ASSERT_EQ(summary.study.results.size(), 1U);
   for (const BasisPoint& point : summary.study.results[0].points) {
