@@ -21,8 +21,8 @@ TEST(DevelopPipeline, WritesAPictureForEachLight) {
   options.session = folder / "ramp.session";
   options.exr = folder / "exr";
   const DevelopSummary summary = develop_session(options);
-  EXPECT_EQ(summary.shape.n_lights, 5);
-  EXPECT_EQ(summary.shape.width, 8);
+  EXPECT_EQ(summary.dims.n_lights, 5);
+  EXPECT_EQ(summary.dims.width, 8);
   EXPECT_EQ(summary.n_saturated, 0U);
   EXPECT_EQ(summary.moved_share, 0.0);
   EXPECT_EQ(summary.cache, (folder / "ramp.session/cache").string());
