@@ -23,7 +23,7 @@ struct JumpError {
   std::longjmp(reinterpret_cast<JumpError*>(info->err)->jump, 1);
 }
 
-/// Plain data only between setjmp and longjmp.
+/// Only plain data between setjmp and longjmp.
 struct JpegBuffer {
   unsigned char* data = nullptr;
   unsigned long size = 0;  // libjpeg's type
