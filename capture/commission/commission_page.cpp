@@ -21,7 +21,7 @@ constexpr double kTop = 12.0;
 constexpr double kBottom = 44.0;
 constexpr std::size_t kMaxDots = 1200;
 
-/// Axes with ticks; maps data to the picture.
+/// Axes with ticks; maps data to the figure.
 class Plot {
  public:
   Plot(double x0, double x1, double y0, double y1, bool is_log)
