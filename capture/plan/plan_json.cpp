@@ -25,7 +25,7 @@ constexpr int kMaxLights = 1 << 20;
 constexpr std::size_t kMaxShots = 1000000;
 constexpr std::array<std::string_view, 4> kKindWords{"light", "dark", "flat", "sentinel"};
 
-/// Everything that the hash covers.
+/// Everything the hash covers.
 Json body_of(const Plan& plan) {
   Json shots = Json::array();
   for (const Shot& shot : plan.shots) {
