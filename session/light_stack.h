@@ -12,9 +12,9 @@
 #include "core/image.h"
 
 /// @file
-/// The light stack T[pixel][light]: linear radiance of every pixel under each light at unit
-/// drive, exposure, gain and power. A cache inside the session, tiled in bands of rows, lights
-/// fastest.
+/// The light stack: the light transport matrix T[pixel][light], linear radiance of every pixel
+/// under each light at unit drive, exposure, gain and power. A cache inside the session, tiled
+/// in bands of rows, with lights varying fastest.
 
 namespace haarlight {
 
@@ -23,7 +23,7 @@ struct StackShape {
   int height = 0;
   int channels = 1;
   int n_lights = 0;
-  int band_rows = 0;  ///< rows a band; the last band may have fewer
+  int band_rows = 0;  ///< rows per band; the last band may have fewer
   [[nodiscard]] int n_bands() const { return (height + band_rows - 1) / band_rows; }
   friend bool operator==(const StackShape&, const StackShape&) = default;
 };
@@ -59,8 +59,8 @@ class LightStack {
   std::uint64_t data_offset_ = 0;
 };
 
-/// Calls visit(k, picture) for every light in order. As many pictures as `memory_bytes` hold
-/// (one at least) are gathered in one pass over the stack.
+/// Calls visit(k, picture) for every light in order. As many pictures as fit in `memory_bytes`
+/// (at least one) are gathered in one pass over the stack.
 void for_each_light_image(const LightStack& stack, std::uint64_t memory_bytes,
                           const std::function<void(int, const Image<float>&)>& visit);
 

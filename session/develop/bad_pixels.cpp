@@ -16,7 +16,7 @@ namespace {
 constexpr double kHotSigmas = 8.0;
 constexpr double kHotShare = 0.01;
 constexpr double kSigmaPerMad = 1.4826;
-constexpr std::size_t kMostBad = 20;  // one in that many
+constexpr std::size_t kMostBad = 20;  // one in this many
 
 float median_of(std::vector<float>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);

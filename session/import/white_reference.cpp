@@ -18,7 +18,7 @@ double median_of(std::vector<double> values) {
   return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
 }
 
-/// Of a normal distribution its standard deviation, whatever a few lights do.
+/// Standard deviation if normally distributed, robust against a few lights.
 double relative_scatter(const std::vector<double>& values, double median) {
   constexpr double kSigmaOfMedian = 1.4826;
   std::vector<double> distances;
@@ -33,7 +33,7 @@ double least_of(const PatchSample& patch) {
   return *std::min_element(patch.mean.begin(), patch.mean.end());
 }
 
-/// The lights that count; the others are counted by why.
+/// The usable lights; the others are counted by reason.
 std::vector<std::size_t> usable_lights(const std::vector<PatchSample>& patches,
                                        bool are_integers, WhiteReference& white) {
   double brightest = 0.0;
@@ -69,7 +69,7 @@ void find_furthest(const std::vector<std::vector<double>>& ratios,
   }
 }
 
-/// The factor on top of the gains that brings the patch to its reflectance.
+/// The factor on top of the gains that scales the patch to its reflectance.
 void scale_to_reflectance(const std::vector<PatchSample>& patches,
                           const std::vector<SessionLight>& lights,
                           const std::vector<std::size_t>& used, const WhiteTask& task,
