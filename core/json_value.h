@@ -11,9 +11,9 @@
 #include "core/enum_words.h"
 
 /// @file
-/// A JSON text from outside, read value by value: whatever is missing or of the wrong kind
-/// throws an Error that names the file and the place in it ("session.json: frames[3].shot").
-/// Only the .cpp sees nlohmann-json.
+/// An external JSON text, read value by value: whatever is missing or of the wrong type throws
+/// an Error that names the file and the path in it ("session.json: frames[3].shot"). Only the
+/// .cpp includes nlohmann-json.
 
 namespace haarlight {
 
@@ -30,14 +30,14 @@ class JsonValue {
   /// The elements of this array. @throws Error  not an array
   [[nodiscard]] std::vector<JsonValue> elements() const;
 
-  /// @throws Error  of another kind, or outside [min, max]
+  /// @throws Error  of another type, or outside [min, max]
   [[nodiscard]] double number(double min = -1.7976931348623157e308,
                               double max = 1.7976931348623157e308) const;
   [[nodiscard]] std::int64_t integer(std::int64_t min, std::int64_t max) const;
   [[nodiscard]] std::uint64_t unsigned_integer() const;
   [[nodiscard]] bool truth() const;
   [[nodiscard]] std::string text() const;
-  /// One of the listed words; its index.
+  /// The index of one of the listed words.
   [[nodiscard]] std::size_t choice(const std::vector<std::string_view>& words) const;
   /// The enum's value of this word.
   template <EnumWithWords Enum>
@@ -50,9 +50,9 @@ class JsonValue {
   [[nodiscard]] bool is_number() const;
   /// This value as JSON text.
   [[nodiscard]] std::string dump() const;
-  /// "file: a.b[3]", for messages of the caller's own.
+  /// "file: a.b[3]", for the caller's own messages.
   [[nodiscard]] const std::string& place() const noexcept { return place_; }
-  /// @throws Error  with this value's place
+  /// @throws Error  with this value's path
   [[noreturn]] void refuse(const std::string& what, const std::string& cure) const;
 
  private:

@@ -27,7 +27,7 @@ namespace {
 constexpr const char* kDamagedCure =
     "the file is damaged: restore it from a backup, or take the shot again (haarlight reshoot)";
 
-/// The file in memory that libtiff reads or writes, and its last complaint.
+/// The memory file that libtiff reads or writes, and its last error.
 struct Memory {
   std::span<const std::byte> input;
   std::vector<std::byte>* output = nullptr;
@@ -92,7 +92,7 @@ int map_memory(thandle_t handle, void** base, toff_t* size) {
   if (memory.output != nullptr) {
     return 0;
   }
-  *base = const_cast<std::byte*>(memory.input.data());  // libtiff reads a mapping only
+  *base = const_cast<std::byte*>(memory.input.data());  // libtiff only reads from a mapping
   *size = memory.input.size();
   return 1;
 }

@@ -104,7 +104,7 @@ FrameForm form_from_json(const JsonValue& value) {
                                 "write the sensor's levels");
   }
   if (value.has("clip_level")) {
-    // Floating-point values may have no end.
+    // Floating-point values may have no upper limit.
     form.clip_level = value["clip_level"].number(
         form.black_level, form.sample == SampleType::f32
                               ? static_cast<double>(std::numeric_limits<float>::max())
@@ -241,7 +241,7 @@ FrameRecord frame_from_json(const JsonValue& value, std::size_t n_shots) {
       static_cast<int>(value["shot"].integer(0, static_cast<std::int64_t>(n_shots) - 1));
   frame.attempt = static_cast<int>(value["attempt"].integer(0, kMaxInt));
   frame.file = value["file"].text();
-  // A session never points outside of its own folder.
+  // A session never refers to anything outside its own folder.
   const std::filesystem::path file(frame.file);
   bool is_inside = !frame.file.empty() && file.is_relative();
   for (const std::filesystem::path& part : file) {
@@ -315,7 +315,7 @@ std::string session_info_to_json(const SessionInfo& info) {
   if (!info.root.empty()) {
     json["root"] = info.root;  // the last: it covers every byte before its line
   }
-  // One line an entry: a person can read it, diff works, and 1024 frames stay under a megabyte.
+  // One line per entry: readable, diff works, and 1024 frames stay under a megabyte.
   std::string text = "{\n";
   bool is_first = true;
   for (const auto& [key, value] : json.items()) {

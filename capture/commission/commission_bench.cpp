@@ -21,8 +21,8 @@ constexpr int kMaxBandRows = 4;    // thin: a band's own skew must not blur a st
 constexpr int kPeriodFrames = 24;  // to measure the frame period from
 constexpr std::uint32_t kFirstTag = 0x43000000;
 constexpr std::int64_t kQuietNs =
-    2'000'000;  // before a step: a wait for frames ends late by a ms
-constexpr std::int64_t kPatience = 2'000'000'000;  // without a frame, beside 10 periods
+    2'000'000;  // before a step: waiting for frames can overrun by a ms
+constexpr std::int64_t kPatience = 2'000'000'000;  // without a frame, in addition to 10 periods
 
 std::chrono::steady_clock::time_point time_point(std::int64_t t_ns) {
   return std::chrono::steady_clock::time_point(std::chrono::nanoseconds(t_ns));
@@ -72,7 +72,8 @@ CommissionBench::CommissionBench(const Rig& rig, int camera, Camera& device, Lig
 }
 
 CommissionBench::~CommissionBench() {
-  // Whatever happened before: dark. When this fails too, the controller's lease does it.
+  // Dark, whatever happened before. If this fails too, the controller's lease turns the lights
+  // off.
   if (!lights_.all_off()) {
     static_cast<void>(lights_.all_off());
   }

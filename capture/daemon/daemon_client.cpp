@@ -107,7 +107,7 @@ void DaemonClient::require_good(const DaemonReply& reply) {
   nlohmann::json json;
   try {
     json = parse_json<nlohmann::json>(reply.body, "haarlightd");
-  } catch (const Error&) {  // a proxy's page: the status alone is told
+  } catch (const Error&) {  // a proxy's error page: report only the status
   }
   const auto error =
       json.is_object() ? json.value("error", nlohmann::json()) : nlohmann::json();

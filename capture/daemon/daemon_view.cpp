@@ -23,7 +23,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kMaxKept = 32;  // answers about one frame
+constexpr std::size_t kMaxKept = 32;  // cached answers about one frame
 
 /// The whole frame as codes.
 Image<std::uint8_t> overview(ImageView<const std::uint16_t> words, const WordScale& scale) {
@@ -35,8 +35,8 @@ Json region_json(const PixelRectangle& region) {
   return {{"x", region.x}, {"y", region.y}, {"width", region.width}, {"height", region.height}};
 }
 
-/// The camera's newest frame. What was answered about a frame is answered again from memory:
-/// ten people who look cost no more than one.
+/// The camera's newest frame. Answers about a frame are cached: ten viewers cost no more than
+/// one.
 class LiveView {
  public:
   explicit LiveView(Daemon& daemon)
@@ -86,7 +86,7 @@ class LiveView {
 
   Daemon& daemon_;
   WordScale scale_;
-  // One lane's thread asks.
+  // Used by one lane's thread.
   std::uint64_t number_ = 0;
   std::map<std::string, HttpResponse> answers_;
 };

@@ -38,8 +38,8 @@ void require_inside(ImageView<const std::uint16_t> words, const PixelRectangle& 
                     "a region of the frame");
 }
 
-/// Beyond the edge the frame is mirrored about its last pixel, which keeps a Bayer cell's
-/// colours in their places.
+/// Beyond the edge the frame is mirrored about its last pixel, which preserves the Bayer
+/// pattern.
 int mirrored(int i, int n) {
   if (n == 1) {
     return 0;
@@ -64,14 +64,14 @@ int first_word_at(double level) {
   return static_cast<int>(std::clamp(std::ceil(level), 0.0, 65536.0));
 }
 
-/// Sums over the neighbours of one colour plane.
+/// Sums over neighbouring pairs of one colour plane.
 struct PairSums {
   std::uint64_t squares = 0;  ///< of the differences, DN^2
   std::uint64_t words = 0;    ///< both of each pair
   std::uint64_t n = 0;
   std::uint64_t n_all = 0;
 
-  /// Each `step`-th word of two rows, or of one and itself further on.
+  /// Every `step`-th word of two rows, or of one row and the same row shifted.
   void add(const std::uint16_t* a, const std::uint16_t* b, int n_words, int step, int clip) {
     std::uint64_t row_squares = 0;
     std::uint64_t row_words = 0;

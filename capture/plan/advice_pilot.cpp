@@ -60,8 +60,8 @@ AdviceScene pilot_scene(const Session& session, const LightStack& stack,
   const StackBands& bands = stack.bands();
   const FrameForm& form = session.info().form;
   const Exposed exposed = exposure_of(session);
-  // Stack values are shares of the range a second at gain 1; electrons a count are at the rig
-  // file's gain.
+  // Stack values are fractions of the range per second at gain 1; electrons per count are at
+  // the rig file's gain.
   const double seconds = camera.exposure_us * 1e-6;
   const double e_per_value = seconds * std::pow(10.0, camera.gain_db / 20.0) *
                              (form.white_level - form.black_level) * camera.noise.gain_e_per_dn;

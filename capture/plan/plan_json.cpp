@@ -24,7 +24,7 @@ using Json = nlohmann::ordered_json;
 constexpr int kMaxLights = 1 << 20;
 constexpr std::size_t kMaxShots = 1000000;
 
-/// Everything that the hash covers.
+/// Everything the hash covers.
 Json body_of(const Plan& plan) {
   Json shots = Json::array();
   for (const Shot& shot : plan.shots) {

@@ -14,7 +14,7 @@ constexpr double kLeastToleranceNs = 80e3;
 constexpr double kSigmas = 4.5;
 constexpr double kGuardShare = 1.25;      // what the fit itself may be off by
 constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a mean
-constexpr double kSigmaFades = 0.98;      // a frame: a small window may find too little scatter
+constexpr double kSigmaFades = 0.98;      // per frame: a small window may show too little
 constexpr double kSameExposureUs = 5.0;
 constexpr std::size_t kMostPairs = 32 * 31 / 2;
 constexpr unsigned kFramesToPeriod = 8;  // of a full window: it changes by 1e-6 of itself
@@ -83,7 +83,7 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     const auto ahead = static_cast<double>(stamp.sequence - newest.sequence);
     const double off =
         static_cast<double>(stamp_ns - newest.stamp_ns) - (phase_ns_ + period_ns_ * ahead);
-    // From the middle of what is kept to the new frame: so far the period's error counts.
+    // From the middle of the window to the new frame: the lever of the period's error.
     const double reach =
         ahead + 0.5 * static_cast<double>(newest.sequence - stamps_[0].sequence);
     const double variance =
@@ -94,8 +94,8 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     verdict.guard_ns = static_cast<std::int64_t>(kGuardShare * tolerance);
     verdict.place = std::abs(off) <= tolerance ? Place::on : Place::off;
     if (is_exposure_new_) {
-      // Moved stamps and a false one look alike: the first frame only says whether the phase
-      // stays, and is not used.
+      // A shift of all timestamps and one wrong timestamp look alike: the first frame only
+      // shows whether the phase holds, and is not used.
       is_exposure_new_ = false;
       n_ = verdict.place == Place::off ? 0 : n_;
       keep(stamp);
@@ -104,7 +104,8 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     }
     const double periods = std::round(off / period_ns_);
     if (periods >= 1.0 && std::abs(off - periods * period_ns_) <= tolerance) {
-      // Lost on the way and not counted: this frame is not used, the next ones follow it.
+      // Lost on the way and not counted: this frame is not used; the next ones are tracked from
+      // it.
       const auto lost = static_cast<std::uint64_t>(periods);
       slip_ += lost;
       stamp.sequence += lost;

@@ -14,9 +14,9 @@
 #include "core/stack/stack_source.h"
 
 /// @file
-/// The light stack T[pixel][light]: linear radiance of every pixel under each light at unit
-/// drive, exposure, gain and power. A cache inside the session, tiled in bands of rows, lights
-/// fastest.
+/// The light stack: the light transport matrix T[pixel][light], linear radiance of every pixel
+/// under each light at unit drive, exposure, gain and power. A cache inside the session, tiled
+/// in bands of rows, with lights varying fastest.
 
 namespace haarlight {
 
@@ -64,8 +64,8 @@ class LightStack final : public StackSource {
   std::uint64_t data_offset_ = 0;
 };
 
-/// Calls visit(k, picture) for every light in order. As many pictures as `memory_bytes` hold
-/// (one at least) are gathered in one pass over the stack.
+/// Calls visit(k, picture) for every light in order. As many pictures as fit in `memory_bytes`
+/// (at least one) are gathered in one pass over the stack.
 void for_each_light_image(const LightStack& stack, std::uint64_t memory_bytes,
                           const std::function<void(int, const Image<float>&)>& visit);
 

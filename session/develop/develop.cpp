@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kRecipe =
     "develop 3";  // part of the cache's key: bump when results change
-/// (rows, width, channels) a light -> (channels, rows, width, lights).
+/// (rows, width, channels) per light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
   constexpr std::size_t kBlock = 16;  // lights side by side: a line of the cache
   const auto count_of = [](int n) { return static_cast<std::size_t>(n); };
@@ -72,10 +72,10 @@ struct Job {
   bool has_error = false;
   bool marks_clipped = false;
   std::vector<double> power;  ///< of each light, relative
-  PlatePixels plate;          ///< for shots that hold less than their lights do
+  PlatePixels plate;          ///< for shots that do not resolve their lights
 };
 
-/// Rows a band so that raw pictures, demosaiced ones and the band together stay in the budget.
+/// Rows per band such that raw pictures, demosaiced ones and the band together fit the budget.
 int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   const FrameForm& form = job.session->info().form;
   const std::uint64_t n = std::max<std::uint64_t>(
@@ -84,7 +84,7 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   const bool is_mosaic = job.demosaic != Demosaic::none;
   const auto channels = static_cast<std::uint64_t>(job.shape.channels);
   constexpr std::uint64_t kOne = 1;
-  // Values and, while they are measured, their variances.
+  // Values and, where computed, their variances.
   const bool has_variances = job.has_error || (job.marks_clipped && !job.plan.is_single);
   const std::uint64_t raw_copies =
       (job.plan.is_single ? kOne : 2 * kOne) * (has_variances ? 2 : 1);
@@ -93,7 +93,7 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
       marks + row * (static_cast<std::uint64_t>(form.channels) * raw_copies +
                      channels * (job.has_error ? 2 : 1) + (is_mosaic ? channels : 0));
   const std::uint64_t margins = 2 * static_cast<std::uint64_t>(job.margin) * a_row;
-  // Corrections, one frame being read by each thread, and the stack's pages on their way out.
+  // Corrections, one frame being read by each thread, and the stack's pages being written.
   const std::uint64_t fixed = 16 * static_cast<std::uint64_t>(form.width) *
                                   static_cast<std::uint64_t>(form.height) *
                                   static_cast<std::uint64_t>(form.channels) +
@@ -131,7 +131,7 @@ Image<float> demosaic_variance(const Image<float>& variance, BayerPattern bayer)
 }
 
 /// Variances of the patterns become the lights'; a flat field's error is common to all of them
-/// and comes out as the same share of each light.
+/// and comes out as the same fraction of each light.
 void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
                         const std::vector<Image<float>>& lights,
                         std::vector<Image<float>>& variances) {
@@ -152,8 +152,8 @@ void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
   }
 }
 
-/// Marks of (rows, width, channels), 1 where the variance is that of a lower bound; empty where
-/// none is.
+/// Marks of (rows, width, channels), 1 where the variance is that of a lower bound; empty if
+/// there are none.
 Image<std::uint8_t> clipped_marks(const Image<float>& variance) {
   const std::span<const float> values = variance.pixels();
   if (std::none_of(values.begin(), values.end(), [](float v) { return v < 0.0F; })) {
@@ -303,7 +303,7 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
   return band;
 }
 
-/// The curve of the samples, an unknown one only under the name that the user gave it.
+/// The transfer curve of the samples; an unknown one only under the name given by the user.
 Transfer transfer_of(const Session& session, const DevelopOptions& options) {
   const Transfer transfer = session.info().form.transfer;
   if (transfer != Transfer::unknown) {
@@ -321,7 +321,7 @@ Transfer transfer_of(const Session& session, const DevelopOptions& options) {
   return *options.unknown_as;
 }
 
-/// How colours are made of a mosaic; none where there is no mosaic, or it is to be kept.
+/// How a mosaic becomes colours; none where there is no mosaic, or it is to be kept.
 Demosaic demosaic_of(const Session& session, const DevelopOptions& options) {
   const FrameForm& form = session.info().form;
   const bool is_mosaic = form.bayer != BayerPattern::none && !options.keep_bayer &&
@@ -329,7 +329,7 @@ Demosaic demosaic_of(const Session& session, const DevelopOptions& options) {
   return is_mosaic ? options.demosaic : Demosaic::none;
 }
 
-/// What the sharing out of light depends on; empty where no capture of its family needs it.
+/// What the distribution of light depends on; empty where no capture of its family needs it.
 std::string plate_key_of(const Session& session, const DevelopOptions& options) {
   const PatternFamily family = session.info().patterns.family;
   const bool may_need_plate = family == PatternFamily::bins || family == PatternFamily::haar ||
@@ -359,7 +359,7 @@ std::string cache_key(const Session& session, Demosaic method, Transfer transfer
                                   session_info_to_json(info)));
 }
 
-/// A cached stack, or nothing when there is none or it is damaged (then it is made again).
+/// A cached stack, or nothing when there is none or it is damaged (then it is recomputed).
 std::optional<LightStack> open_cached(const fs::path& file) {
   std::error_code ignored;
   if (!fs::exists(file, ignored)) {

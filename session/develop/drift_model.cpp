@@ -118,8 +118,8 @@ double DriftModel::bend(std::size_t i) const {
   return bend;
 }
 
-// Linear interpolation of a curve errs by its second difference / 8 at most; a quarter of it
-// allows for a bend that grows between the sentinels.
+// Linear interpolation of a curve errs by at most its second difference / 8; a quarter of it
+// allows for curvature that grows between the sentinels.
 DriftGain DriftModel::at(std::int64_t time) const {
   if (points_.empty()) {
     return {};

@@ -27,7 +27,7 @@ double least_of(const PatchSample& patch) {
   return *std::min_element(patch.mean.begin(), patch.mean.end());
 }
 
-/// The lights that count; the others are counted by why.
+/// The usable lights; the others are counted by reason.
 std::vector<std::size_t> usable_lights(const std::vector<PatchSample>& patches,
                                        bool are_integers, WhiteReference& white) {
   double brightest = 0.0;
@@ -63,7 +63,7 @@ void find_furthest(const std::vector<std::vector<double>>& ratios,
   }
 }
 
-/// The factor on top of the gains that brings the patch to its reflectance.
+/// The factor on top of the gains that scales the patch to its reflectance.
 void scale_to_reflectance(const std::vector<PatchSample>& patches,
                           const std::vector<SessionLight>& lights,
                           const std::vector<std::size_t>& used, const WhiteTask& task,
