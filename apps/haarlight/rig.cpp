@@ -57,8 +57,8 @@ void add_rig_commission(Command rig, Invocation& invocation) {
   verb.option("--camera", &options.camera, "The camera that looks (default: the first)",
               {.type = "ID"});
   add_commission_options(verb, *arguments);
-  verb.option("--page", &options.page,
-              "The page with figures (default: NAME.commission.html)", {.type = "FILE"});
+  verb.option("--page", &options.page, "The page with figures (default: NAME.commission.html)",
+              {.type = "FILE"});
   verb.footer(
       "Writes NAME.measured.toml beside the rig file; every program then puts these values "
       "over\nthe written ones. The daemon must not be running. "
