@@ -16,11 +16,11 @@ constexpr double kMinDegrees = 100.0;     // a bin needs to enter the fit: 14 % 
 constexpr double kFitTop = 0.7;           // of saturation [Emva21]
 constexpr double kRounding = 1.0 / 12.0;  // variance of rounding to whole counts
 constexpr double kLeastFull = 8.0;        // counts: below this, saturation cannot be detected
-constexpr double kBeyond = 0.05;       // of the saturation level: a pixel is brighter than it
+constexpr double kBeyond = 0.05;          // of the saturation level: a pixel exceeds it
 constexpr double kBeyondShare = 0.01;  // of the pixels: with more of them it is not saturation
 constexpr double kStill = 0.1;         // of the expected growth: this pixel is saturated
 
-/// How far the points depart from the straight line through the middle 90 % of the range, in
+/// Deviation of the points from the straight line through the middle 90 % of the range, in
 /// percent of the signal [Emva21].
 std::optional<Measured> linearity(std::span<const ExposureLevel> levels, double black_dn) {
   double top = 0.0;

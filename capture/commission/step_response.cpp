@@ -198,7 +198,7 @@ struct OwnDelay {
   Eigen::VectorXd cross;
 };
 
-/// The common parameters' step; `delays` are eliminated from it, and move with it.
+/// The step of the common parameters; `delays` are eliminated from it, and updated with it.
 Eigen::VectorXd solve(Eigen::MatrixXd normal, Eigen::VectorXd gradient,
                       const std::vector<OwnDelay>& delays, double damping,
                       std::vector<double>& late) {

@@ -23,7 +23,7 @@ struct WordScale {
   BayerPattern bayer = BayerPattern::none;
   SensorNoise noise = {};  ///< full_well_e and read_e both 0: unknown
 };
-/// Of a camera as its rig file describes it.
+/// For a camera as described in its rig file.
 [[nodiscard]] WordScale word_scale(const CameraSpec& camera);
 
 /// A rectangle of pixels: columns x .. x + width - 1, rows y .. y + height - 1.

@@ -16,7 +16,7 @@ constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a 
 constexpr double kSigmaFades = 0.98;      // per frame: a small window may show too little
 constexpr double kSameExposureUs = 5.0;
 constexpr std::size_t kMostPairs = 32 * 31 / 2;
-constexpr unsigned kFramesToPeriod = 8;  // of a full window: it changes by 1e-6 of itself
+constexpr unsigned kFramesToPeriod = 8;  // of a full window: changes by a relative 1e-6
 
 /// Of n >= 1 values, which are reordered.
 double median(double* values, std::size_t n) {

@@ -271,7 +271,7 @@ struct CommitFault {
   Errc code = Errc::io;
   std::string what;
 };
-/// Nothing waits for the disk any more.
+/// Nothing is waiting for the disk any more.
 struct DiskGood {};
 struct SessionFinished {};
 }  // namespace event
