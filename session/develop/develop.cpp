@@ -30,7 +30,7 @@ constexpr std::string_view kRecipe =
     "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) per light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
-  constexpr std::size_t kBlock = 16;  // lights side by side: a line of the cache
+  constexpr std::size_t kBlock = 16;  // adjacent lights: one cache line
   const auto count_of = [](int n) { return static_cast<std::size_t>(n); };
   const int width = pictures[0].width();
   const int channels = pictures[0].channels();
