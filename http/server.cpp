@@ -286,7 +286,7 @@ Connection* connection_context(MHD_Connection* connection) {
 
 }  // namespace
 
-// ---- connections ---------------------------------------------------------------------------
+// ---- connections ----
 
 void HttpServer::Impl::open_connection(MHD_Connection* connection, void** context) {
   const MHD_ConnectionInfo* info =
@@ -429,7 +429,7 @@ void HttpServer::Impl::run_timer(const std::stop_token& stop) {
   }
 }
 
-// ---- requests ------------------------------------------------------------------------------
+// ---- requests ----
 
 std::optional<std::vector<std::string>> HttpServer::Impl::static_segments(
     const std::vector<std::string>& segments) const {
@@ -719,7 +719,7 @@ MHD_Result HttpServer::Impl::send_stream(MHD_Connection* connection, const Excha
   return MHD_queue_response(connection, MHD_HTTP_OK, handle.get());
 }
 
-// ---- the C side: no exception leaves these --------------------------------------------------
+// ---- the C side: no exception leaves these ----
 
 namespace {
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -8,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/enum_words.h"
 #include "core/rig/rig.h"
 #include "session/frame_verdict.h"
 
@@ -19,6 +21,11 @@ namespace haarlight {
 
 /// How the evidence came to be: measured by the daemon, asserted by an import, or replayed.
 enum class EvidenceKind { measured, asserted, replayed };
+inline constexpr auto kEvidenceKindWords =
+    std::to_array<std::string_view>({"measured", "asserted", "replayed"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(EvidenceKind) noexcept {
+  return kEvidenceKindWords;
+}
 
 struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted for readers
   EvidenceKind kind = EvidenceKind::measured;
@@ -82,9 +89,7 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   friend bool operator==(const FrameEvidence&, const FrameEvidence&) = default;
 };
 
-[[nodiscard]] std::string_view to_string(EvidenceKind kind) noexcept;
-
-/// The field names of the evidence JSON, in order: one per member above, spelled the same.
+/// The field names of the evidence JSON, in order: one for each member above, spelled the same.
 [[nodiscard]] std::span<const std::string_view> evidence_field_names() noexcept;
 
 /// Evidence as one line of JSON and back (used by the TIFF's ImageDescription and

@@ -15,8 +15,8 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/sha256.h"
-#include "session/json_value.h"
 
 namespace haarlight {
 
@@ -292,8 +292,7 @@ FrameDescription frame_description_from_json(const std::string& json,
   description.attempt = static_cast<int>(value["attempt"].integer(0, kMaxInt));
   if (value.has("lit")) {
     LitStatement& light = description.light.emplace();
-    light.kind =
-        static_cast<ShotKind>(value["kind"].choice({"light", "dark", "flat", "sentinel"}));
+    light.kind = value["kind"].one_of<ShotKind>();
     for (const JsonValue& pair : value["lit"].elements()) {
       const std::vector<JsonValue> numbers = pair.elements();
       if (numbers.size() != 2) {

@@ -13,7 +13,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "session/json_value.h"
+#include "core/json_value.h"
 #include "session/transforms_file.h"
 
 namespace haarlight {

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "core/enum_words.h"
 #include "core/image.h"
 #include "core/picture/image_io.h"
 #include "core/rig/patterns.h"
@@ -22,7 +26,11 @@
 namespace haarlight {
 
 enum class ShotKind { light, dark, flat, sentinel };
-[[nodiscard]] std::string_view to_string(ShotKind kind) noexcept;
+inline constexpr auto kShotKindWords =
+    std::to_array<std::string_view>({"light", "dark", "flat", "sentinel"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(ShotKind) noexcept {
+  return kShotKindWords;
+}
 
 /// One light of a pattern at a level, 65535 = drive 1.
 struct LightLevel {
@@ -58,6 +66,10 @@ struct SessionLight {
 };
 
 enum class SampleType { u8, u16, f32 };
+inline constexpr auto kSampleTypeWords = std::to_array<std::string_view>({"u8", "u16", "f32"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(SampleType) noexcept {
+  return kSampleTypeWords;
+}
 
 /// The position of the frames in the pictures that they were cropped from, along the frames'
 /// own axes.
@@ -110,7 +122,11 @@ struct SealedFile {
 
 /// What wrote session.json.
 enum class MadeBy { capture, import, rebuild };
-[[nodiscard]] std::string_view to_string(MadeBy made_by) noexcept;
+inline constexpr auto kMadeByWords =
+    std::to_array<std::string_view>({"capture", "import", "rebuild"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(MadeBy) noexcept {
+  return kMadeByWords;
+}
 
 /// All of session.json.
 struct SessionInfo {

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
-#include "session/json_value.h"
+#include "core/json_value.h"
 
 namespace haarlight {
 

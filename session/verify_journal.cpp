@@ -6,9 +6,9 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/json_value.h"
 #include "core/sha256.h"
 #include "session/frame_tiff.h"
-#include "session/json_value.h"
 #include "session/verify_checks.h"
 
 namespace haarlight {

@@ -8,9 +8,9 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/rig/rig.h"
 #include "core/text_limits.h"
-#include "session/json_value.h"
 #include "session/rig_session.h"
 #include "session/verify_checks.h"
 

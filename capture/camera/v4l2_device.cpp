@@ -182,8 +182,7 @@ bool V4l2Size::holds(int w, int h) const {
          (h - height) % std::max(1, step_height) == 0;
 }
 
-// ---- opening
-// ----------------------------------------------------------------------------------
+// ---- opening ----
 
 Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Places& places) {
   Fd fd;
@@ -269,8 +268,7 @@ Result<void> V4l2Device::check_presence() const {
   return call(VIDIOC_QUERYCAP, &capability, "VIDIOC_QUERYCAP");
 }
 
-// ---- what it offers
-// ---------------------------------------------------------------------------
+// ---- what it offers ----
 
 Result<V4l2Size> V4l2Device::describe_size(V4l2Size size, std::uint32_t fourcc) const {
   for (std::uint32_t i = 0; i < kMaxListed; ++i) {
@@ -461,8 +459,7 @@ Result<std::vector<V4l2Control>> V4l2Device::controls() const {
   return controls;
 }
 
-// ---- setting
-// ----------------------------------------------------------------------------------
+// ---- setting ----
 
 namespace {
 
@@ -691,8 +688,7 @@ Result<V4l2Event> V4l2Device::take_event() {
       0, 0};
 }
 
-// ---- streaming
-// --------------------------------------------------------------------------------
+// ---- streaming ----
 
 namespace {
 

@@ -10,6 +10,7 @@
 
 #include "capture/commission/light_survey.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -43,13 +44,6 @@ std::vector<RowBand> make_bands(int rows) {
     bands.push_back(band);
   }
   return bands;
-}
-
-double quantile(std::vector<std::uint16_t>& values, double q) {
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return static_cast<double>(*at);
 }
 
 }  // namespace
@@ -203,9 +197,7 @@ void CommissionBench::measure_period() {
     throw Error("the camera's sequence numbers stand still", spec_.device,
                 "haarlight rig doctor tells what is wrong", ExitCode::unavailable);
   }
-  const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
-  std::nth_element(periods.begin(), middle, periods.end());
-  period_us_ = *middle;
+  period_us_ = upper_median(periods);
 }
 
 LatchReceipt CommissionBench::show(const LightPattern& pattern) {
@@ -230,9 +222,7 @@ std::int64_t CommissionBench::lead_ns() const {
     return 0;
   }
   std::vector<std::int64_t> leads = leads_;
-  const auto middle = leads.begin() + static_cast<std::ptrdiff_t>(leads.size() / 2);
-  std::nth_element(leads.begin(), middle, leads.end());
-  return *middle;
+  return upper_median(leads);
 }
 
 ArrivedFrame CommissionBench::next_frame() {

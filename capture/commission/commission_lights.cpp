@@ -8,6 +8,7 @@
 
 #include "capture/commission/commission.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -87,10 +88,7 @@ double bright_share(ImageView<const std::uint16_t> picture, ImageView<const floa
       values.push_back(static_cast<float>(words[x]) - base[x]);
     }
   }
-  const auto at = values.begin() +
-                  static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return static_cast<double>(*at);
+  return static_cast<double>(quantile(values, 0.99));
 }
 
 /// Each light's response at one exposure.

@@ -9,6 +9,7 @@
 #include "capture/commission/commission.h"
 #include "capture/commission/exposure_verdict.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -264,17 +265,11 @@ class StepRun {
   std::vector<double> shown_;
 };
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-/// Without the steps that were slow to show: they say little, a delay on the way back alone
+/// Without the steps that were slow to show: they say little, a delay of the way back alone
 /// would shift them, and a gateway may have acted long after its acknowledgement.
 std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
                                      const std::vector<double>& shown) {
-  const double limit = kSlowAck * median(shown);
+  const double limit = kSlowAck * upper_median(shown);
   std::vector<StepSample> kept;
   for (const StepSample& s : samples) {
     if (shown[static_cast<std::size_t>(s.step)] <= limit) {
@@ -515,7 +510,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
                              std::sqrt(12.0 / n_bands);
     result.fit.skew_sigma_us = std::hypot(own->skew_sigma_us, of_levels);
   }
-  const double ack = median(run.round_trips());
+  const double ack = upper_median(run.round_trips());
   result.ack_us = {ack, 0.0, static_cast<std::int64_t>(run.round_trips().size())};
   StampEvidence& e = result.evidence;
   e.slope = result.line.slope;

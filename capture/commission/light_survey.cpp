@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "core/linear_algebra.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -36,13 +37,8 @@ constexpr double kAlike = 200.0;    // two positions that differ less look alike
 constexpr double kNotThere = 25.0;  // for a block that another position does not light
 constexpr int kMinForSurface = 12;  // lights of a face to fit a quadratic surface
 
-double median(std::vector<double> values) {
-  if (values.empty()) {
-    return 0.0;
-  }
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+double median_or_0(std::vector<double> values) {
+  return values.empty() ? 0.0 : upper_median(values);
 }
 
 /// 1, u, v, u^2, u v, v^2 of a light's position in its face, u and v in -1 .. 1.
@@ -71,7 +67,7 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
     return surface;
   }
   const Eigen::Index n_terms = values.size() >= kMinForSurface ? 6 : 1;
-  surface.coefficients[0] = median(values);
+  surface.coefficients[0] = median_or_0(values);
   std::vector<double> residuals(values.size());
   for (int iteration = 0; iteration < 30; ++iteration) {
     for (std::size_t i = 0; i < values.size(); ++i) {
@@ -80,7 +76,7 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
     std::vector<double> sizes(residuals.size());
     std::transform(residuals.begin(), residuals.end(), sizes.begin(),
                    [](double r) { return std::abs(r); });
-    surface.spread = std::max(1.4826 * median(sizes), floor);
+    surface.spread = std::max(kSigmaPerMad * median_or_0(sizes), floor);
     Eigen::MatrixXd normal = 1e-12 * Eigen::MatrixXd::Identity(n_terms, n_terms);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(n_terms);
     for (std::size_t i = 0; i < values.size(); ++i) {
@@ -280,7 +276,7 @@ std::vector<PlaceFit> fit_places(const Places& places, std::span<const LightResp
     fits[k].own = places.misfit(responses[k], k);
     misfits.push_back(fits[k].own);
   }
-  typical = std::max(median(misfits), 1.0);
+  typical = std::max(median_or_0(misfits), 1.0);
   for (const std::size_t k : seen) {
     for (std::size_t j = 0; j < responses.size() && fits[k].own > typical + kMisfit; ++j) {
       const double there = j == k ? fits[k].least : places.misfit(responses[k], j);
@@ -432,7 +428,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
         ratios.push_back(responses[k].signal / geometry[k]);
       }
     }
-    const double typical = median(ratios);
+    const double typical = median_or_0(ratios);
     for (std::size_t k = offset; k < offset + of_face; ++k) {
       const LightResponse& r = responses[k];
       const bool shines = geometry[k] > 0.0 && typical > 0.0 &&
@@ -467,7 +463,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
     }
     offset += of_face;
   }
-  survey.power_sigma = median(sigmas);
+  survey.power_sigma = median_or_0(sigmas);
   find_miswired(places, responses, expected, survey);
   for (std::size_t k = 0; k < n; ++k) {
     if (survey.power[k] > 0.0 && survey.power[k] < options.dim_below) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -172,16 +173,15 @@ std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
   if (full.size() < 50) {
     return std::nullopt;
   }
-  const auto middle = full.begin() + static_cast<std::ptrdiff_t>(full.size() / 2);
-  std::nth_element(full.begin(), middle, full.end());
-  // At saturation no pixel goes beyond: else these were constant by noise.
-  const double limit = *middle + kBeyond * (static_cast<double>(*middle) - black_dn);
+  const auto middle = upper_median(full);
+  // Where the signal ends no pixel goes beyond: else these were still by their noise.
+  const double limit = middle + kBeyond * (static_cast<double>(middle) - black_dn);
   const auto beyond = std::count_if(all.begin(), all.end(),
                                     [limit](std::uint16_t word) { return word > limit; });
   if (static_cast<double>(beyond) > kBeyondShare * static_cast<double>(all.size())) {
     return std::nullopt;
   }
-  return static_cast<double>(*middle);
+  return static_cast<double>(middle);
 }
 
 std::optional<SensorMeasurement> measure_sensor(const TransferCurve& curve,

@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "core/linear_algebra.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -48,14 +49,7 @@ double ramp_integral_slope(double u, double ramp) {
   return u < ramp ? -u * u / (2.0 * ramp * ramp) : -0.5;
 }
 
-double median(std::vector<double> values) {
-  HAARLIGHT_EXPECTS(!values.empty(), "values to take the median of");
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-/// Layout of the parameter vector: offsets first, then skew, rise, fall.
+/// Which parameter of the vector is what: offsets first, then skew, rise, fall.
 struct Layout {
   std::vector<double> exposures;
   std::optional<double> slope;
@@ -319,7 +313,7 @@ std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Poi
       skews.push_back(-(high->z - low->z) / (high->row - low->row));
     }
   }
-  const double skew = skews.empty() ? 0.0 : median(skews);
+  const double skew = skews.empty() ? 0.0 : upper_median(skews);
   Eigen::VectorXd p = Eigen::VectorXd::Zero(layout.size());
   std::vector<double> tied;
   for (std::size_t j = 0; j < of_exposure.size(); ++j) {
@@ -330,7 +324,7 @@ std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Poi
     if (offsets.empty()) {
       return std::nullopt;
     }
-    const double offset = median(offsets);
+    const double offset = upper_median(offsets);
     if (layout.slope) {
       tied.push_back(offset - *layout.slope * layout.exposures[j]);
     } else {
@@ -338,7 +332,7 @@ std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Poi
     }
   }
   if (layout.slope) {
-    p[0] = median(tied);
+    p[0] = upper_median(tied);
   }
   p[layout.n_offsets()] = skew;
   p[layout.n_offsets() + 1] = p[layout.n_offsets() + 2] = 0.02 * layout.exposures.front();
@@ -433,7 +427,7 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
       normalised.push_back(std::abs(l.residual / l.sigma));
     }
   }
-  fit.scatter = normalised.empty() ? 0.0 : 1.4826 * median(normalised);
+  fit.scatter = normalised.empty() ? 0.0 : kSigmaPerMad * upper_median(normalised);
   // Delete-a-group jackknife: var = (g - 1) / g  sum (p_i - mean)^2 over the groups that exist.
   std::vector<StepModel> parts;
   for (int group = 0; group < kGroups; ++group) {
@@ -469,7 +463,7 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   for (const Point& point : points) {
     jitters.push_back(point.sample.jitter_us);
   }
-  const double jitter = std::max(median(jitters), options.scatter_us);
+  const double jitter = std::max(upper_median(jitters), options.scatter_us);
   const auto blur = [jitter](double ramp) {
     const double rounding = 12.0 * jitter * jitter;
     return std::max(std::sqrt(ramp * ramp + rounding) - ramp,

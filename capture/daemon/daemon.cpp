@@ -404,8 +404,7 @@ class Daemon::Impl {
     return phase == Phase::idle || phase == Phase::done;
   }
 
-  // ---- the control thread
-  // ----------------------------------------------------------------------
+  // ---- the control thread ----
 
   void control(const std::stop_token& stop) {
     SequencerState state;
@@ -675,8 +674,7 @@ class Daemon::Impl {
                   : static_cast<double>(run_ns_) * 1e-9 * n_left / static_cast<double>(n_new);
   }
 
-  // ---- the checking worker
-  // ---------------------------------------------------------------------
+  // ---- the checking worker ----
 
   struct Check {
     action::CheckFrame frame;
@@ -715,8 +713,7 @@ class Daemon::Impl {
     }
   }
 
-  // ---- the event stream
-  // ------------------------------------------------------------------------
+  // ---- the event stream ----
 
   /// Called by the writer thread.
   void publish(const JournalLine& line) {

@@ -125,4 +125,16 @@ void DaemonClient::require_good(const DaemonReply& reply) {
               code);
 }
 
+std::string fetch_local(const std::string& url) {
+  const std::size_t path = url.find('/', url.find("//") + 2);
+  try {
+    DaemonClient client(
+        {.url = url.substr(0, path), .token = {}, .timeout = std::chrono::milliseconds(1500)});
+    const DaemonReply reply = client.get(url.substr(path));
+    return reply.body.empty() ? fmt::format("HTTP {}", reply.status) : reply.body;
+  } catch (const Error&) {
+    return {};
+  }
+}
+
 }  // namespace haarlight

@@ -47,4 +47,8 @@ class DaemonClient {
   std::unique_ptr<Impl> impl_;
 };
 
+/// GET of a whole local address, for DoctorOptions::fetch and the like.
+/// @return  the body, or "HTTP 404" where it is empty; empty: nobody answers within 1.5 s
+[[nodiscard]] std::string fetch_local(const std::string& url);
+
 }  // namespace haarlight

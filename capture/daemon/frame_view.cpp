@@ -31,7 +31,7 @@ std::array<int, 4> colours_of(BayerPattern bayer) {
   return {0, 0, 0, 0};
 }
 
-void require_inside(ImageView<const std::uint16_t> words, const PixelRegion& region) {
+void require_inside(ImageView<const std::uint16_t> words, const PixelRectangle& region) {
   HAARLIGHT_EXPECTS(region.x >= 0 && region.y >= 0 && region.width >= 1 && region.height >= 1 &&
                         region.x <= words.width() - region.width &&
                         region.y <= words.height() - region.height,
@@ -104,7 +104,7 @@ WordScale word_scale(const CameraSpec& camera) {
 }
 
 Image<std::uint8_t> make_crop_codes(ImageView<const std::uint16_t> words,
-                                    const WordScale& scale, const PixelRegion& region) {
+                                    const WordScale& scale, const PixelRectangle& region) {
   require_inside(words, region);
   const GreyCurve curve(scale.black_dn, scale.clip_dn);
   Image<std::uint8_t> codes(region.height, region.width, 1);
@@ -122,7 +122,7 @@ Image<std::uint8_t> make_crop_codes(ImageView<const std::uint16_t> words,
 }
 
 std::vector<ColourCounts> count_words(ImageView<const std::uint16_t> words,
-                                      const WordScale& scale, const PixelRegion& region) {
+                                      const WordScale& scale, const PixelRectangle& region) {
   require_inside(words, region);
   const bool is_bayer = scale.bayer != BayerPattern::none;
   const std::array<int, 4> colours = colours_of(scale.bayer);
@@ -165,7 +165,7 @@ std::vector<ColourCounts> count_words(ImageView<const std::uint16_t> words,
 }
 
 Sharpness measure_sharpness(ImageView<const std::uint16_t> words, const WordScale& scale,
-                            const PixelRegion& region) {
+                            const PixelRectangle& region) {
   require_inside(words, region);
   const int step = scale.bayer == BayerPattern::none ? 1 : 2;  // to the next of this colour
   const int clip = first_word_at(scale.clip_dn);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/image.h"
+#include "core/picture/picture_rectangle.h"
 #include "core/rig/rig.h"
 
 /// @file
@@ -26,21 +27,13 @@ struct WordScale {
 /// For a camera as described in its rig file.
 [[nodiscard]] WordScale word_scale(const CameraSpec& camera);
 
-/// A rectangle of pixels: columns x .. x + width - 1, rows y .. y + height - 1.
-struct PixelRegion {
-  int x = 0;
-  int y = 0;
-  int width = 0;
-  int height = 0;
-};
-
 /// The region's pixels one by one as codes of capture/daemon/preview_png.h. A Bayer frame's
 /// greys are smoothed by [1 2 1; 2 4 2; 1 2 1] / 16, which weights its four colours alike at
 /// every pixel, so that no chequerboard shows; the marks are those of the pixel's own word.
 /// @pre the region lies in the frame and is not empty; scale.black_dn < scale.clip_dn
 [[nodiscard]] Image<std::uint8_t> make_crop_codes(ImageView<const std::uint16_t> words,
                                                   const WordScale& scale,
-                                                  const PixelRegion& region);
+                                                  const PixelRectangle& region);
 
 inline constexpr int kHistogramBins = 256;
 
@@ -57,7 +50,7 @@ struct ColourCounts {
 /// One for a grey frame, three for a Bayer frame.
 [[nodiscard]] std::vector<ColourCounts> count_words(ImageView<const std::uint16_t> words,
                                                     const WordScale& scale,
-                                                    const PixelRegion& region);
+                                                    const PixelRectangle& region);
 
 /// How sharp a region is: the root mean square difference of neighbouring pixels of one colour,
 /// as a fraction of the mean level above black. The part that the camera's noise alone would
@@ -70,6 +63,6 @@ struct Sharpness {
   double level_dn = 0.0;    ///< mean above black of the unsaturated pixels
 };
 [[nodiscard]] Sharpness measure_sharpness(ImageView<const std::uint16_t> words,
-                                          const WordScale& scale, const PixelRegion& region);
+                                          const WordScale& scale, const PixelRectangle& region);
 
 }  // namespace haarlight

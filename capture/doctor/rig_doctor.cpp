@@ -19,6 +19,7 @@
 #include "capture/camera/v4l2_list.h"
 #include "core/error.h"
 #include "core/files.h"
+#include "core/order_statistics.h"
 #include "core/rig/measured_rig.h"
 
 namespace haarlight {
@@ -278,9 +279,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   (*device)->stop();
   double fps = 0.0;
   if (!periods.empty()) {
-    const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
-    std::nth_element(periods.begin(), middle, periods.end());
-    fps = 1.0 / *middle;
+    fps = 1.0 / upper_median(periods);
   }
   line.found = fmt::format(
       "{}: {} x {} at {:.2f} fps, {} buffers; of {} frames {} damaged, {} "

@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "session/clip_level.h"
 
@@ -23,9 +24,7 @@ constexpr std::size_t kBlock = 32;    // pixels at once
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr int kManyDarks = 16;  // default_families(): dark noise below 6 % of read noise
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
-/// r^2 and the variance of rounding to whole counts.
+/// r^2 and the rounding to whole counts.
 double read_variance(const CameraSpec& camera) {
   const double g = camera.noise.gain_e_per_dn;
   return camera.noise.read_e * camera.noise.read_e + g * g / 12.0;

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "capture/plan/advice.h"
+#include "core/stack/light_stack.h"
 #include "session/develop/demultiplex.h"
-#include "session/light_stack.h"
 #include "session/session.h"
 
 /// @file

@@ -9,6 +9,7 @@
 
 #include "capture/plan/plan.h"
 #include "capture/plan/timing.h"
+#include "core/count.h"
 #include "core/error.h"
 
 namespace haarlight {
@@ -19,8 +20,6 @@ constexpr double kFullLevel = 65535.0;
 constexpr double kSlack = 1.0 + 1e-9;  // rounding of the sum over 65536 lights
 // Of a period: what is then lost or counted twice is below 1e-3 of one period's light.
 constexpr double kPeriodTolerance = 1e-3;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 struct Place {
   const Face* face = nullptr;

@@ -4,26 +4,20 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/order_statistics.h"
+
 namespace haarlight {
 
 namespace {
 
 constexpr double kLeastToleranceNs = 80e3;
 constexpr double kSigmas = 4.5;
-constexpr double kGuardShare = 1.25;      // allowance for the error of the fit itself
-constexpr double kMadToSigma = 1.4826;    // of a normal distribution
+constexpr double kGuardShare = 1.25;      // what the fit itself may be off by
 constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a mean
 constexpr double kSigmaFades = 0.98;      // per frame: a small window may show too little
 constexpr double kSameExposureUs = 5.0;
 constexpr std::size_t kMostPairs = 32 * 31 / 2;
 constexpr unsigned kFramesToPeriod = 8;  // of a full window: changes by a relative 1e-6
-
-/// Of n >= 1 values, which are reordered.
-double median(double* values, std::size_t n) {
-  double* middle = values + n / 2;
-  std::nth_element(values, middle, values + n);
-  return n % 2 == 1 ? *middle : 0.5 * (*middle + *std::max_element(values, middle));
-}
 
 }  // namespace
 
@@ -51,7 +45,7 @@ void FrameRhythm::fit() {
         slopes[n_slopes++] = (y[j] - y[i]) / (x[j] - x[i]);
       }
     }
-    period_ns_ = median(slopes.data(), n_slopes);
+    period_ns_ = median(std::span(slopes.data(), n_slopes));
   }
   if (period_ns_ <= 0.0) {
     return;
@@ -61,14 +55,15 @@ void FrameRhythm::fit() {
     rest[i] = y[i] - period_ns_ * x[i];
   }
   std::array<double, kKept> sorted = rest;
-  phase_ns_ = median(sorted.data(), n_);
+  phase_ns_ = median(std::span(sorted.data(), n_));
   if (n_ < kFirst) {
     return;
   }
   for (std::size_t i = 0; i < n_; ++i) {
     sorted[i] = std::abs(rest[i] - phase_ns_);
   }
-  sigma_ns_ = std::max(kMadToSigma * median(sorted.data(), n_), kSigmaFades * sigma_ns_);
+  sigma_ns_ =
+      std::max(kSigmaPerMad * median(std::span(sorted.data(), n_)), kSigmaFades * sigma_ns_);
   const double span = std::max(1.0, -x[0]);
   period_sigma_ns_ = sigma_ns_ * std::sqrt(12.0 / static_cast<double>(n_)) / span;
 }

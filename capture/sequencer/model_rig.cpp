@@ -259,8 +259,7 @@ void ModelRig::perform(const Action& action) {
   }
 }
 
-// ---- camera
-// ----------------------------------------------------------------------------------
+// ---- camera ----
 
 void ModelRig::after_camera(std::int64_t takes_ns, std::function<void()> work) {
   camera_idle_ns_ = std::max(now_ns_, camera_idle_ns_) + takes_ns;
@@ -452,8 +451,7 @@ void ModelRig::deliver(const ModelFrame& frame) {
   outcome_.n_suspected += !frame.is_stamp_false && is_suspected ? 1 : 0;
 }
 
-// ---- disk
-// ------------------------------------------------------------------------------------
+// ---- disk ----
 
 /// Answers a withdrawal, which needs the disk like a commit. The writer is one thread: it never
 /// reports that all is good after a later commit has failed.
@@ -525,8 +523,7 @@ void ModelRig::commit_next() {
   });
 }
 
-// ---- the world
-// -------------------------------------------------------------------------------
+// ---- the world ----
 
 void ModelRig::every(double rate, const std::function<void()>& work) {
   if (rate <= 0.0) {

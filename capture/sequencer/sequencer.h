@@ -85,8 +85,7 @@ inline constexpr std::uint32_t kWrongLight = 1U << 6U;
 enum class ShotState : std::uint8_t { pending, exposing, checking, committing, committed };
 [[nodiscard]] std::string_view to_string(ShotState state) noexcept;
 
-// ---- state
-// -----------------------------------------------------------------------------------
+// ---- state ----
 
 /// Counted since the start; exported at /metrics.
 struct SequencerCounters {

@@ -57,8 +57,7 @@ struct ConfirmRequest {
   friend bool operator==(const ConfirmRequest&, const ConfirmRequest&) = default;
 };
 
-// ---- actions: what the world should do
-// -------------------------------------------------------
+// ---- actions: what the world is asked to do ----
 
 namespace action {
 /// Connect (or connect again), all off, answer LightConnected or LightFault.
@@ -162,8 +161,7 @@ using Action =
                  action::RetryCommits, action::ForgetCommits, action::WithdrawShots,
                  action::MarkAborted, action::FinishSession, action::LogEvent>;
 
-// ---- events: what the world reports
-// ----------------------------------------------------------
+// ---- events: what the world reports ----
 
 namespace event {
 struct Tick {};

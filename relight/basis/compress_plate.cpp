@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
@@ -35,8 +36,6 @@ constexpr double kSmoothShare = 1e-3;  // of the target: what the tiles' series 
 constexpr int kChecks = 256;           // pixels compared with light_irradiance()
 constexpr double kCheckFactor = 2.0;   // of their rms: stated
 constexpr double kNearPeak = 0.8;      // of the largest value looked at: looked at closely
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// What a pixel drawn for a check told.
 struct CheckSums {
@@ -363,7 +362,7 @@ std::optional<CompressSummary> compress_smooth_plate(const ComputedPlate& plate,
   if (degree == 0) {
     return std::nullopt;
   }
-  header.plate = source.plate_kind;
+  header.plate = source.plate_origin;
   header.plate_source = source.plate_source;
   for (const double share : kShares) {
     const SmoothPlate smooth(plate, kTile, degree, share * asked, kMaxRank);

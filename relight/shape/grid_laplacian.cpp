@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 
@@ -13,8 +14,6 @@ namespace {
 
 constexpr std::size_t kRowsATask = 16;
 constexpr float kHalf = 0.5F;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// Sums rows apart and then in order: the same on any number of threads.
 template <class RowSum>

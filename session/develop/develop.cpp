@@ -13,12 +13,12 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/log.h"
 #include "core/parallel.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/radiometry.h"
-#include "session/json_value.h"
 
 namespace haarlight {
 
@@ -66,7 +66,8 @@ struct Job {
   const Session* session = nullptr;
   ExposurePlan plan;
   Demosaic demosaic = Demosaic::none;
-  StackShape shape;
+  StackDims shape;
+  int band_rows = 0;
   int margin = 0;
   bool has_error = false;
   bool marks_clipped = false;
@@ -174,8 +175,8 @@ Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<flo
   return variance;
 }
 
-/// Like interleave(), for sparse marks: lines without one are skipped.
-std::vector<std::uint8_t> interleave_marks(const StackShape& shape,
+/// As interleave(), of few marks: lines without one are passed over.
+std::vector<std::uint8_t> interleave_marks(const StackDims& shape,
                                            const std::vector<Image<std::uint8_t>>& marks,
                                            int skip, int rows) {
   const auto width = static_cast<std::size_t>(shape.width);
@@ -453,7 +454,7 @@ Developer::Developer(const Session& session, const DevelopOptions& options)
   const bool needs_margin =
       job.demosaic != Demosaic::none || impl_->radiometry->has_bad_pixels();
   job.margin = needs_margin ? 2 * kDemosaicMargin : 0;
-  job.shape.band_rows = choose_band_rows(job, options.memory_bytes);
+  job.band_rows = choose_band_rows(job, options.memory_bytes);
   for (const SessionLight& light : session.info().lights) {
     job.power.push_back(light.relative_power);
   }
@@ -466,7 +467,11 @@ Developer::Developer(const Session& session, const DevelopOptions& options)
 Developer::~Developer() = default;
 Developer::Developer(Developer&&) noexcept = default;
 
-const StackShape& Developer::shape() const noexcept { return impl_->job.shape; }
+StackDims Developer::dims() const noexcept { return impl_->job.shape; }
+
+StackBands Developer::bands() const noexcept {
+  return {impl_->job.shape.height, impl_->job.band_rows};
+}
 const std::string& Developer::key() const noexcept { return impl_->key; }
 
 Developer::Rows Developer::rows(int y0, int y1) {
@@ -521,16 +526,16 @@ Developed develop_all(const Session& session, const DevelopOptions& options) {
   }
   const fs::path file = folder / fmt::format("stack-{}.hls", key);
   const fs::path error_file = folder / fmt::format("error-{}.hls", key);
-  const StackShape& shape = developer.shape();
-  LightStackWriter writer(file, shape);
+  const StackDims dims = developer.dims();
+  const StackBands bands = developer.bands();
+  LightStackWriter writer(file, dims, bands.rows);
   std::optional<LightStackWriter> error_writer;
   if (has_error) {
-    error_writer.emplace(error_file, shape);
+    error_writer.emplace(error_file, dims, bands.rows);
   }
-  Progress progress("develop", static_cast<std::size_t>(shape.n_bands()), options.progress);
-  for (int i = 0; i < shape.n_bands(); ++i) {
-    const Developer::Rows band =
-        developer.rows(i * shape.band_rows, std::min(shape.height, (i + 1) * shape.band_rows));
+  Progress progress("develop", static_cast<std::size_t>(bands.n()), options.progress);
+  for (int i = 0; i < bands.n(); ++i) {
+    const Developer::Rows band = developer.rows(bands.first_row(i), bands.end_row(i));
     writer.append_band(band.values);
     if (error_writer) {
       error_writer->append_band(band.errors);

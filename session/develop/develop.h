@@ -10,10 +10,10 @@
 
 #include "core/picture/image_io.h"
 #include "core/progress.h"
+#include "core/stack/light_stack.h"
 #include "session/develop/demosaic.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/radiometry.h"
-#include "session/light_stack.h"
 #include "session/session.h"
 
 /// @file
@@ -83,8 +83,9 @@ class Developer {
   Developer(const Developer&) = delete;
   Developer& operator=(const Developer&) = delete;
 
-  /// band_rows: the most rows that fit the memory budget at once.
-  [[nodiscard]] const StackShape& shape() const noexcept;
+  [[nodiscard]] StackDims dims() const noexcept;
+  /// As many rows at a time as fit the memory budget.
+  [[nodiscard]] StackBands bands() const noexcept;
   /// Hash of everything that the values depend on: the key of develop_all()'s cache.
   [[nodiscard]] const std::string& key() const noexcept;
 

@@ -84,7 +84,7 @@ struct LightsSeen {
   VectorXd gains;                           ///< 0: says nothing
 };
 
-double reference_of(const NearGeometry& geometry, const PictureShape& shape) {
+double reference_of(const NearGeometry& geometry, const StackDims& shape) {
   if (geometry.reference_mm > 0.0) {
     return geometry.reference_mm;
   }
@@ -147,7 +147,7 @@ MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
 }
 
 /// Straight lines and cubics between knots must do for every light.
-void require_fine_knots(const NearGeometry& geometry, const PictureShape& shape, int grid,
+void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, int grid,
                         double reference) {
   const Knots across(shape.width, grid);
   const Knots down(shape.height, grid);
@@ -183,7 +183,7 @@ void require_fine_knots(const NearGeometry& geometry, const PictureShape& shape,
   }
 }
 
-void require_lights(const NearGeometry& geometry, const PictureShape& shape,
+void require_lights(const NearGeometry& geometry, const StackDims& shape,
                     const NearFitOptions& options) {
   HAARLIGHT_EXPECTS(static_cast<int>(geometry.lights.size()) == shape.n_lights,
                     "one place a light");
@@ -222,7 +222,7 @@ void require_lights(const NearGeometry& geometry, const PictureShape& shape,
 }
 
 /// Codes of a plane's coefficients: what the middle's matrix could give at most, with room.
-std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const PictureShape& shape,
+std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const StackDims& shape,
                                    const NearFitOptions& options) {
   const LightsSeen seen =
       lights_seen(geometry, reference_of(geometry, shape),
@@ -253,7 +253,7 @@ struct RowBetween {
 /// Everything that blocks of pixels share.
 class NearFitter {
  public:
-  NearFitter(const NearGeometry& geometry, const PictureShape& shape,
+  NearFitter(const NearGeometry& geometry, const StackDims& shape,
              const NearFitOptions& options)
       : geometry_(geometry),
         options_(options),
@@ -541,7 +541,7 @@ class NearFitter {
 
   const NearGeometry& geometry_;
   const NearFitOptions& options_;
-  PictureShape shape_;
+  StackDims shape_;
   double reference_;
   VectorXd ridge_;
   NearForm form_;
@@ -599,7 +599,7 @@ VectorXd near_planes_of(const NearGeometry& geometry, const NearFitOptions& opti
 
 FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
                    const NearFitOptions& options) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   HAARLIGHT_EXPECTS(rows.transfer() == Transfer::linear, "linear rows");
   require_lights(geometry, shape, options);
   const NearFitter fitter(geometry, shape, options);
