@@ -265,7 +265,7 @@ class StepRun {
   std::vector<double> shown_;
 };
 
-/// Without the steps that were slow to show: they say little, a delay of the way back alone
+/// Without the steps that were slow to show: they say little, a delay on the way back alone
 /// would shift them, and a gateway may have acted long after its acknowledgement.
 std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
                                      const std::vector<double>& shown) {

@@ -174,7 +174,7 @@ std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
     return std::nullopt;
   }
   const auto middle = upper_median(full);
-  // Where the signal ends no pixel goes beyond: else these were still by their noise.
+  // At saturation no pixel goes beyond: else these were constant by noise.
   const double limit = middle + kBeyond * (static_cast<double>(middle) - black_dn);
   const auto beyond = std::count_if(all.begin(), all.end(),
                                     [limit](std::uint16_t word) { return word > limit; });

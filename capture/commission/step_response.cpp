@@ -49,7 +49,7 @@ double ramp_integral_slope(double u, double ramp) {
   return u < ramp ? -u * u / (2.0 * ramp * ramp) : -0.5;
 }
 
-/// Which parameter of the vector is what: offsets first, then skew, rise, fall.
+/// Layout of the parameter vector: offsets first, then skew, rise, fall.
 struct Layout {
   std::vector<double> exposures;
   std::optional<double> slope;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kLeastToleranceNs = 80e3;
 constexpr double kSigmas = 4.5;
-constexpr double kGuardShare = 1.25;      // what the fit itself may be off by
+constexpr double kGuardShare = 1.25;      // allowance for the error of the fit itself
 constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a mean
 constexpr double kSigmaFades = 0.98;      // per frame: a small window may show too little
 constexpr double kSameExposureUs = 5.0;
