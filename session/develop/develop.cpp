@@ -175,7 +175,7 @@ Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<flo
   return variance;
 }
 
-/// As interleave(), of few marks: lines without one are passed over.
+/// Like interleave(), for sparse marks: lines without one are skipped.
 std::vector<std::uint8_t> interleave_marks(const StackDims& shape,
                                            const std::vector<Image<std::uint8_t>>& marks,
                                            int skip, int rows) {
