@@ -42,7 +42,7 @@ class ControllerLink {
   /// nothing on a link that is up.
   [[nodiscard]] Result<void> make_ready(Hurry hurry,
                                         const std::function<Result<void>()>& resynchronise);
-  /// By the owner; the next make_ready() must be at_once.
+  /// Called by the owner; the next make_ready() must be at_once.
   void close() noexcept;
 
  private:

@@ -153,7 +153,7 @@ Result<void> RegisterLightArray::set_power_limit() {
   if (!options_.power_limit) {
     return {};
   }
-  // Rounded down, and no more than the controller allows at all.
+  // Rounded down, and never above the controller's hard limit.
   const double asked_dw = std::floor(options_.power_limit->value() * 10.0 + 1e-6);
   const auto limit = static_cast<std::uint32_t>(
       std::clamp(asked_dw, 0.0, static_cast<double>(hard_limit_dw_)));
@@ -505,7 +505,7 @@ Result<ControllerStatus> RegisterLightArray::status() {
   }
   if (block->status.boot_id != identity_->boot_id) {
     is_bank_certain_ = false;
-    link_.on(LinkEvent::doubt);  // it restarted: dark, bank and table forgotten
+    link_.on(LinkEvent::doubt);  // it restarted: dark, bank and table lost
   }
   return block->status;
 }

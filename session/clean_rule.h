@@ -42,7 +42,7 @@ struct ExposureWindow {
   friend bool operator==(const ExposureWindow&, const ExposureWindow&) = default;
 };
 
-/// E, t_read and skew are rounded to whole ns, then added exactly; saturates at the ends of
+/// E, t_read and skew are rounded to whole ns, then added exactly; saturates at the limits of
 /// int64.
 [[nodiscard]] ExposureWindow exposure_window(const ExposureTiming& timing) noexcept;
 

@@ -57,7 +57,7 @@ std::vector<FaultEvent> timetable(const FaultScript& script) {
 
 constexpr std::int64_t kLookaheadNs = 50'000'000;  // how late this machine may be
 
-/// The number behind the last colon of an address.
+/// The number after the last colon of an address.
 int number_after_colon(const std::string& address, int fallback) {
   const std::size_t colon = address.rfind(':');
   int value = fallback;

@@ -99,7 +99,7 @@ class Camera {
   /// Sets the exposure of a later frame and returns the value read back. Frames tell when it is
   /// in force.
   [[nodiscard]] virtual Result<double> set_exposure(double exposure_us) = 0;
-  /// To be called before start; kept until the next call.
+  /// Call before start; kept until the next call.
   [[nodiscard]] virtual Result<void> set_trigger(TriggerSource source) {
     if (source == TriggerSource::free) {
       return {};

@@ -20,7 +20,7 @@
 
 namespace haarlight {
 
-/// What became of the frames since construction.
+/// Frame counts since construction.
 struct V4l2Counters {
   std::uint64_t frames = 0;      ///< handed out
   std::uint64_t unhoused = 0;    ///< returned unread: pool exhausted

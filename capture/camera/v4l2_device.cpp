@@ -88,7 +88,7 @@ std::string first_line(const fs::path& file) {
   return line;
 }
 
-/// What sysfs knows beyond the driver: serial number and index.
+/// What sysfs knows in addition to the driver: serial number and index.
 void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2Places& places) {
   std::error_code ec;
   const fs::path real = fs::canonical(node, ec);

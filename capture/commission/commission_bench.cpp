@@ -17,7 +17,7 @@ namespace haarlight {
 namespace {
 
 constexpr int kMaxBands = 64;
-constexpr int kMaxBandRows = 4;    // thin: a band's own skew must not blur a step
+constexpr int kMaxBandRows = 4;    // thin: a band's own skew must not smear a step
 constexpr int kPeriodFrames = 24;  // to measure the frame period from
 constexpr std::uint32_t kFirstTag = 0x43000000;
 constexpr std::int64_t kQuietNs =

@@ -32,7 +32,7 @@ struct CommissionClock {
   return receipt.t_shown_ns != 0 ? receipt.t_shown_ns : receipt.t_ack_ns;
 }
 
-/// A thin band of rows whose mean is followed; `position` 0 = first row, 1 = last.
+/// A thin band of rows whose mean is tracked; `position` 0 = first row, 1 = last.
 struct RowBand {
   int first = 0;
   int count = 1;

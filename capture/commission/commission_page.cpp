@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::size_t kMaxDots = 1200;
 
-/// What was measured as dots, the model as a line.
+/// The measurements as dots, the model as a line.
 std::string figure(PlotPanel panel, std::vector<std::pair<double, double>> measured,
                    std::vector<std::pair<double, double>> model) {
   const std::string title = panel.title;

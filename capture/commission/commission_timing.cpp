@@ -18,7 +18,7 @@ namespace {
 constexpr double kGolden = 0.6180339887498949;  // distributes any number of steps evenly
 constexpr int kReferenceFrames = 12;
 constexpr double kMinLevelSigma = 1e-3;  // the light source itself is no steadier
-constexpr double kUsable = 0.2;          // of the brightest band: darker ones are left out
+constexpr double kUsable = 0.2;          // of the brightest band: darker ones are not used
 constexpr double kHigh = 0.85;           // of white: no bright pixel above
 constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
@@ -265,7 +265,7 @@ class StepRun {
   std::vector<double> shown_;
 };
 
-/// Without the steps that were slow to show: they say little, a delay of the way back alone
+/// Without the steps that were slow to show: they say little, a delay on the way back alone
 /// would shift them, and a gateway may have acted long after its acknowledgement.
 std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
                                      const std::vector<double>& shown) {
@@ -517,7 +517,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   e.slope_sigma = result.line.slope_sigma;
   e.offset_us = tied->model.offset_us.front() -
                 std::round(result.line.slope) * tied->model.exposures_us.front();
-  // Where between sending and acknowledgement the latch acts is not known.
+  // When the latch acts between sending and acknowledgement is unknown.
   e.offset_sigma_us = std::hypot(tied->offset_sigma_us.front(), ack / (2.0 * std::sqrt(3.0)));
   e.skew_us = result.fit.model.skew_us;
   e.exposure_us = full.exposure_us;

@@ -13,7 +13,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kExposureTol = 0.04;  // of an exposure: a wrong unit is further off
+constexpr double kExposureTol = 0.04;  // of an exposure: a wrong unit is off by more
 constexpr double kLargeFactor = 1.5;   // of an exposure: no lucky jackknife reaches this
 
 /// The equivalent, for an estimate whose sigma comes from `n` steps, of kSureSigmas at known

@@ -20,14 +20,14 @@ namespace {
 
 constexpr int kGrid = 3 * kSurveyAcross;  // picture points across and down
 constexpr double kTukey = 4.685;          // 95 % efficiency for normal errors
-constexpr double kMinLogSigma = 1e-3;     // no LED's neighbour is known better
+constexpr double kMinLogSigma = 1e-3;     // no better known from an LED's neighbours
 constexpr double kSeen = 10.0;            // sigmas of a block's signal: such a block counts
 // Sums of squared normalised residuals of a light's blocks: about 64 at its own position.
 constexpr double kMisfit = 100.0;  // above the lights' median: not at its position
 constexpr double kBetter = 60.0;   // another position fits better by this much
 constexpr double kFits = 3.0;      // of the median: that position fits
 // Where no position fits that well, shadows dominate the misfits and scale all of a light's
-// alike. Of 12 800 lights in front of rendered stairs, 7 of 10 swapped pairs being neighbours,
+// alike. Of 12 800 lights with rendered stairs in view, 7 of 10 swapped pairs being neighbours,
 // the own position's misfit was at most 0.45 of the next best position's for correctly wired
 // lights, and at least 6.2 of the true position's for swapped ones
 // (docs/numerics/commissioning.md).

@@ -69,7 +69,7 @@ struct StampVerdict {
   std::optional<Measured> read_us;  ///< for the end of a frame
   Measured ready_us;                ///< end of the last row's exposure to the host
   std::optional<Measured> exposure_delay_frames;
-  bool is_divided = true;  ///< false: only latch + read is measured, the rig file divides it
+  bool is_divided = true;  ///< false: only latch + read is measured, divided by the rig file
   std::string evidence;    ///< in words
 };
 

@@ -15,7 +15,7 @@ namespace haarlight {
 namespace {
 
 constexpr std::size_t kMarksAtOnce = 4096;
-constexpr std::size_t kMaxCommitsKnown = 4096;  // an aborted run leaves a few behind
+constexpr std::size_t kMaxCommitsKnown = 4096;  // leftovers of an aborted run
 
 double seconds_between(std::int64_t from_ns, std::int64_t to_ns) {
   return static_cast<double>(to_ns - from_ns) / 1e9;

@@ -19,7 +19,7 @@ namespace haarlight {
 
 enum class Finding {
   good,
-  warning,  ///< works, but not as well as it could
+  warning,  ///< works, but not optimally
   wrong,    ///< a capture would fail
 };
 [[nodiscard]] std::string_view to_string(Finding finding) noexcept;

@@ -24,7 +24,7 @@ constexpr std::size_t kBlock = 32;    // pixels at once
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr int kManyDarks = 16;  // default_families(): dark noise below 6 % of read noise
 
-/// r^2 and the rounding to whole counts.
+/// r^2 and the variance of rounding to whole counts.
 double read_variance(const CameraSpec& camera) {
   const double g = camera.noise.gain_e_per_dn;
   return camera.noise.read_e * camera.noise.read_e + g * g / 12.0;

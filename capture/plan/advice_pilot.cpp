@@ -15,7 +15,7 @@ namespace haarlight {
 
 namespace {
 
-/// Frames of one pattern: how many, and their exposures' sum in seconds.
+/// Frames of one pattern: how many, and the sum of their exposures in seconds.
 struct Exposed {
   double n_frames = 0.0;
   double seconds = 0.0;

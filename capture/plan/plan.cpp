@@ -178,7 +178,7 @@ PlanSettings read_settings(ConfigTable& root) {
 /// The size of a plan, before any of it is created.
 struct PlanSize {
   double patterns = 0.0;
-  double lit = 0.0;  ///< entries of all patterns, at least
+  double lit = 0.0;  ///< entries of all patterns, lower bound
 };
 
 PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {

@@ -39,13 +39,13 @@ constexpr std::size_t kMaxSamples = 4096;                   // of one picture
 constexpr std::size_t kAllSamples = std::size_t{1} << 21U;  // of all patterns: 8 MB
 constexpr int kLeastSamples = 64;
 constexpr double kLeastSignal = 0.01;  // fraction of the range, above rounding and read noise
-constexpr double kClippedShare = 0.9;  // of the clip level: predicted above it may clip
+constexpr double kClippedShare = 0.9;  // of the clip level: predictions above may clip
 
 double scale_of(const FrameEvidence& evidence) {
   return evidence.exposure_read_us * std::pow(10.0, evidence.gain_db / 20.0);
 }
 
-/// To six figures, a thousandth of the noise, so that the evidence stays short.
+/// Rounds to six digits, a thousandth of the noise, to keep the evidence short.
 double rounded(double value) {
   const double step =
       std::pow(10.0, std::floor(std::log10(std::max(std::abs(value), 1e-30))) - 5.0);

@@ -103,7 +103,7 @@ class FrameChecker {
   double dark_dn_ = 0.0;
   std::size_t n_samples_ = 0;
   std::optional<PictureProof> proof_;
-  std::optional<PictureAgreement> agreement_;  ///< of a plan that shows a pattern twice
+  std::optional<PictureAgreement> agreement_;  ///< if the plan shows a pattern twice
 };
 
 }  // namespace haarlight

@@ -27,8 +27,7 @@ constexpr int kMostBack = 256;         // takes searched for what was shown befo
 constexpr double kLeastLogSigma = 0.003;
 constexpr double kMostLogSigma = 0.2;
 constexpr std::size_t kRests = 64;     // pairs from which the noise is learned
-constexpr std::size_t kFewRests = 24;  // before learning the noise: with a quarter good, one is
-                                       // by 99.9 %
+constexpr std::size_t kFewRests = 24;  // for it: if a quarter are good, one is by 99.9 %
 constexpr double kEven = 8.0;          // between the best of the pairs and three of four
 constexpr double kLeastRest = 0.5;     // of 24 to 64 pairs whose noise is as stated
 constexpr double kMostKappa2 = 400.0;

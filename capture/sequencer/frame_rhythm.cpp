@@ -12,12 +12,12 @@ namespace {
 
 constexpr double kLeastToleranceNs = 80e3;
 constexpr double kSigmas = 4.5;
-constexpr double kGuardShare = 1.25;      // what the fit itself may be off by
+constexpr double kGuardShare = 1.25;      // allowance for the error of the fit itself
 constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a mean
 constexpr double kSigmaFades = 0.98;      // per frame: a small window may show too little
 constexpr double kSameExposureUs = 5.0;
 constexpr std::size_t kMostPairs = 32 * 31 / 2;
-constexpr unsigned kFramesToPeriod = 8;  // of a full window: it changes by 1e-6 of itself
+constexpr unsigned kFramesToPeriod = 8;  // of a full window: changes by a relative 1e-6
 
 }  // namespace
 

@@ -20,8 +20,8 @@
 ///
 ///     P = median of (y_j - y_i) / (x_j - x_i)      a = median of (y_i - P x_i)
 ///     sigma = 1.4826 median |y_i - P x_i - a|      off = y - (a + P x)   of the next frame
-///     on the rhythm  <=>  |off| <= tolerance = max(80 us, 4.5 sigma sqrt(1 + what a and P
-///     lack))
+///     on the rhythm  <=>  |off| <= tolerance = max(80 us, 4.5 sigma sqrt(1 + v))
+///     v = variance of a + P x / sigma^2
 ///
 /// Medians hold until 29 % of the timestamps are false (the slope's breakdown point). A true
 /// timestamp with normal jitter is suspected in 7 of 10^6 cases, with uniform jitter never. The
@@ -38,10 +38,9 @@ class FrameRhythm {
   };
   struct Verdict {
     Place place = Place::learning;
-    std::int64_t off_ns = 0;    ///< timestamp less the predicted one
-    std::int64_t guard_ns = 0;  ///< largest timestamp error of a frame on the rhythm
-    bool is_learnt_anew =
-        false;  ///< so many in a row were off that the old rhythm is discarded
+    std::int64_t off_ns = 0;      ///< timestamp less the predicted one
+    std::int64_t guard_ns = 0;    ///< largest timestamp error of a frame on the rhythm
+    bool is_learnt_anew = false;  ///< too many off in a row: old rhythm discarded
   };
 
   /// Frames until a stream's rhythm is known, and until it is known again where a new exposure
@@ -81,7 +80,7 @@ class FrameRhythm {
   double phase_ns_ = 0.0;         ///< relative to the newest timestamp: a - y
   double sigma_ns_ = 0.0;         ///< of one timestamp
   double exposure_us_ = 0.0;
-  std::uint64_t slip_ = 0;        ///< periods that the driver lost without counting them
+  std::uint64_t slip_ = 0;        ///< periods lost by the driver without being counted
   int n_off_ = 0;                 ///< in a row
   bool is_exposure_new_ = false;  ///< no frame arrived since it changed
   unsigned n_since_period_ = 0;

@@ -39,12 +39,12 @@ struct ModelFaults {
   double strobe_lost = 0.0;   ///< the edge at a frame's end never reaches the controller
   double strobe_false = 0.0;  ///< a spurious edge within a frame
   double entry_wrong = 0.0;   ///< a table entry holds another shot's pattern
-  double poll_slow = 0.0;     ///< a status takes some frame times (a busy host)
+  double poll_slow = 0.0;     ///< a status takes several frame times (a busy host)
   double trigger_lost = 0.0;
   double check_failed = 0.0;
   double commit_full = 0.0;  ///< the disk is full for a while
   double controller_reboot_rate = 0.0;
-  double interlock_rate = 0.0;   ///< the controller is dark and says "not now" for a while
+  double interlock_rate = 0.0;   ///< the controller is dark and says "not now" for some time
   double lease_lost_rate = 0.0;  ///< the controller goes dark by itself, without rebooting
   double camera_gone_rate = 0.0;
   double pause_rate = 0.0;
@@ -96,7 +96,7 @@ struct ModelFrame {
 
 struct ModelOutcome {
   bool is_done = false;
-  std::string problem;   ///< the first broken promise; empty: none
+  std::string problem;   ///< the first violated guarantee; empty: none
   double seconds = 0.0;  ///< virtual
   std::uint64_t n_events = 0;
   int n_commits = 0;

@@ -339,7 +339,7 @@ void Stepper::take_block_frame(const event::FrameArrived& e) {
   } else if (b.step == SequencerState::Block::Step::running) {
     judge_block();
     if (b.step == SequencerState::Block::Step::running && is_past && b.waiting.empty()) {
-      end_block("");  // frames come in order: no other one saw the table
+      end_block("");  // frames arrive in order: no other one saw the table
     }
   }
 }

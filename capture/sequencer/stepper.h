@@ -27,7 +27,7 @@ inline constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
 inline constexpr std::int64_t kHeldRetryNs = 1000 * kMs;
 inline constexpr std::int64_t kWrongLightRetryNs = 2'000 * kMs;
 inline constexpr int kWrongLightsToSuspend = 2;  ///< withdrawals of one shot
-/// An abort is promised within 200 ms; the rest is for the threads and the answer.
+/// An abort is guaranteed within 200 ms; the rest is for the threads and the answer.
 inline constexpr std::int64_t kAbortLimitNs = 150 * kMs;
 /// In addition to the frames: late delivery, a busy host.
 inline constexpr std::int64_t kShotSlackNs = 300 * kMs;
@@ -43,7 +43,7 @@ inline constexpr int kRefusalsToEnd = 4;  ///< a stray answer does not occur fou
 inline constexpr int kFailuresToRotate = 4;       ///< the next shot is tried first
 inline constexpr int kBlocksToSuspend = 6;        ///< in a row, without a proven frame
 inline constexpr int kFailuresToSuspend = 24;     ///< in a row, without a commit
-inline constexpr double kExposureTol = 0.005;     ///< frame against read-back: floats on a wire
+inline constexpr double kExposureTol = 0.005;     ///< frame against read-back: sent as a float
 inline constexpr double kExposureReadTol = 0.05;  ///< read-back against requested: row steps
 inline constexpr int kSpareBuffers = 3;           ///< for frames that are not held
 

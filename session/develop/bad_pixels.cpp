@@ -16,7 +16,7 @@ namespace {
 // 8 sigma keeps false alarms below one in 10^14 normal pixels.
 constexpr double kHotSigmas = 8.0;
 constexpr double kHotShare = 0.01;
-constexpr std::size_t kMostBad = 20;  // one in that many
+constexpr std::size_t kMostBad = 20;  // one in this many
 
 }  // namespace
 

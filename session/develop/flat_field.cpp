@@ -53,7 +53,7 @@ Terms terms_at(const FrameForm& form, int y, int x) {
   return terms;
 }
 
-/// Divides the least-squares polynomial of each colour out.
+/// Divides out the least-squares polynomial of each colour.
 void remove_smooth_part(const FrameForm& form, const BadPixelMap& bad, Image<float>& flat) {
   std::array<Eigen::Matrix<double, kTerms, kTerms>, 3> normal;
   std::array<Terms, 3> right;

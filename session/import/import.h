@@ -24,7 +24,7 @@ namespace haarlight {
 /// The position of a neutral patch in every picture.
 struct WhitePatch {
   PixelRectangle patch;               ///< of the whole upright picture
-  std::optional<double> reflectance;  ///< of it; nothing: only its colour counts
+  std::optional<double> reflectance;  ///< of the patch; nothing: only its colour counts
 };
 
 struct ImportOptions {

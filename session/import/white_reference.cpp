@@ -13,7 +13,7 @@ namespace haarlight {
 
 namespace {
 
-/// Of a normal distribution its standard deviation, whatever a few lights do.
+/// Standard deviation if normally distributed, robust against a few lights.
 double relative_scatter(const std::vector<double>& values, double median) {
   std::vector<double> distances;
   distances.reserve(values.size());

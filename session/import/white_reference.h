@@ -36,7 +36,7 @@ struct WhiteReference {
   int n_used = 0;
   int n_clipped = 0;
   int n_dark = 0;
-  int furthest = -1;      ///< the light whose colour is furthest off
+  int furthest = -1;      ///< the light whose colour deviates most
   double distance = 0.0;  ///< relative, of its worst channel
 };
 
