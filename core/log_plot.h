@@ -6,16 +6,16 @@
 #include <vector>
 
 /// @file
-/// Figures on logarithmic axes as SVG: panels side by side with one legend. Colours that people
-/// with any colour vision tell apart [Okabe08], a mark of its own for each series beside the
-/// colour, readable on paper and on a dark page (the ground is drawn).
+/// Figures on logarithmic axes as SVG: panels side by side with one legend. Colours that
+/// readers with any colour vision can distinguish [Okabe08], plus a marker per series; readable
+/// on paper and on a dark page (the background is drawn).
 
 namespace haarlight {
 
 struct PlotSeries {
   std::string name;
   std::vector<std::pair<double, double>> points;  ///< those not above 0 are left out
-  /// Series of one look share colour and mark in every panel, and a line of the legend.
+  /// Series of one look share colour and marker in every panel, and one line of the legend.
   int look = 0;
   bool is_dashed = false;
 };

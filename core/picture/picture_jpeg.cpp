@@ -13,11 +13,11 @@ namespace haarlight {
 
 namespace {
 
-/// A scan costs time for every pixel and may be 10 bytes long; encoders write some 10.
+/// A scan costs time for every pixel and may be 10 bytes long; encoders write about 10.
 constexpr int kMostScans = 100;
 
-/// libjpeg reports errors by a call that must not return: it jumps back to the last guard, and
-/// the caller throws from there. No C++ object lives between guard and jump.
+/// libjpeg reports errors through a call that must not return: it jumps back to the last
+/// setjmp, and the caller throws from there. No C++ object lives between setjmp and longjmp.
 struct ErrorJump {
   jpeg_error_mgr manager{};  // first: libjpeg hands back a pointer to it
   std::jmp_buf back{};
@@ -64,7 +64,7 @@ class JpegLines {
     }
     JSAMPROW rows[1] = {row};
     jpeg_read_scanlines(&info_, rows, 1);
-    if (info_.err->num_warnings > 0) {  // libjpeg makes something up and goes on
+    if (info_.err->num_warnings > 0) {  // libjpeg invents data and continues
       jump_back(reinterpret_cast<j_common_ptr>(&info_));
     }
   }
@@ -89,7 +89,7 @@ class JpegLines {
       info_.err->format_message(reinterpret_cast<j_common_ptr>(&info_), text);
     }
     const std::string why = text;
-    jpeg_destroy_decompress(&info_);  // twice does no harm; the constructor may be under way
+    jpeg_destroy_decompress(&info_);  // harmless if repeated; may run in the constructor
     refuse_damaged(source_, why);
   }
 
@@ -120,7 +120,7 @@ PictureContent read_jpeg(const PictureSource& source, PictureWish wish) {
   }
   const std::uint64_t samples = std::uint64_t{info.image_width} * info.image_height *
                                 static_cast<std::uint64_t>(channels);
-  // A picture of many scans is held as 16-bit coefficients.
+  // A multi-scan picture is held as 16-bit coefficients.
   const std::uint64_t raw_bytes = lines.is_whole_in_memory() ? 3 * samples : samples;
   require_room(source, info.image_width, info.image_height,
                static_cast<std::uint64_t>(channels), raw_bytes);
