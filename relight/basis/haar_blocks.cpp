@@ -24,7 +24,7 @@ namespace {
 
 using Index = std::ptrdiff_t;
 
-constexpr int kLargest = 64;  // two arrays of doubles fill half of the second cache
+constexpr int kLargest = 64;  // two arrays of doubles fill half of the L2 cache
 constexpr std::size_t kGrainValues = std::size_t{1} << 18U;
 constexpr std::size_t kStreamBytes = std::size_t{8} << 20U;  // less may stay in the caches
 constexpr std::size_t kStreamVector = 32;
@@ -32,7 +32,7 @@ constexpr std::size_t kStreamVector = 32;
 template <class T>
 using Scratch = std::array<T, std::size_t{kLargest} * kLargest>;
 
-/// What comes after row pair i of an n x n array that is read from memory; null: it is not.
+/// What follows row pair i of an n x n array that is read from memory; null: it is not.
 template <class T>
 [[gnu::always_inline]] inline void prefetch_rows(const T* array, Index i, Index n) {
   if (array != nullptr) {
@@ -45,7 +45,7 @@ template <class T>
 
 #if defined(__x86_64__)
 
-/// Sixteen values as the eight of even and the eight of odd places.
+/// Sixteen values as the eight at even and the eight at odd indices.
 struct Halves {
   __m256 even;
   __m256 odd;
@@ -70,8 +70,8 @@ struct Halves {
 #endif
 
 /// One level of x, m x m with rows `stride` apart: LL to `ll` (rows m/2 apart), the details to
-/// their places in `out`, n x n. haar.cpp's forward_level, operation by operation.
-/// @param ahead  the n x n array that comes from memory meanwhile; null: none
+/// their positions in `out`, n x n. haar.cpp's forward_level, operation by operation.
+/// @param ahead  the n x n array fetched from memory meanwhile; null: none
 template <class T>
 [[gnu::always_inline]] inline void forward_level(const T* __restrict x, Index stride, Index m,
                                                  T* __restrict ll, T* __restrict out, Index n,
@@ -246,7 +246,7 @@ template <LevelCode kCode, class T>
   inverse_any<kCode, T>(a, n / 2, x, n, n, out, ahead);
 }
 
-// Past the caches: memory that is not read again is not read before it is written either.
+// Non-temporal: memory that is not read again need not be read before it is written either.
 
 #if defined(__x86_64__)
 [[gnu::target("avx2")]] void stream_avx2(const void* from, void* to, std::size_t n_bytes) {

@@ -49,7 +49,7 @@ void LightStackSource::read_tile(const TileRect& rect, std::span<float> out) con
       const std::span<const float> row_of_tile(band.data() + from, row_values);
       std::copy(row_of_tile.begin(), row_of_tile.end(),
                 out.begin() + static_cast<std::ptrdiff_t>(to));
-      // A stack may be larger than memory: what was copied need not stay.
+      // A stack may be larger than memory: what was copied need not stay resident.
       drop_pages(std::as_bytes(row_of_tile));
     }
   }
@@ -98,7 +98,7 @@ MemoryStack read_all(const StackSource& source, std::size_t max_bytes) {
   }
   std::vector<float> values(n_values);
   if (dims.channels == 1) {
-    // Bands of rows lie one after the other: read side by side.
+    // Bands of rows are stored one after the other: read them in parallel.
     constexpr std::size_t kRows = 8;
     parallel_for(count(dims.height), kRows, [&](std::size_t begin, std::size_t end) {
       const std::size_t row_values = count(dims.width) * count(dims.n_lights);
