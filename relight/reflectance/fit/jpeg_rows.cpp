@@ -17,8 +17,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// libjpeg reports errors by a call that must not return: it jumps back to the last guard, and
-/// the caller throws from there. No C++ object lives between guard and jump.
+/// libjpeg reports errors through a call that must not return: it jumps back to the last
+/// setjmp, and the caller throws from there. No C++ object lives between setjmp and longjmp.
 struct ErrorJump {
   jpeg_error_mgr manager{};  // first: libjpeg hands back a pointer to it
   std::jmp_buf back{};
@@ -68,7 +68,7 @@ class JpegLines {
     }
   }
 
-  /// Lets go of what was decoded already: a mapped page counts as memory in use.
+  /// Releases what was already decoded: a mapped page counts as memory in use.
   void forget_past() {
     const std::size_t done = file_.bytes().size() - info_.src->bytes_in_buffer;
     constexpr std::size_t kStep = std::size_t{1} << 20U;
@@ -109,7 +109,7 @@ class JpegLines {
     return text;
   }
   [[noreturn]] void refuse(const std::string& what) {
-    jpeg_destroy_decompress(&info_);  // the constructor may be under way: no destructor comes
+    jpeg_destroy_decompress(&info_);  // in the constructor no destructor will follow
     throw Error(what, path_.string(),
                 "make a session of these pictures (haarlight import) and fit that");
   }
@@ -195,7 +195,7 @@ bool is_line_jpeg(const fs::path& path) {
     jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(file.bytes().data()),
                  static_cast<unsigned long>(file.bytes().size()));
     jpeg_read_header(&info, TRUE);
-    // A local that changes after setjmp and is read after a jump would be lost: there is none.
+    // A local that changes after setjmp and is read after longjmp would be lost: there is none.
     is_by_lines = jpeg_has_multiple_scans(&info) == 0;
   }
   jpeg_destroy_decompress(&info);
