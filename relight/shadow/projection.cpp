@@ -14,7 +14,7 @@ double dot(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
 
 bool is_zero(const Eigen::Vector3d& v) { return v.x() == 0.0 && v.y() == 0.0 && v.z() == 0.0; }
 
-/// -0 becomes +0: the only bits that a flip of the plane could still change.
+/// -0 becomes +0: the only bits that flipping the plane could still change.
 Eigen::Vector3d without_negative_zero(const Eigen::Vector3d& p) {
   return {p.x() + 0.0, p.y() + 0.0, p.z() + 0.0};
 }
@@ -68,17 +68,17 @@ PlaneProjection project_to_plane(const Plane& plane, const Eigen::Vector3d& ligh
     result.status = ProjectionStatus::at_light_height;
     return result;
   }
-  // Valid exactly when w/a = 1 - b/a > 0. Never w > 0: a flip of the plane turns that round.
+  // Valid exactly when w/a = 1 - b/a > 0. Not w > 0 alone: flipping the plane reverses that.
   if ((w > 0.0) != (a > 0.0)) {
     result.status = ProjectionStatus::beyond_light;
     return result;
   }
-  // eq. (4), as a step along the ray from the end that is nearer to the plane.
+  // eq. (4), as a step along the ray from the end closer to the plane.
   const Eigen::Vector3d step = std::abs(b) <= std::abs(a)
                                    ? Eigen::Vector3d(vertex + (vertex - light) * (b / w))
                                    : Eigen::Vector3d(light + (vertex - light) * (a / w));
   if (!step.allFinite()) {
-    result.status = ProjectionStatus::at_light_height;  // beyond what a double can hold
+    result.status = ProjectionStatus::at_light_height;  // beyond the range of double
     return result;
   }
   result.status = b == 0.0 ? ProjectionStatus::on_plane : side_of(result.ratio);

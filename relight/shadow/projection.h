@@ -54,8 +54,8 @@ struct PlaneProjection {
 [[nodiscard]] PlaneProjection project_along(const Plane& plane, const Eigen::Vector3d& to_light,
                                             const Eigen::Vector3d& vertex);
 
-/// M = a I - [l; 1][n; d]^T, so that p ~ M [v; 1]: for display and graphics hardware near the
-/// origin. The sign of w means nothing; its error is up to 1e4 eps far from the origin.
+/// M = a I - [l; 1][n; d]^T, so that p ~ M [v; 1]: for display and GPUs, near the origin. The
+/// sign of w is meaningless; the error is up to 1e4 eps far from the origin.
 [[nodiscard]] Eigen::Matrix4d projection_matrix(const Plane& plane,
                                                 const Eigen::Vector3d& light);
 /// M = (n.l) I - [l; 0][n; d]^T for parallel rays.

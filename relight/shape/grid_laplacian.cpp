@@ -16,7 +16,7 @@ constexpr float kHalf = 0.5F;
 
 std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
-/// Sums rows apart and then in order: the same on any number of threads.
+/// Sums rows separately, then in order: the same on any number of threads.
 template <class RowSum>
 double sum_rows(std::size_t height, const RowSum& row_sum) {
   std::vector<double> sums(height);

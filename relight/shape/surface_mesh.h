@@ -12,16 +12,17 @@
 #include "core/image.h"
 
 /// @file
-/// A recovered surface as triangles, for programs that read PLY or OBJ: a vertex a known pixel,
-/// two triangles a square of four. Nothing is made up: triangles with an unknown corner, across
-/// a cut, or steeper than asked are left out, and so are vertices that no triangle uses.
+/// A recovered surface as triangles, for programs that read PLY or OBJ: one vertex per known
+/// pixel, two triangles per square of four. Nothing is extrapolated: triangles with an unknown
+/// corner, across a cut, or steeper than allowed are left out, as are vertices that no triangle
+/// uses.
 
 namespace haarlight {
 
 struct SurfaceMesh {
   std::vector<std::array<float, 3>> vertices;        ///< mm
   std::vector<std::array<float, 3>> normals;         ///< (n_vertices)
-  std::vector<std::array<float, 2>> uv;              ///< texture place, v up, 0..1
+  std::vector<std::array<float, 2>> uv;              ///< texture coordinates, v up, 0..1
   std::vector<std::array<std::uint8_t, 3>> colours;  ///< sRGB
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
@@ -49,7 +50,7 @@ struct SurfaceMeshOptions {
 /// @throws Error  no triangles, unwritable
 void write_ply(const SurfaceMesh& mesh, const std::filesystem::path& file);
 
-/// OBJ and, beside it, an .mtl of the same name that names `texture` (relative to it).
+/// OBJ and, next to it, an .mtl of the same name that references `texture` (relative to it).
 /// @throws Error  no triangles, unwritable
 void write_obj(const SurfaceMesh& mesh, const std::filesystem::path& file,
                const std::string& texture);
