@@ -23,7 +23,7 @@ inline constexpr std::size_t kMaxTomlBytes = std::size_t{16} << 20U;
 inline constexpr int kMaxJsonBrackets = 64;
 inline constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 30U;
 
-/// @param name  stands for the file in the error
+/// @param name  names the file in the error
 /// @throws Error  too large, or too deep at file:line
 void require_toml_limits(std::string_view text, const std::string& name);
 

@@ -11,7 +11,7 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// What a command measured on a rig: NAME.measured.toml beside the hand-written NAME.toml.
+/// What a command measured on a rig: NAME.measured.toml next to the hand-written NAME.toml.
 /// read_rig() joins both texts, the written one first, to one valid TOML file, which is what a
 /// session keeps as its rig.toml, so that the rig of a session is exactly the one it was shot
 /// with. Measured values win. Keys: docs/reference/rig-file.md.
@@ -140,7 +140,7 @@ struct RigText {
 [[nodiscard]] std::string join_rig_text(const RigText& text, const std::string& measured_name);
 
 /// The settings for which a measurement holds, as text; a different text makes it stale.
-/// Addresses and device nodes are not among them: the device's identity stands for them.
+/// Addresses and device nodes are not among them: the device's identity represents them.
 [[nodiscard]] std::string describe_camera(const CameraSpec& camera);
 [[nodiscard]] std::string describe_controller(const ControllerSpec& controller);
 [[nodiscard]] std::string describe_lights(const Rig& rig);

@@ -44,7 +44,7 @@ class PatternInverse {
   /// @param shots  of a family with lit_lights(): those lights in that order, each family
   ///               (except list, target) with one drive level throughout; target: at most 8
   ///               shots; list: any patterns that separate the lights
-  /// @throws ContractViolation  shots that do not match the recipe
+  /// @throws ContractViolation  shots that do not match the parameters
   /// @throws Error              list: patterns that cannot separate the lights
   PatternInverse(PatternRecipe recipe, std::vector<std::vector<LightDrive>> shots,
                  int n_lights);

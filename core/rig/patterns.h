@@ -53,7 +53,7 @@ struct PatternRecipe {
 /// lights, of each wavelet of the list.
 /// @throws ContractViolation  a grid that the family does not fit (see fits())
 [[nodiscard]] std::vector<std::vector<int>> lit_lights(const PatternRecipe& recipe);
-/// True when lit_lights() accepts the recipe.
+/// True when lit_lights() accepts the parameters.
 [[nodiscard]] bool fits(const PatternRecipe& recipe);
 
 /// The identity.

@@ -66,7 +66,7 @@ class Fields {
     return static_cast<int>(v);
   }
 
-  /// A finite number; null stands for infinity.
+  /// A finite number; null means infinity.
   [[nodiscard]] double number(const char* key, double low = 0.0) const {
     const json& value = at(key);
     if (value.is_null()) {

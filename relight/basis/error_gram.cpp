@@ -229,8 +229,8 @@ Matrix correlations(std::span<const double> products, std::span<const float> nor
 }
 
 /// The largest eigenvalues and vectors, ascending, from a block Krylov space [Halko11, 4.5].
-/// Their accuracy affects only how sharp the bound becomes: at twice the depth the share was 0
-/// to 2 % lower (two captures of the demo and a synthetic stack, 32 vectors).
+/// Their accuracy affects only how sharp the bound becomes: at twice the depth the bound on the
+/// rest was 0 to 2 % lower (two captures of the demo and a synthetic stack, 32 vectors).
 struct TopVectors {
   Eigen::VectorXd values;
   Matrix vectors;
@@ -288,8 +288,9 @@ double largest_eigenvalue(const Matrix& all) {
   return std::max(found, 0.0);
 }
 
-/// A share that no eigenvalue reaches: share I - rest has a Cholesky factor. The factor of a
-/// matrix in doubles proves it to n^2 2^-53 of the share (1e-10), below what is added.
+/// A bound above all eigenvalues (`share`): share I - rest has a Cholesky factor. Its
+/// factorisation in doubles proves that to n^2 2^-53 of the bound (1e-10), below the margin
+/// added.
 double proven_share(const Matrix& rest) {
   constexpr double kMargin = 1.003;
   constexpr double kGrowth = 1.02;
@@ -305,7 +306,7 @@ double proven_share(const Matrix& rest) {
 }
 
 /// The step of a vector: its numbers are then 8-bit integers, two bytes of a float. Finer ones
-/// cost a third byte: unrounded numbers make the share at most 0.9 % lower (same data).
+/// cost a third byte: unrounded numbers make that bound at most 0.9 % lower (same data).
 double step_of(double largest) {
   constexpr double kMostSteps = 255.0;
   return largest > 0.0 ? std::exp2(std::ceil(std::log2(largest / kMostSteps))) : 1.0;

@@ -40,7 +40,7 @@ struct HaarGrid {
   friend bool operator==(const HaarGrid&, const HaarGrid&) = default;
 };
 
-/// In place on x[row][col], n x n values. O(n^2). Pure but for `x`; safe from any thread.
+/// In place on x[row][col], n x n values. O(n^2). Pure except for `x`; safe from any thread.
 /// @throws ContractViolation  n not a power of two up to 1024, or x of another size
 void haar_forward(std::span<float> x, int n);
 void haar_forward(std::span<double> x, int n);

@@ -51,7 +51,7 @@ struct RelightBound {
   double dropped = 0.0;
   /// ||exact picture of the file - picture of the uncompressed stack|| <= this.
   double coded = 0.0;
-  /// Of sums in float: 0 here, where sums are double; see prepared_basis.h.
+  /// Rounding of sums in float: 0 here, where sums are double; see prepared_basis.h.
   double rounding = 0.0;
   double picture_norm = 0.0;  ///< of the returned picture
   /// e / (picture_norm - e) with e = dropped + coded + rounding; infinity when that is not

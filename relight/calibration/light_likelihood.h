@@ -22,7 +22,7 @@ namespace haarlight {
 
 /// The uncertainty of one light: standard deviations of the Cramer-Rao bound.
 struct LightBound {
-  /// Of the position, mm^2.
+  /// Covariance of the position, mm^2.
   Eigen::Matrix3d position_mm2 = Eigen::Matrix3d::Zero();
   double power = 0.0;  ///< relative
 };

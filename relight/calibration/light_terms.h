@@ -45,7 +45,7 @@ struct LightTerms {
   Eigen::ArrayXd sheen;      ///< (P); likewise
   bool reaches_used = true;  ///< h > 0 at every used sample
 };
-/// Which derivatives are wanted besides those by position and exponent.
+/// Derivatives to compute besides those by position and exponent.
 struct WantedTerms {
   bool axis = false;
   bool sheet = false;

@@ -36,7 +36,7 @@ struct MeasuredBall {
 /// its points deviate by more than 5 % of the radius
 [[nodiscard]] MeasuredBall ball_of_mask(ImageView<const float> mask);
 
-/// Accumulates what all pictures show together: balls stand still, highlights move.
+/// Accumulates what all pictures show together: balls stay fixed, highlights move.
 class BallPictures {
  public:
   /// @param picture  (h, w, 1 or 3), linear; all of one size

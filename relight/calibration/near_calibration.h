@@ -112,18 +112,18 @@ struct LightCalibration {
   [[nodiscard]] std::string brief_report() const;
 };
 
-/// All lights over the target's middle at the height of its longer side, as the paper starts;
-/// looking down (mu counts from there).
+/// All lights over the target's middle at the height of its longer side, as in the paper;
+/// facing down (the lobe's axis).
 [[nodiscard]] std::vector<NearLight> paper_start(const TargetSamples& samples, double mu);
 
 /// Lights whose axes are known: each `distance_mm` away from the target's middle, against its
-/// axis, so that the middle is in its lobe. @throws Error  an axis that does not look down
+/// axis, so that the middle is in its lobe. @throws Error  an axis that does not point down
 [[nodiscard]] std::vector<NearLight> start_along_axes(const TargetSamples& samples,
                                                       std::span<const Eigen::Vector3d> axes,
                                                       double distance_mm, double mu);
 
 /// Unknowns: 3 K positions, K C powers, an exponent. Heights over the target's highest point
-/// are exponentials: a light cannot be found behind it. Axes are those of `start`.
+/// are exponentials: a light cannot end up below it. Axes are those of `start`.
 /// @throws Error  fewer than two lights with samples, indistinguishable lights (coincident, so
 ///                that the albedo explains everything); says what is missing
 [[nodiscard]] LightCalibration calibrate_free_lights(TargetSamples samples,

@@ -60,7 +60,7 @@ struct FaceCalibration {
 /// of its first plane, if measured: its height and its tilt.
 [[nodiscard]] SheetPriors sheet_priors(const Rig& rig, const SheetSamples& sheet);
 
-/// Every face of the rig, its emitters of the rig file's size. Powers of all faces share one
+/// Every face of the rig, with emitters of the rig file's size. Powers of all faces share one
 /// scale: their mean is 1.
 /// @throws Error  naming the face that cannot be calibrated
 [[nodiscard]] std::vector<FaceCalibration> calibrate_faces(const Rig& rig,

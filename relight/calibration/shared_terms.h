@@ -10,12 +10,12 @@
 #include "relight/calibration/sheet_model.h"
 
 /// @file
-/// The unknowns that all lights share, as columns of d ln h: the lobe's exponent, the sheet's
+/// The unknowns shared by all lights, as columns of d ln h: the lobe's exponent, the sheet's
 /// terms, and, for the test of the model, smooth functions of light and point together.
 
 namespace haarlight {
 
-/// Products of a polynomial of the light's place and one of the point's. Constants are left
+/// Products of a polynomial in the light's position and one in the point's. Constants are left
 /// out: they are absorbed by power and albedo. Then specific suspects: the lobe's angle
 /// squared, present if the lobe is not a power of a cosine.
 struct TestModes {

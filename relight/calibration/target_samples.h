@@ -122,7 +122,7 @@ struct SimulatedTarget {
 [[nodiscard]] TargetSamples simulate_target(std::span<const NearLight> lights,
                                             const SimulatedTarget& target);
 
-/// rows x cols lights of a flat array that looks down from z = height_mm, its middle over the
+/// rows x cols lights of a flat array facing down from z = height_mm, its middle over the
 /// origin, powers uniform in 1 -+ spread and of mean 1.
 [[nodiscard]] std::vector<NearLight> array_lights(int rows, int cols, double pitch_mm,
                                                   double height_mm, double mu,

@@ -32,8 +32,8 @@ struct EnvironmentWeights {
 };
 
 /// Cells are pitch x pitch around each LED and tile the face; seen from the rig's object
-/// centre. Each texel is clipped exactly against the cells' planes. A face that shines away
-/// from the object counts as missing.
+/// centre. Each texel is clipped exactly against the cells' planes. A face that emits away from
+/// the object counts as missing.
 /// @throws Error  two faces cover the same directions
 [[nodiscard]] EnvironmentWeights rig_weights(const Environment& environment, const Rig& rig);
 

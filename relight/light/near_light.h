@@ -19,8 +19,8 @@
 
 namespace haarlight {
 
-/// A light with a lobe: as a point it gives the point p with unit normal n the irradiance
-/// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3; as a flat rectangle the mean
+/// A light with a lobe: as a point source, its irradiance at the point p with unit normal n is
+/// power * cos^mu(angle to axis) * max(0, n.(l - p)) / |l - p|^3; as a flat rectangle, the mean
 /// of that over its area.
 struct NearLight {
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
@@ -105,7 +105,7 @@ class PixelPoints {
   [[nodiscard]] const CameraModel* camera() const noexcept {
     return is_camera_ ? &camera_ : nullptr;
   }
-  /// Of the reference plane, unit, on the camera's side.
+  /// Normal of the reference plane, unit, on the camera's side.
   [[nodiscard]] Eigen::Vector3d plane_normal() const;
   /// A point's height above the reference plane, on the camera's side.
   [[nodiscard]] double height_of(const Eigen::Vector3d& point) const;

@@ -47,10 +47,10 @@ struct ReprojectOptions {
   std::optional<HeightRange> object;  ///< over the plane; the planes' own count if given
   int n_subpixels = 2;
   bool has_own_shadows = true;  ///< the scene's own shadows, by ray casting
-  /// Of the receivers' irradiance; exact without one (shadow_points.h).
+  /// Tolerance of the receivers' irradiance; exact by default (shadow_points.h).
   Tolerance tolerance{.relative_l2 = 0.0,
                       .worst_pixel = std::numeric_limits<double>::infinity()};
-  /// For tables of shadow pictures. An exact result does not depend on it.
+  /// Memory for tables of shadow pictures. An exact result does not depend on it.
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };

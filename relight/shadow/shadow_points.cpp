@@ -31,7 +31,7 @@ bool faces(const SurfacePoint& at, const SquareLight& light) {
   return at.flat_normal.dot(light.centre - at.point) > 0.0;
 }
 
-/// One light's irradiance at drive 1, the scene's own shadows left out.
+/// One light's irradiance at weight 1, without the scene's own shadows.
 double leaf_irradiance(const SquareLight& light, const SurfacePoint& at) {
   return faces(at, light) ? light.radiance * receiver_irradiance(light, at.point, at.normal)
                           : 0.0;
@@ -334,7 +334,7 @@ class Job {
     return tables;
   }
 
-  /// Where the leaves' tables are among all nodes'.
+  /// The leaves' tables among all nodes'.
   [[nodiscard]] std::vector<const WindowSums*> leaf_tables(const LightRoot& root,
                                                            const Tables& tables) const {
     std::vector<const WindowSums*> found;
@@ -371,7 +371,7 @@ class Job {
     return lights;
   }
 
-  /// Irradiance of every leaf at drive 1, the scene's own shadows included.
+  /// Irradiance of every leaf at weight 1, including the scene's own shadows.
   void own_shadows(const DirectLight& direct, std::uint32_t receiver,
                    std::span<LightShare> shares) const {
     const Material lambert;

@@ -30,8 +30,9 @@ namespace haarlight {
 
 struct PointsOptions {
   WindowRule rule = WindowRule::corrected;
-  /// Of the receivers' irradiance, all colours; worst_pixel: largest error of a receiver's
-  /// colour as a fraction of the largest value. 0 (the L2 error): exact. Infinity: no limit.
+  /// Tolerance of the receivers' irradiance, all colours; worst_pixel: largest error of a
+  /// receiver's colour as a fraction of the largest value. 0 (the L2 error): exact. Infinity:
+  /// no limit.
   Tolerance tolerance{.relative_l2 = 0.0,
                       .worst_pixel = std::numeric_limits<double>::infinity()};
   /// Receivers that are computed exactly to find the threshold; with twice as many or fewer
@@ -39,8 +40,8 @@ struct PointsOptions {
   int n_checked = 4096;
   /// The scene's own shadows on the receivers; null: none.
   const RayCaster* own_shadows = nullptr;
-  /// For tables of shadow pictures; at least one light's are held. Exact results do not depend
-  /// on it; with a tolerance it bounds the blocks' size.
+  /// Memory for tables of shadow pictures; at least one light's are held. Exact results do not
+  /// depend on it; with a tolerance it bounds the blocks' size.
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };

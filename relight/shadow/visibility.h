@@ -12,8 +12,8 @@
 
 /// @file
 /// From radiance to visibility: V_k = T_k/B_k, how much of light k reaches a point of the
-/// plane, with B the clean plate. Clamped to [0, 1]; what lies above 1 (light from the object
-/// on the plane) is counted.
+/// plane, with B the clean plate. Clamped to [0, 1]; values above 1 (light from the object on
+/// the plane) are counted.
 
 namespace haarlight {
 

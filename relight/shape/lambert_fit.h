@@ -32,8 +32,8 @@ enum class RobustLoss {
 
 struct LambertOptions {
   LambertMethod method = LambertMethod::trimmed;
-  /// Samples at or below this share of the pixel's bright level (the value exceeded by a tenth
-  /// of its samples, so that one highlight does not set it) are shadow: left out.
+  /// Samples at or below this fraction of the pixel's bright level (the value exceeded by a
+  /// tenth of its samples, so that one highlight does not set it) are shadow: left out.
   double dark_share = 0.05;
   double dark_level = 0.0;  ///< likewise samples at or below this value
   double keep = 0.6;        ///< trimmed: fraction of the samples that count

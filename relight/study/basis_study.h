@@ -27,7 +27,7 @@ struct StudyCapture {
   ArrayGrid grid;
   std::vector<StudyLight> lights;
   Eigen::Vector3d object_centre = Eigen::Vector3d::Zero();
-  std::optional<CameraModel> camera;  ///< with a plane: assumed place of a pixel's surface
+  std::optional<CameraModel> camera;  ///< with a plane: assumed position of the surface
   std::optional<ShadowPlane> plane;
   std::vector<StudyLighting> lightings;
   std::vector<Region> regions;  ///< per pixel; empty: by judge_pixel()

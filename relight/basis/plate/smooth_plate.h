@@ -33,7 +33,7 @@ inline constexpr int kMaxSmoothDegree = 12;
 /// The clean plate's rows in coordinates of Q. As a StackSource its "lights" are the vectors.
 class SmoothPlate final : public StackSource {
  public:
-  /// @param degree     as smooth_degree() gives
+  /// @param degree     from smooth_degree()
   /// @param target     PlateVectors::missed of the vectors chosen for the file, over all pixels
   /// @param max_rank   of them
   SmoothPlate(const ComputedPlate& plate, int tile, int degree, double target, int max_rank);

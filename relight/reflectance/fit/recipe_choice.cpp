@@ -205,7 +205,7 @@ MatrixXd knots_to_lights(const ReflectanceModel& model, const Directions& lights
   return rows;
 }
 
-/// A pca fit and its loss from recipe to planes, except for the 8 bits.
+/// A pca fit and its loss from interpolation to planes, except for the 8 bits.
 struct AxesFit {
   FarFit fit;
   double dropped = 0.0;

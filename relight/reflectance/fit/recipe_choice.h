@@ -46,8 +46,8 @@ struct FormScore {
 /// All candidate parameters of a form.
 [[nodiscard]] std::vector<LightRecipe> recipes_of(FitForm form, const FormOptions& options);
 
-/// Mean PSNR of a recipe at lights left out, dB. `products` as LightSample::products(). Minus
-/// infinity where some light is not determined by the others.
+/// Mean PSNR at lights left out with given parameters, dB. `products` as
+/// LightSample::products(). Minus infinity where some light is not determined by the others.
 /// @param dropped  additional mean square error
 [[nodiscard]] double left_out_psnr(const LightRecipe& recipe,
                                    const std::vector<Eigen::Vector3d>& lights,

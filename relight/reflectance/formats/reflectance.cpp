@@ -212,7 +212,7 @@ std::vector<KnotWeight> adaptive_weights(const ReflectanceModel& model,
     shares += share;
     nearest = std::min(nearest, distance);
   }
-  // A single light exactly in that direction: it counts alone whatever the width.
+  // A single light exactly in that direction: it alone counts, whatever the width.
   const double factor = distances > 0.0 ? kAlpha * shares / distances : 0.0;
   std::vector<KnotWeight> weights;
   double sum = 0.0;

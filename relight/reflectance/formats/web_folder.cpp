@@ -208,7 +208,7 @@ void read_scales(const JsonValue& material, const WebInfo& info, ReflectanceMode
   }
 }
 
-/// Of lrgb: the brightest colour that the scales can express becomes 1, the luminance absorbs
+/// For lrgb: the brightest colour that the scales can express becomes 1, the luminance absorbs
 /// the rest. Writers differ in which of the two is large.
 void bring_colours_to_one(ReflectanceModel& model) {
   if (model.colour != ReflectanceColour::lrgb) {
