@@ -31,7 +31,7 @@ struct PixelRectangle {
 /// Where a rectangle of the upright picture lies in the stored one.
 /// @param width, height  of the stored picture
 /// @param orientation    EXIF's 1..8: how the stored picture is turned or mirrored to be
-/// upright
+///                     upright
 /// @param option         for errors
 /// @throws Error(usage)  it extends beyond the picture, whose upright size is given
 [[nodiscard]] PixelRectangle stored_rectangle(const PixelRectangle& upright, int width,

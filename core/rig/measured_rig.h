@@ -156,7 +156,7 @@ void apply_measured(MeasuredRig measured, const std::string& name, Rig& rig);
 [[nodiscard]] std::string describe_changes(const Rig& written, const Rig& merged);
 
 /// @throws Error(unavailable)  the camera that answers is not the one that was measured; no
-/// error where nothing was measured or the identity is not known
+///                             error where nothing was measured or the identity is not known
 void require_measured_camera(const Rig& rig, std::string_view camera_id,
                              const std::string& identity);
 

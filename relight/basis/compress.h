@@ -96,9 +96,9 @@ struct CompressSummary {
 /// threads, ranks, memory and interruptions. With several ranks, rank 0 writes the file; all
 /// return the same summary except for what each moved itself.
 /// @throws Error  integers for a stack without units, or values beyond 2^24 units; a Haar basis
-/// of lights that form no grid (names --basis direct), NaN or
-///                infinity (names light and pixel), a plate of another shape, too little
-///                memory, the disk full (a rerun resumes)
+///                of lights that form no grid (names --basis direct), NaN or infinity (names
+///                light and pixel), a plate of another shape, too little memory, the disk full
+///                (a rerun resumes)
 [[nodiscard]] CompressSummary compress_stack(const CompressSource& source,
                                              const std::filesystem::path& file,
                                              const CompressOptions& options);

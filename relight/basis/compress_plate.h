@@ -18,9 +18,8 @@ namespace haarlight {
 /// Writes the file that compress_stack() would, up to rounding, or nothing if the plate is not
 /// smooth over its tiles or plate vectors alone do not achieve the requested error.
 /// @param source  its stack and plate are `plate`
-/// @param degree  of the tiles' series; 0: as smooth_degree() chooses. One that is too small
-/// shows
-///                that the errors stated hold nonetheless
+/// @param degree  of the tiles' series; 0: as smooth_degree() chooses. Too small a degree must
+///                still give stated errors that hold (for tests)
 /// @throws Error  as compress_stack()
 [[nodiscard]] std::optional<CompressSummary> compress_smooth_plate(
     const ComputedPlate& plate, const CompressSource& source, const std::filesystem::path& file,

@@ -36,8 +36,7 @@ struct Visibility {
 
 /// Channels are summed before the division.
 /// @param shadow, plate  equal shapes (h, w, c); a clean plate below `dark_share` of its own
-/// largest value
-///                       is uninformative: unknown
+///                       largest value is uninformative: unknown
 /// @param known          (h, w, 1); empty: everything
 [[nodiscard]] Visibility divide_by_plate(ImageView<const float> shadow,
                                          ImageView<const float> plate,

@@ -37,8 +37,7 @@ struct PartSearch {
 /// One per part, in the order of `parts`. Only the kMostParts largest are searched.
 /// @param parts   of the pixels whose normals are known
 /// @param points  (height, width, 3) mm: the surface's current shape; moved along the view, as
-/// a
-///                camera sees it
+///                a camera sees it
 [[nodiscard]] std::vector<PartHeight> find_part_heights(
     const StackSource& stack, const StereoLights& lights, const PixelPoints& pixels,
     const Parts& parts, ImageView<const float> points, const PartSearch& options);

@@ -26,8 +26,7 @@ class PlaneIrradiance {
   /// @param normal     unit: the lit side
   /// @param d          normal.x + d = 0 on the plane
   /// @param tolerance  relative error of each light's irradiance, as bounded by rule_error();
-  /// at
-  ///                   least 1e-13
+  ///                   at least 1e-13
   PlaneIrradiance(std::span<const SquareLight> lights, const Eigen::Vector3d& normal, double d,
                   double tolerance);
 

@@ -88,7 +88,7 @@ struct RowSpace {
 /// @param rows          (any number, n_lights)
 /// @param n_vectors     fewer where there are fewer rows or lights
 /// @param n_iterations  2 where only the subspace matters, 4 where its vectors are used
-/// individually
+///                      individually
 [[nodiscard]] RowSpace fit_row_space(std::span<const double> rows, int n_lights, int n_vectors,
                                      int n_iterations);
 

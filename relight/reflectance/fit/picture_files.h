@@ -31,8 +31,7 @@ struct PictureFiles {
 /// decoded whole in turn, converted to sRGB by its colour profile (via linear light clipped to
 /// 0..1), and kept as 16-bit codes.
 /// @throws Error  naming the picture: not one that core reads; another size; floating values,
-/// whose
-///                white is not known
+///                whose white is not known
 [[nodiscard]] PictureFiles picture_rows(std::vector<std::filesystem::path> pictures,
                                         const PictureFilesOptions& options = {});
 

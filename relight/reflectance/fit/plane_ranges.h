@@ -51,8 +51,7 @@ struct PlaneRange {
 };
 
 /// @param rule  what the file's numbers can express (relight/reflectance/formats/quantise.h):
-/// .ptm needs 0 to be
-///              met by a byte
+///              .ptm requires 0 to be exactly a byte
 [[nodiscard]] PlaneRange choose_range(const PlaneHistogram& histogram, const PlaneCodes& codes,
                                       RangeEnds ends, ScaleRule rule = ScaleRule::any);
 

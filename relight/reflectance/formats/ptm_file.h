@@ -20,8 +20,8 @@ namespace haarlight {
 /// @param where  the file's name, for messages
 /// @param most_bytes  of planes
 /// @throws Error  with the offset: not a .ptm, a form that is not read (LUM, LUT, JPEGLS,
-/// planes
-///                stored as differences), too few or too many bytes, numbers out of range
+///                planes stored as differences), too few or too many bytes, numbers out of
+///                range
 [[nodiscard]] ReflectanceModel parse_ptm(std::string_view bytes, const std::string& where,
                                          std::uint64_t most_bytes = kMostPlaneBytes);
 [[nodiscard]] ReflectanceModel read_ptm(const std::filesystem::path& path,

@@ -105,7 +105,7 @@ void write_web_files(const std::filesystem::path& folder, const WebFiles& files)
 /// format; the mean is clipped to 0..1. For lrgb the luminance is written multiplied by
 /// kWebLuminance, the colours divided by it.
 /// @throws Error  16 terms of hsh, rbf (viewers have their own rules for it), or another model
-///                that the format has no word for; not srgb; unwritable
+///                that the format cannot express; not srgb; unwritable
 void write_web_folder(const std::filesystem::path& folder, const ReflectanceModel& model,
                       const WebOptions& options = {});
 
