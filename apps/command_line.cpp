@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iostream>
+#include <map>
 #include <sstream>
 #include <type_traits>
 #include <utility>
@@ -11,9 +12,16 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
+#include "apps/completions.h"
 #include "core/config_table.h"
 
 namespace haarlight {
+
+/// What CLI11 does not tell of its options and verbs.
+struct OptionTable {
+  std::map<const CLI::Option*, OptionRules> rules;
+  std::map<const CLI::App*, std::string> left_out;  ///< by which option of the build
+};
 
 namespace {
 
@@ -192,20 +200,31 @@ CLI::Option* add_option(CLI::App& app, const std::string& names, Target& target,
   return option;
 }
 
-/// CLI11 only says that a verb is missing; this names the wrong one. Empty: it is not that.
-std::string unknown_verb(const CLI::App& app, int argc, const char* const* argv) {
-  std::vector<std::string> verbs;
-  for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; })) {
-    verbs.push_back(verb->get_name());
+/// CLI11 only says that a verb is missing; this names the wrong one, "haarlight rig docter".
+/// Empty: it is not that.
+std::string unknown_verb(const CLI::App& program, int argc, const char* const* argv) {
+  const CLI::App* app = &program;
+  std::string words = app->get_name();
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    std::vector<std::string> verbs;
+    const CLI::App* next = nullptr;
+    for (const CLI::App* verb : app->get_subcommands([](const CLI::App*) { return true; })) {
+      verbs.push_back(verb->get_name());
+      next = verb->get_name() == word ? verb : next;
+    }
+    if (verbs.empty() || word.empty() || word.front() == '-') {
+      return {};
+    }
+    if (next == nullptr) {
+      const std::string near = nearest_word(word, verbs);
+      return fmt::format("{} is not a verb of {}{}\n", word, words,
+                         near.empty() ? "" : fmt::format(": did you mean {}?", near));
+    }
+    app = next;
+    words += " " + word;
   }
-  const std::string word = argc > 1 ? argv[1] : "";
-  if (verbs.empty() || word.empty() || word.front() == '-' ||
-      std::find(verbs.begin(), verbs.end(), word) != verbs.end()) {
-    return {};
-  }
-  const std::string near = nearest_word(word, verbs);
-  return fmt::format("{} is not a verb of {}{}\n", word, app.get_name(),
-                     near.empty() ? "" : fmt::format(": did you mean {}?", near));
+  return {};
 }
 
 /// The verb that the line names, "haarlight rig doctor"; its words, and itself.
@@ -256,12 +275,60 @@ std::string usage_words(const CLI::App& app, const CLI::ParseError& error) {
                      problem);
 }
 
+/// Empty: the build has the verb that the line names.
+std::string left_out_words(const CLI::App& app, const OptionTable& table) {
+  const auto [words, verb] = chosen_verb(app);
+  const auto found = table.left_out.find(verb);
+  return found == table.left_out.end()
+             ? std::string()
+             : fmt::format("{}: this build was made without it\n  cure: build with -D{}=ON\n",
+                           words, found->second);
+}
+
+CompletedOption completed(const CLI::Option& option, const OptionTable& table) {
+  CompletedOption out;
+  out.help = option.get_description();
+  std::replace(out.help.begin(), out.help.end(), '\n', ' ');
+  for (const std::string& name : option.get_lnames()) {
+    out.names.push_back("--" + name);
+  }
+  for (const std::string& name : option.get_snames()) {
+    out.names.push_back("-" + name);
+  }
+  if (const auto rules = table.rules.find(&option); rules != table.rules.end()) {
+    const bool is_named = option.get_positional() && rules->second.type.empty();
+    out.value = is_named ? option.get_name(true) : option.get_option_text();
+    const ValueKind kind = value_kind(out.value);
+    out.words = rules->second.choices.empty() ? kind.words : rules->second.choices;
+    out.is_file = kind.is_file;
+  }
+  return out;
+}
+
+/// What of the command --help shows.
+CompletedCommand completed(const CLI::App& app, const OptionTable& table) {
+  CompletedCommand out{
+      .name = app.get_name(), .help = app.get_description(), .options = {}, .verbs = {}};
+  for (const CLI::Option* option : app.get_options()) {
+    if (!option->get_group().empty()) {
+      out.options.push_back(completed(*option, table));
+    }
+  }
+  for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; })) {
+    if (!verb->get_group().empty()) {
+      out.verbs.push_back(completed(*verb, table));
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 void Command::option(const std::string& names, OptionTarget target, const std::string& help,
                      const OptionRules& rules) {
   CLI::Option* option = std::visit(
       [&](auto* held) { return add_option(*app_, names, *held, help, rules); }, target);
+  table_->rules.emplace(option, rules);
   option->required(rules.is_required);
   if (!rules.choices.empty()) {
     option->check(CLI::IsMember(rules.choices));
@@ -290,29 +357,56 @@ void Command::flag(const std::string& names, bool* target, const std::string& he
 void Command::footer(const std::string& text) { app_->footer(help_footer(text)); }
 
 Command Command::add_verb(const std::string& name, const std::string& help) {
-  return Command(app_->add_subcommand(name, help));
+  return {app_->add_subcommand(name, help), table_};
 }
+
+void Command::leave_out(const std::string& verb, const std::string& option) {
+  CLI::App* app = app_->add_subcommand(verb);
+  app->group("");
+  app->prefix_command();  // whatever follows
+  app->set_help_flag();
+  table_->left_out.emplace(app, option);
+}
+
+void Command::require_verb() { app_->require_subcommand(1); }
 
 void Command::on_chosen(std::function<void()> callback) { app_->callback(std::move(callback)); }
 
-std::string Command::name() const { return app_->get_name(); }
+std::string Command::name() const {
+  const CLI::App* above = app_->get_parent();
+  if (above == nullptr) {
+    return {};
+  }
+  const std::string words = Command(app_->get_parent(), table_).name();
+  return words.empty() ? app_->get_name() : words + " " + app_->get_name();
+}
 
 CommandLine::CommandLine(const std::string& program, const std::string& description,
                          const std::string& version)
-    : app_(std::make_unique<CLI::App>(description, program)) {
+    : app_(std::make_unique<CLI::App>(description, program)),
+      table_(std::make_unique<OptionTable>()) {
   app_->formatter(std::make_shared<HelpFormat>());
-  app_->set_version_flag("--version", version);
+  app_->set_version_flag("--version", program + " " + version);
+  app_->add_option_function<std::string>(
+          "--completions",
+          [this](const std::string& shell) {
+            throw CLI::CallForVersion(completions(completed(*app_, *table_), shell), 0);
+          })
+      ->check(CLI::IsMember({"bash", "zsh", "fish"}))
+      ->group("");
 }
 
 CommandLine::~CommandLine() = default;
 
-Command CommandLine::root() { return Command(app_.get()); }
-
-void CommandLine::require_verb() { app_->require_subcommand(1); }
+Command CommandLine::root() { return {app_.get(), table_.get()}; }
 
 std::optional<ExitCode> CommandLine::parse(int argc, const char* const* argv) {
   try {
     app_->parse(argc, argv);
+    if (const std::string lacks = left_out_words(*app_, *table_); !lacks.empty()) {
+      std::cerr << lacks;
+      return ExitCode::usage;
+    }
     return std::nullopt;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) {

@@ -14,10 +14,11 @@
 #include "core/error.h"
 
 /// @file
-/// The command line of every program: arguments, options, flags, verbs, --help and --version.
+/// The command line of every program: arguments, options, flags, verbs, --help, --version and
+/// --completions SHELL, which --help does not tell.
 /// Only the .cpp sees CLI11, which costs seconds in every file that includes it.
 ///
-///     CommandLine line("haarlight-sim", "a virtual rig", "0.1.0");
+///     CommandLine line("haarlight-sim", "a virtual rig", program_version());
 ///     line.root().option("RIG", &rig, "Rig file", {.type = "RIG.toml", .is_required = true});
 ///     if (const std::optional<ExitCode> end = line.parse(argc, argv)) {
 ///       return static_cast<int>(*end);
@@ -58,6 +59,8 @@ struct OptionRules {
   bool is_bytes = false;  ///< takes 512M and 4G, powers of 1024; for std::uint64_t
 };
 
+struct OptionTable;
+
 /// One command: a program, or a verb of it. A handle; copies mean the same command.
 class Command {
  public:
@@ -69,19 +72,27 @@ class Command {
   void footer(const std::string& text);
   /// A verb of this command.
   Command add_verb(const std::string& name, const std::string& help);
+  /// A verb that this build lacks: --help does not list it, naming it is an error that says which
+  /// option of the build, "HAARLIGHT_DAEMON", left it out.
+  void leave_out(const std::string& verb, const std::string& option);
+  /// Exactly one verb of this command must be named.
+  void require_verb();
   /// Called during parse() when the line names this command, every value in its place.
   void on_chosen(std::function<void()> callback);
+  /// With the verbs that lead to it, without the program: "rig doctor".
   [[nodiscard]] std::string name() const;
 
  private:
   friend class CommandLine;
-  explicit Command(CLI::App* app) : app_(app) {}
+  Command(CLI::App* app, OptionTable* table) : app_(app), table_(table) {}
   CLI::App* app_;
+  OptionTable* table_;
 };
 
 /// The command line of a program. Not movable: verbs refer to it.
 class CommandLine {
  public:
+  /// `--version` prints program and version: "haarlight 0.1.0 (592dfa4)".
   CommandLine(const std::string& program, const std::string& description,
               const std::string& version);
   ~CommandLine();
@@ -89,8 +100,6 @@ class CommandLine {
   CommandLine& operator=(const CommandLine&) = delete;
 
   [[nodiscard]] Command root();
-  /// Exactly one verb must be named.
-  void require_verb();
   /// Fills the variables, then calls what on_chosen() set. Help and version go to the standard
   /// output, problems to the standard error.
   /// @return  how the program must end at once: done after help, usage after a problem;
@@ -99,6 +108,7 @@ class CommandLine {
 
  private:
   std::unique_ptr<CLI::App> app_;
+  std::unique_ptr<OptionTable> table_;
 };
 
 }  // namespace haarlight

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # haarlight_add_module(NAME SOURCES a.cpp ... [HEADERS a.h ...] [PUBLIC_DEPS ...] [PRIVATE_DEPS ...]
-#                      [CONTROL [LOOPS a.cpp ...]] [OWN_FLAGS])
+#                      [CONTROL [LOOPS a.cpp ...]] [OWN_FLAGS] [INTERNAL])
 #   A library haarlight_NAME with alias haarlight::NAME. Sources are relative to the calling
 #   folder. HEADERS: those without a source of their name, which the target
 #   all_verify_interface_header_sets compiles alone; the others stand first in their source.
 #   CONTROL: decides and talks, but for LOOPS, its sources that go over pixels: -O1 does for it,
 #   and compiles in two thirds of -O3's time. OWN_FLAGS: its flags are not those of the
-#   precompiled headers.
+#   precompiled headers. INTERNAL: for our programs or tests alone, not installed.
+#   A source's header is the one of its name beside it, found again below HAARLIGHT_HEADER_BASE:
+#   what programs of others write after #include is the path from there.
 #
 # haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...]
 #                    [SLOW Suite.Test ... [SLOW_SOURCES a_test.cpp ...]] [COST seconds]
@@ -35,15 +37,32 @@ add_custom_target(unit_tests)
 add_custom_target(slow_tests)
 
 function(haarlight_add_module)
-  cmake_parse_arguments(ARG "CONTROL;OWN_FLAGS" "NAME" "SOURCES;HEADERS;PUBLIC_DEPS;PRIVATE_DEPS;LOOPS" ${ARGN})
+  cmake_parse_arguments(ARG "CONTROL;OWN_FLAGS;INTERNAL" "NAME" "SOURCES;HEADERS;PUBLIC_DEPS;PRIVATE_DEPS;LOOPS" ${ARGN})
   set(target haarlight_${ARG_NAME})
   add_library(${target} STATIC ${ARG_SOURCES})
   add_library(haarlight::${ARG_NAME} ALIAS ${target})
-  target_sources(${target} PUBLIC FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR}
-                                  FILES ${ARG_HEADERS})
-  target_include_directories(${target} PUBLIC ${PROJECT_SOURCE_DIR})
-  target_link_libraries(${target} PUBLIC ${ARG_PUBLIC_DEPS} PRIVATE haarlight::warnings
-                                         ${ARG_PRIVATE_DEPS})
+  file(RELATIVE_PATH room ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
+  set(folder ${HAARLIGHT_HEADER_BASE}/${room})
+  list(TRANSFORM ARG_HEADERS PREPEND ${folder}/)
+  set(of_sources)
+  foreach(source ${ARG_SOURCES})
+    cmake_path(REPLACE_EXTENSION source LAST_ONLY .h OUTPUT_VARIABLE header)
+    if(EXISTS ${folder}/${header})
+      list(APPEND of_sources ${folder}/${header})
+    endif()
+  endforeach()
+  target_sources(${target}
+    PUBLIC FILE_SET HEADERS BASE_DIRS ${HAARLIGHT_HEADER_BASE} FILES ${ARG_HEADERS}
+           FILE_SET of_sources TYPE HEADERS BASE_DIRS ${HAARLIGHT_HEADER_BASE} FILES ${of_sources})
+  set_target_properties(${target} PROPERTIES INTERFACE_HEADER_SETS_TO_VERIFY HEADERS
+                                             EXPORT_NAME ${ARG_NAME})
+  target_compile_features(${target} PUBLIC cxx_std_20)
+  target_include_directories(${target} PUBLIC $<BUILD_INTERFACE:${HAARLIGHT_HEADER_BASE}>)
+  target_link_libraries(${target} PUBLIC ${ARG_PUBLIC_DEPS}
+                        PRIVATE $<BUILD_INTERFACE:haarlight::warnings> ${ARG_PRIVATE_DEPS})
+  if(NOT ARG_INTERNAL)
+    haarlight_install_module(${target})
+  endif()
   if(NOT ARG_OWN_FLAGS)
     haarlight_use_headers(${target} source)
   endif()

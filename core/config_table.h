@@ -11,6 +11,8 @@
 #include <string_view>
 #include <vector>
 
+#include "core/enum_words.h"
+
 /// @file
 /// Reads a hand-written TOML file key by key. Every problem is collected with file:line, so the
 /// user sees all of them at once; a key that was never read is a problem too, with the nearest
@@ -56,6 +58,11 @@ class ConfigTable {
                              Range range = {});
   /// One of the listed words; the index is returned.
   std::size_t choice(std::string_view key, const std::vector<std::string_view>& words);
+  /// The enum's value of this word.
+  template <EnumWithWords Enum>
+  Enum one_of(std::string_view key) {
+    return static_cast<Enum>(choice(key, all_words<Enum>()));
+  }
 
   // An optional key.
   double number_or(std::string_view key, double fallback, Range range = {});
@@ -66,6 +73,11 @@ class ConfigTable {
                                  Range range = {});
   std::size_t choice_or(std::string_view key, const std::vector<std::string_view>& words,
                         std::size_t fallback);
+  template <EnumWithWords Enum>
+  Enum one_of_or(std::string_view key, Enum fallback) {
+    return static_cast<Enum>(
+        choice_or(key, all_words<Enum>(), static_cast<std::size_t>(fallback)));
+  }
 
   /// `[key]`, if present.
   std::optional<ConfigTable> table(std::string_view key);

@@ -6,6 +6,8 @@
 #include <limits>
 #include <vector>
 
+#include "core/order_statistics.h"
+
 namespace haarlight {
 
 Achieved compare(std::span<const float> result, std::span<const float> reference) {
@@ -32,11 +34,8 @@ Achieved compare(std::span<const float> result, std::span<const float> reference
       reference_energy > 0.0 ? std::sqrt(error_energy / reference_energy) : kInfinity;
   achieved.worst_pixel = peak > 0.0 ? worst / peak : kInfinity;
   std::vector<float> sorted(reference.begin(), reference.end());
-  const auto rank = static_cast<std::size_t>(0.999 * static_cast<double>(sorted.size() - 1));
-  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(rank),
-                   sorted.end());
   const double rms = std::sqrt(error_energy / static_cast<double>(result.size()));
-  achieved.psnr_db = 20.0 * std::log10(static_cast<double>(sorted[rank]) / rms);
+  achieved.psnr_db = 20.0 * std::log10(static_cast<double>(quantile(sorted, 0.999)) / rms);
   return achieved;
 }
 

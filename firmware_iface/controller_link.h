@@ -11,7 +11,7 @@
 #include "firmware_iface/register_bus.h"
 
 /// @file
-/// A controller's bus, and how far the host knows what stands behind it.
+/// A controller's bus, and how much the host knows of the controller behind it.
 
 namespace haarlight {
 
@@ -19,12 +19,12 @@ namespace haarlight {
 using NanosecondClock = std::function<std::int64_t()>;
 [[nodiscard]] std::int64_t monotonic_now_ns();
 
-/// Who waits: a request that may fail until the pause after a lost link is over, or one that
-/// must try now (connecting, turning off).
+/// The retry policy: a request that may fail until the pause after a lost link is over, or one
+/// that must try now (connecting, turning off).
 enum class Hurry { patient, at_once };
 
-/// The link of one controller: next_link_state() with its bus, clock and pauses. A light array
-/// asks for make_ready() before every request and reports what went wrong.
+/// The link to one controller: next_link_state() with its bus, clock and pauses. A light array
+/// calls make_ready() before every request and reports what went wrong.
 class ControllerLink {
  public:
   ControllerLink(std::unique_ptr<RegisterBus> bus, NanosecondClock clock);
@@ -35,11 +35,11 @@ class ControllerLink {
   [[nodiscard]] std::int64_t now_ns() const { return clock_(); }
 
   void on(LinkEvent event);
-  /// Notes a fault of the bus and hands it on.
+  /// Records a fault of the bus and passes it on.
   tl::unexpected<Fault> lose(Fault fault);
-  /// Opens the bus or lets its line fall silent where that is needed, then has
-  /// `resynchronise` find out what the controller holds and shows; it reports a fault by
-  /// lose() itself. Nothing to do on a link that is up.
+  /// Opens the bus or lets its line fall silent where necessary, then has `resynchronise` find
+  /// out what the controller holds and shows; that reports a fault by lose() itself. Does
+  /// nothing on a link that is up.
   [[nodiscard]] Result<void> make_ready(Hurry hurry,
                                         const std::function<Result<void>()>& resynchronise);
   /// By the owner; the next make_ready() must be at_once.

@@ -8,7 +8,7 @@
 #include <vector>
 
 /// @file
-/// Another vendor's Modbus registers, as a profile file states them
+/// Another vendor's Modbus registers, as described in a profile file
 /// (docs/reference/controllers.md): which function and address sets the level of channel k,
 /// switches it, makes a pattern show, turns all off. So a common controller needs no C++.
 
@@ -30,7 +30,7 @@ enum class CheckFunction : std::uint8_t {
 /// Where channel k's value is: address `first + k`.
 struct ProfileChannels {
   WriteFunction write = WriteFunction::words;
-  CheckFunction read = CheckFunction::holding;  ///< reads back what was written
+  CheckFunction read = CheckFunction::holding;  ///< for reading back what was written
   std::uint16_t first = 0;
   int per_request = 1;     ///< channels one request may write or read
   std::uint16_t full = 1;  ///< the value of drive 1; coils: 1
@@ -52,27 +52,27 @@ struct ProfileExpectation {
 
 struct ControllerProfile {
   std::string name;
-  std::string source;  ///< where the vendor states the registers
+  std::string source;  ///< where the vendor documents the registers
   int channels = 0;
   ProfileChannels channel;
-  std::vector<ProfileValue> at_connect;      ///< written once a connection, and read back
-  std::vector<ProfileExpectation> identity;  ///< must hold, else it is another device
+  std::vector<ProfileValue> at_connect;      ///< written once per connection, and read back
+  std::vector<ProfileExpectation> identity;  ///< must match, otherwise it is a different device
   std::vector<ProfileValue> before;          ///< before a pattern's values
-  std::vector<ProfileValue> latch;           ///< shows them; empty: each shows by itself
+  std::vector<ProfileValue> latch;           ///< shows them; empty: each takes effect by itself
 
   [[nodiscard]] bool has_levels() const noexcept { return channel.full > 1; }
 };
 
-/// @throws Error  every problem with file:line and its cure
+/// @throws Error  every problem with file:line and a hint
 [[nodiscard]] ControllerProfile read_controller_profile(const std::filesystem::path& path);
 [[nodiscard]] ControllerProfile parse_controller_profile(const std::string& text,
                                                          const std::string& name);
 
-/// What a controller behind a profile does not promise, in plain sentences for log and page.
+/// What a controller with a profile does not guarantee, in plain sentences for log and page.
 [[nodiscard]] std::vector<std::string> missing_promises(const ControllerProfile& profile);
 
 /// The file of a profile named in a rig file: a path relative to that file, or a bare name
-/// looked for in `profiles/` beside it and one folder up. Empty: not there.
+/// searched for in `profiles/` next to it and one folder up. Empty: not found.
 [[nodiscard]] std::filesystem::path find_controller_profile(
     const std::string& name, const std::filesystem::path& rig_file);
 

@@ -11,8 +11,8 @@
 #include "firmware_iface/register_light_array.h"
 
 /// @file
-/// A bus without a wire: requests go straight to a LightController in the same process, at the
-/// time of a given clock. For tests and for simulations on a virtual clock; can be told to
+/// A bus without hardware: requests go straight to a LightController in the same process, at
+/// the time of a given clock. For tests and for simulations on a virtual clock; can be told to
 /// fail.
 
 namespace haarlight {
@@ -25,10 +25,10 @@ struct FakeBusFault {
   std::optional<registers::Exception> answer{};
 };
 
-/// Asked once a request, before it acts; nothing = it succeeds.
+/// Called once per request, before it acts; nothing = it succeeds.
 using FakeBusScript = std::function<std::optional<FakeBusFault>()>;
 
-/// The controller outlives the bus. One thread owns both, or the owner locks.
+/// The controller outlives the bus. One thread owns both, or the owner holds a lock.
 class FakeBus final : public RegisterBus {
  public:
   FakeBus(LightController& controller, NanosecondClock clock, FakeBusScript script = {});
@@ -57,7 +57,7 @@ class FakeBus final : public RegisterBus {
   bool is_open_ = false;
 };
 
-/// A light array on a controller in the same process.
+/// A light array for a controller in the same process.
 [[nodiscard]] std::unique_ptr<RegisterLightArray> make_fake_light_array(
     LightController& controller, NanosecondClock clock, FakeBusScript script = {});
 

@@ -9,13 +9,13 @@
 #include "firmware_iface/light_array.h"
 
 /// @file
-/// A light array without a device, for tests of what stands above it: remembers every change of
-/// light with its time, and can be told to fail. Its FakeLight outlives it, as a controller
+/// A light array without a device, for testing the layers above it: remembers every light
+/// change with its time, and can be told to fail. Its FakeLight outlives it, as a controller
 /// outlives a connection.
 
 namespace haarlight {
 
-/// The light's truth. Thread-safe.
+/// The ground truth of the light. Thread-safe.
 class FakeLight {
  public:
   struct Change {
@@ -24,13 +24,12 @@ class FakeLight {
     std::vector<ElementLevel> pattern;
   };
 
-  // A person's hands.
+  // The operator's actions.
   void restart();               ///< dark, new boot id, connections lost
   void set_gone(bool is_gone);  ///< no answers at all
-  /// As many calls time out, or end so.
+  /// This many calls time out, or end with `code`.
   void fail_next(int count, Errc code = Errc::timeout);
-  void hang_next(
-      std::chrono::milliseconds length);  ///< one call does not come back for so long
+  void hang_next(std::chrono::milliseconds length);  ///< how long one call fails to return
 
   [[nodiscard]] std::vector<Change> changes() const;
   /// The tag lit over [t0, t1]; nothing when it changed in between.
@@ -52,7 +51,7 @@ class FakeLight {
   std::chrono::milliseconds hang_{0};
 };
 
-/// One thread, as every LightArray.
+/// One thread, like every LightArray.
 class FakeLightArray final : public LightArray {
  public:
   explicit FakeLightArray(std::shared_ptr<FakeLight> light) : light_(std::move(light)) {}
@@ -69,7 +68,7 @@ class FakeLightArray final : public LightArray {
   [[nodiscard]] Result<LatchReceipt> step_table() override;
 
  private:
-  /// Every call begins so: the faults that were asked for.
+  /// Every call begins with this: the faults that were requested.
   [[nodiscard]] Result<void> reach();
 
   std::shared_ptr<FakeLight> light_;

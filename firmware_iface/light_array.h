@@ -27,7 +27,8 @@ struct ControllerIdentity {
   std::uint32_t uptime_ms = 0;
   int n_elements = 0;
   int table_depth = 0;
-  /// What this controller does not promise, in plain sentences; empty for our own register map.
+  /// What this controller does not guarantee, in plain sentences; empty for our own register
+  /// map.
   std::vector<std::string> missing;
 };
 
@@ -41,7 +42,7 @@ struct ControllerStatus {
   double supply_a = 0.0;
   bool is_dark = true;
   bool is_armed = false;       ///< a pattern table
-  bool is_table_done = false;  ///< it was stepped past its last armed entry
+  bool is_table_done = false;  ///< it stepped past its last armed entry
 };
 
 /// One element of a pattern and its level; 65535 = drive 1.
@@ -57,30 +58,31 @@ struct StrobeRun {
   int divider = 1;  ///< steps at every n-th edge
 };
 
-/// How a receipt knows what is lit.
+/// The evidence a receipt has for what is lit.
 enum class LightProof {
-  tag,        ///< the controller gave back the tag and the sum of what it shows
+  tag,        ///< the controller returned the tag and the sum of what it shows
   read_back,  ///< it has no tags: every channel was read back and holds what was written
 };
 
-/// The proof of what is lit.
+/// Evidence of what is lit.
 struct LatchReceipt {
   std::int64_t t_command_ns = 0;  ///< CLOCK_MONOTONIC just before the latch was sent
-  std::int64_t t_ack_ns = 0;      ///< just after its acknowledgement came
-  /// Just after the answer came that shows the tag and the sum (or the channels' values). From
-  /// here the light counts: a gateway may acknowledge long before it acts. 0: not read back.
+  std::int64_t t_ack_ns = 0;      ///< just after its acknowledgement arrived
+  /// Just after the answer arrived that shows the tag and the sum (or the channels' values).
+  /// The light counts from here: a gateway may acknowledge long before it acts. 0: not read
+  /// back.
   std::int64_t t_shown_ns = 0;
   std::uint32_t tag_echo = 0;  ///< read back after the latch; for LightProof::read_back the
-                               ///< host's own, given to what was read
+                               ///< host's own, assigned to what was read
   LightProof proof = LightProof::tag;
 };
 
-/// A controller, or the gateway before it, may act this long after its acknowledgement: until
-/// then a read-back of what stood before is asked for again, later it is a fault.
+/// A controller, or the gateway in front of it, may act this long after its acknowledgement:
+/// until then a read-back of the previous state is repeated, later it is a fault.
 inline constexpr std::int64_t kShownWithinNs = 100'000'000;
 
-/// Faults: timeout, device_gone, protocol (state UNKNOWN: call all_off or show again),
-/// refused (power, duty or range limit: nothing was lit), device_busy. Any fault voids the last
+/// Faults: timeout, device_gone, protocol (state UNKNOWN: call all_off or show again), refused
+/// (power, duty or range limit: nothing was lit), device_busy. Any fault voids the last
 /// receipt: nothing is known about the light until a call succeeds.
 class LightArray {
  public:
@@ -90,10 +92,10 @@ class LightArray {
   LightArray& operator=(const LightArray&) = delete;
   [[nodiscard]] virtual Result<ControllerIdentity> connect() = 0;
   virtual void disconnect() noexcept = 0;
-  /// Writes the shadow bank (only what differs from what it is known to hold), the tag, and
-  /// latches; reads tag and bank sum back until they show, kShownWithinNs at most. The pattern
-  /// may be empty (a dark frame), its levels may be 0, and names each element at most once.
-  /// @param tag  not 0, which stands for dark by all_off, lease, fault or restart
+  /// Writes the shadow bank (only what differs from its known contents), the tag, and latches;
+  /// reads tag and bank sum back until they show, kShownWithinNs at most. The pattern may be
+  /// empty (a dark frame), its levels may be 0, and it names each element at most once.
+  /// @param tag  not 0, which means dark by all_off, lease, fault or restart
   [[nodiscard]] virtual Result<LatchReceipt> show(std::span<const ElementLevel> pattern,
                                                   std::uint32_t tag) = 0;
   /// Accepted in every state, never optimised away.
@@ -114,18 +116,18 @@ class LightArray {
     return fail(Errc::unsupported, "this light array has no pattern table");
   }
   /// Arms a part of the uploaded table for the camera's strobe, dark until the first edge. The
-  /// receipt's times stand for the arming, which nothing reads back; its tag for dark.
+  /// receipt's times are those of the arming, which nothing reads back; its tag means dark.
   [[nodiscard]] virtual Result<LatchReceipt> arm_strobe(const StrobeRun& run) {
     static_cast<void>(run);
     return fail(Errc::unsupported, "this light array has no pattern table");
   }
-  /// Arms entries behind those of the run under way, `count` in all, without going dark.
-  /// Nothing happens when the run is over: status() tells.
+  /// Arms entries after those of the run in progress, `count` in all, without going dark. Does
+  /// nothing when the run is over: see status().
   [[nodiscard]] virtual Result<void> extend_strobe(int count) {
     static_cast<void>(count);
     return fail(Errc::unsupported, "this light array has no pattern table");
   }
-  /// From each latch to a pulse on the camera's trigger line; 0: none.
+  /// Delay from each latch to a pulse on the camera's trigger line; 0: none.
   [[nodiscard]] virtual Result<void> set_trigger_delay(std::chrono::microseconds delay) {
     if (delay.count() == 0) {
       return {};
@@ -134,14 +136,14 @@ class LightArray {
   }
 };
 
-/// Makes the array that the rig file names (registry.cpp).
+/// Creates the array named in the rig file (registry.cpp).
 /// @param n_elements  of the rig; a controller with fewer is refused at connect
 [[nodiscard]] Result<std::unique_ptr<LightArray>> make_light_array(const ControllerSpec& spec,
                                                                    int n_elements);
 
-/// Turns everything off although another program, or a thread of ours that hangs, holds the
-/// controller. Over USB by the control endpoint. Fault unsupported: the wire has one way only
-/// (RTU), or a second connection is an ordinary one (TCP).
+/// Turns everything off although another program, or a hanging thread of ours, holds the
+/// controller. Over USB by the control endpoint. Fault unsupported: the wire allows only one
+/// connection (RTU), or a second connection is an ordinary one (TCP).
 [[nodiscard]] Result<void> all_off_beside(const ControllerSpec& spec);
 
 }  // namespace haarlight

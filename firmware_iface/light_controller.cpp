@@ -25,7 +25,7 @@ constexpr std::int64_t kNsPerMs = 1'000'000;
 constexpr double kTooHot = 85.0;  // deg C, common rating of LED boards
 constexpr double kFullDrive = 65535.0;
 constexpr double kDutySlack =
-    1e-3;  // an element cut at its limit stays refused until it cooled
+    1e-3;  // an element cut at its limit stays refused until it has cooled
 
 // The control registers, in rising order; `words` 2 = high word at `address`.
 struct ControlRegister {
@@ -255,7 +255,7 @@ void LightController::all_off() {
   go_dark();
 }
 
-// ---- acting, at once or late ----
+// ---- acting, immediately or late ----
 
 std::int64_t LightController::draw_delay_ns() {
   const std::uint64_t number = ++n_commands_;
@@ -367,7 +367,7 @@ Refusal LightController::judge(const std::vector<ElementLevel>& pattern,
   return Refusal::none;
 }
 
-// A refused command leaves the rig dark: nothing that was not asked for may stay lit.
+// A refused command leaves the rig dark: nothing that was not requested may stay lit.
 Exception LightController::refuse(Refusal refusal) {
   refusal_ = refusal;
   switch (refusal) {
@@ -426,7 +426,7 @@ Exception LightController::latch() {
     return refuse(why);
   }
   refusal_ = Refusal::none;
-  n_armed_ = 0;  // a latch by hand ends a table run
+  n_armed_ = 0;  // a manual latch ends a table run
   renew_lease();
   command(pattern, tag_, true);
   return Exception::none;
@@ -456,7 +456,7 @@ bool LightController::is_stored(std::size_t first, std::size_t n) const {
 }
 
 Exception LightController::extend(std::uint16_t n_entries) {
-  // Past its end the table stays dark: a host that is late must not skip entries.
+  // Past its end the table stays dark: a late host must not skip entries.
   const bool is_running = n_armed_ > 0 && step_counter_ <= static_cast<std::uint32_t>(n_armed_);
   if (!is_running || n_entries <= n_armed_) {
     return Exception::none;
@@ -513,7 +513,7 @@ Exception LightController::step() {
 
 void LightController::strobe(std::int64_t now_ns) {
   advance(now_ns);
-  // The camera is no host: its strobe does not renew the lease, and has nobody to refuse to.
+  // The camera is not a host: its strobe does not renew the lease, and cannot be refused.
   if (n_armed_ > 0 && step_source_ == StepSource::strobe &&
       n_strobes_++ % strobe_divider_ == 0) {
     [[maybe_unused]] const Exception shown = step();
@@ -835,7 +835,7 @@ Exception LightController::write_control(std::uint16_t address, std::uint32_t va
   }
 }
 
-// ---- seen from outside ----
+// ---- as seen from outside ----
 
 double LightController::total_on_seconds(int element) const {
   const LightTransition& shown = log_.latest();

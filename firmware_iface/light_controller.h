@@ -18,9 +18,9 @@
 
 /// @file
 /// The behaviour of a light controller: registers in, light out. No I/O and no clock: every
-/// call takes the present time in CLOCK_MONOTONIC nanoseconds (a time before the last one
+/// call takes the current time in CLOCK_MONOTONIC nanoseconds (a time before the last one
 /// counts as the last one). The simulated rig puts it behind real Modbus servers, tests and the
-/// virtual clock call it directly, and it is the reference for authors of firmware.
+/// virtual clock call it directly, and it is the reference for firmware authors.
 
 namespace haarlight {
 
@@ -36,33 +36,33 @@ struct ControllerConfig {
   std::string model = "haarlight-sim";  ///< at most 16 characters are kept
   std::uint32_t serial = 1;
   std::uint32_t firmware = 0x00010000;
-  /// In rising order without gaps; together all elements.
+  /// In ascending order without gaps; together all elements.
   std::vector<ElementGroup> groups;
-  /// Limits over runs of elements beside the groups' own (a face of several strings); their
-  /// element_power is not used. May be empty.
+  /// Limits over runs of elements in addition to the groups' own (a face with several strings);
+  /// their element_power is not used. May be empty.
   std::vector<ElementGroup> supplies;
   Watts max_power{5.0};  ///< of all groups together: the hard limit
   int table_depth = 1024;
   std::chrono::milliseconds default_lease{2000};
-  /// An element's heat follows its drive with time constant `heat_tau`; above this it is cut.
-  /// 1 = full drive for ever is allowed.
+  /// An element's heat follows its drive with time constant `heat_tau`; above this limit it is
+  /// cut. 1 = full drive is allowed indefinitely.
   double duty_limit = 1.0;
   std::chrono::milliseconds heat_tau{10000};
   double supply_v = 48.0;
   std::size_t history = 8192;  ///< transitions kept
 };
 
-/// How a controller, or the gateway before it, acts late: a share of the commands that change
-/// the light (latch, step, all off) is acknowledged at once and acts only after a delay, in the
-/// order of the commands. What the controller does by itself (lease, interlock, a refused
-/// command, a restart) is never late, and neither is the arming of a table; both end what
-/// waits.
+/// How a controller, or the gateway in front of it, acts late: a fraction of the commands that
+/// change the light (latch, step, all off) is acknowledged at once and acts only after a delay,
+/// in the order of the commands. What the controller does by itself (lease, interlock, a
+/// refused command, a restart) is never late, and neither is the arming of a table; both end
+/// what waits.
 struct LateActing {
   enum class Shows {
     with_light,  ///< the status shows the new tag and sum when the light does: a gateway that
-                 ///< forwards late, a controller that scans its registers in a cycle
+                 ///< forwards late, a controller that scans its registers cyclically
     at_once,     ///< the status lies: it shows them with the acknowledgement
-    in_order,    ///< with_light, and what is asked next is answered only then: busy_until_ns
+    in_order,    ///< with_light, and the next request is answered only then: busy_until_ns
   };
   double share = 0.0;  ///< of the commands, drawn by (seed, number of the command)
   std::chrono::microseconds least{5'000};
@@ -71,8 +71,8 @@ struct LateActing {
   std::uint64_t seed = 1;
 };
 
-/// The controller of a rig: one group a face, or a string where the face has strings, the
-/// faces' limits and their sum; of several duty limits the lowest holds for all.
+/// The controller of a rig: one group per face, or per string where the face has strings, the
+/// faces' limits and their sum; of several duty limits the lowest applies to all.
 [[nodiscard]] ControllerConfig controller_config(const Rig& rig);
 
 /// One controller. One thread (sim::ControllerServer wraps it for several).
@@ -81,8 +81,8 @@ class LightController {
   /// @throws ContractViolation  groups with gaps, no element, more than registers::kMaxElements
   LightController(ControllerConfig config, std::uint32_t boot_id, std::int64_t now_ns);
 
-  // Modbus's five operations. A request is accepted whole or refused whole by its addresses;
-  // its values then act in rising address order up to the first one that is refused.
+  // Modbus's five operations. A request is accepted or refused as a whole by its addresses; its
+  // values then act in ascending address order up to the first one that is refused.
   [[nodiscard]] registers::Exception read_coils(std::uint16_t first, std::span<bool> bits,
                                                 std::int64_t now_ns);
   [[nodiscard]] registers::Exception read_discrete(std::uint16_t first, std::span<bool> bits,
@@ -103,30 +103,31 @@ class LightController {
   // The world around it.
   /// An edge on the strobe line: steps an armed table whose source is the strobe.
   void strobe(std::int64_t now_ns);
-  /// Power lost and back: dark, everything forgotten, new boot id.
+  /// Power lost and restored: dark, everything forgotten, new boot id.
   void reboot(std::uint32_t boot_id, std::int64_t now_ns);
   void set_temperature(double temperature_c, std::int64_t now_ns);
   void set_interlock_open(bool is_open, std::int64_t now_ns);
   /// From the next command on.
   void set_late_acting(const LateActing& late) { late_ = late; }
-  /// LateActing::Shows::in_order: no request may be carried out before. Else the last time.
+  /// LateActing::Shows::in_order: no request may be carried out before this. Otherwise the last
+  /// time.
   [[nodiscard]] std::int64_t busy_until_ns() const {
     return late_.shows == LateActing::Shows::in_order && !waiting_.empty()
                ? waiting_.back().t_ns
                : now_ns_;
   }
-  /// Lets time pass: late acts, lease and thermal cuts happen at their own moment, not at
+  /// Lets time pass: late acts, lease and thermal cuts happen at their own time, not at
   /// `now_ns`.
   void advance(std::int64_t now_ns);
   /// When `advance` has something to do next; INT64_MAX = never.
   [[nodiscard]] std::int64_t next_deadline_ns() const;
 
-  // What a person standing beside it sees.
+  // What an observer next to it sees.
   /// The state at t0 and each change in (t0, t1]. Call advance(t1) first.
   [[nodiscard]] LightHistory transitions(std::int64_t t0_ns, std::int64_t t1_ns) const {
     return log_.between(t0_ns, t1_ns);
   }
-  /// Pulses on the camera's trigger line since construction, and when the last one comes.
+  /// Pulses on the camera's trigger line since construction, and when the last one is due.
   [[nodiscard]] std::uint64_t n_triggers() const { return n_triggers_; }
   [[nodiscard]] std::int64_t last_trigger_ns() const { return last_trigger_ns_; }
   [[nodiscard]] const LightTransition& lit() const { return log_.latest(); }
@@ -145,7 +146,7 @@ class LightController {
     Pattern pattern;
     std::uint32_t tag = 0;
   };
-  /// A change of light that a command asked for.
+  /// A light change that a command requested.
   struct Act {
     std::int64_t t_ns = 0;
     Pattern pattern;
@@ -153,7 +154,7 @@ class LightController {
     std::uint32_t step_counter = 0;
     bool has_trigger = false;
   };
-  /// What the status registers say of the light.
+  /// What the status registers report of the light.
   struct Shown {
     LightTransition light;
     std::uint32_t sum = 0;
@@ -174,7 +175,7 @@ class LightController {
                                          std::uint32_t tag) const;
   [[nodiscard]] registers::Exception refuse(registers::Refusal refusal);
   [[nodiscard]] Pattern shadow_pattern() const;
-  /// Dark at once; what waits to act is forgotten.
+  /// Dark at once; what waits to act is discarded.
   void go_dark();
   void all_off();
   void forget_bank();

@@ -45,7 +45,7 @@ void TransitionLog::add(LightTransition transition) {
 
 LightHistory TransitionLog::between(std::int64_t t0_ns, std::int64_t t1_ns) const {
   LightHistory history;
-  // The last state that began at or before t0 is in force there.
+  // The last state that began at or before t0 is in force at t0.
   auto first = std::upper_bound(
       kept_.begin(), kept_.end(), t0_ns,
       [](std::int64_t t, const LightTransition& state) { return t < state.t_ns; });

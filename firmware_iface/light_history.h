@@ -10,16 +10,16 @@
 #include "firmware_iface/light_array.h"
 
 /// @file
-/// What the light did and when: what a simulated camera integrates.
+/// What the light did and when: the input that a simulated camera integrates.
 
 namespace haarlight {
 
 /// From `t_ns` on this is lit. Times are CLOCK_MONOTONIC nanoseconds of the change itself;
-/// rise, fall and latch delays of a real LED are the camera model's affair.
+/// rise, fall and latch delays of a real LED are left to the camera model.
 struct LightTransition {
   std::int64_t t_ns = 0;
   std::uint32_t tag = 0;  ///< 0 = dark by all_off, lease, fault or start
-  /// Lit elements in rising order, levels above 0; never null. Shared, never changed.
+  /// Lit elements in ascending order, levels above 0; never null. Shared, never changed.
   std::shared_ptr<const std::vector<ElementLevel>> pattern;
 
   /// 0 when the element is off. O(log n).
@@ -27,9 +27,9 @@ struct LightTransition {
 };
 
 struct LightHistory {
-  /// The state in force at the asked start, then every later change, in rising time.
+  /// The state in force at the requested start, then every later change, in order of time.
   std::vector<LightTransition> states;
-  /// False when the start is older than what is kept: the first state is then a later one.
+  /// False when the start is older than the history kept: the first state is then a later one.
   bool is_complete = true;
 };
 

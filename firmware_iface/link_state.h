@@ -9,7 +9,7 @@
 
 /// @file
 /// The state machine of a controller link, as a pure function. libmodbus's own error recovery
-/// is off: it sleeps, replays and takes late answers for fresh ones.
+/// is off: it sleeps, replays and mistakes late answers for fresh ones.
 ///
 ///     closed ──open──▶ unknown ──resynchronised──▶ up
 ///       ▲                ▲  ▲                       │ fault
@@ -19,27 +19,27 @@
 namespace haarlight {
 
 enum class LinkState {
-  closed,   ///< nobody asked for a link
-  unknown,  ///< open; what the controller holds and shows is not known
+  closed,   ///< no link was requested
+  unknown,  ///< open; what the controller holds and shows is unknown
   up,       ///< open and known
   lost,     ///< closed by a fault; reopened at the next call after the back-off
 };
 
 enum class LinkEvent {
   opened,          ///< the bus is open
-  resynchronised,  ///< line proven by an echo; bank and light read back or all off
+  resynchronised,  ///< line proven by an echo; bank and light read back or all turned off
   fault_gone,      ///< the other side is not there
   fault_line,      ///< timeout or protocol: an answer may be late, a write unconfirmed
-  doubt,           ///< the line works, but the controller is not in the state we believed
+  doubt,           ///< the line works, but the controller is not in the state we expected
   close,           ///< by the owner
 };
 
 [[nodiscard]] LinkState next_link_state(LinkState state, LinkEvent event, BusRecovery recovery);
 
-/// Which event a fault of a bus is.
+/// The event corresponding to a fault of a bus.
 [[nodiscard]] LinkEvent link_event(const Fault& fault) noexcept;
 
-/// Pause before the n-th reopening in a row (n from 0): 0, then 50 ms doubling up to 1 s.
+/// Pause before the n-th consecutive reopening (n from 0): 0, then 50 ms doubling up to 1 s.
 [[nodiscard]] std::chrono::milliseconds reopen_pause(int n_failures);
 
 [[nodiscard]] std::string_view to_string(LinkState state) noexcept;

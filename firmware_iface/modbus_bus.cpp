@@ -30,8 +30,9 @@ using registers::Exception;
 constexpr int kBitsPerByte = 11;  // start, 8 data, parity or second stop, stop
 constexpr std::int64_t kNsPerMs = 1'000'000;
 constexpr int kQuietPollMs = 20;
-constexpr int kLongestSettle = 3;             // times the quiet time, then the line is babbling
-constexpr std::size_t kReadRequestBytes = 8;  // RTU: unit, function, address, count, CRC
+constexpr int kLongestSettle = 3;                 // times the quiet time: then the line is
+                                                  // babbling
+constexpr std::size_t kReadRequestBytes = 8;      // RTU: unit, function, address, count, CRC
 constexpr std::size_t kReadReplyOverhead = 5;     // unit, function, byte count, CRC
 constexpr std::size_t kWriteRequestOverhead = 9;  // unit, function, address, count, bytes, CRC
 constexpr std::size_t kWriteReplyBytes = 8;
@@ -44,7 +45,7 @@ struct ModbusClose {
 };
 using ModbusHandle = std::unique_ptr<modbus_t, ModbusClose>;
 
-/// The exception code behind a libmodbus errno; none when it is none.
+/// The exception code corresponding to a libmodbus errno; none when there is none.
 Exception exception_of(int error) {
   switch (error) {
     case EMBXILFUN:
@@ -97,7 +98,7 @@ Errc code_of(int error) {
   }
 }
 
-/// What both kinds share: requests, deadlines, and the check that nobody spoke unasked.
+/// What both kinds have in common: requests, deadlines, and the check for unsolicited bytes.
 class ModbusBus : public RegisterBus {
  public:
   ModbusBus(int unit, ModbusTiming timing) : unit_(unit), timing_(timing) {}
@@ -210,18 +211,18 @@ class ModbusBus : public RegisterBus {
   }
 
  protected:
-  /// A new context, or null with errno.
+  /// A new context, or null with errno set.
   [[nodiscard]] virtual modbus_t* make_context() const = 0;
   /// Time that bytes take on the wire.
   [[nodiscard]] virtual std::int64_t wire_ns(std::size_t n_bytes) const = 0;
-  /// Makes the line ours alone, before libmodbus opens it. Faults device_busy, device_gone.
+  /// Claims the line for us alone, before libmodbus opens it. Faults device_busy, device_gone.
   [[nodiscard]] virtual Result<void> take_line() { return {}; }
   virtual void leave_line() noexcept {}
   virtual void opened(int fd) = 0;
 
   [[nodiscard]] modbus_t* handle() const { return handle_.get(); }
   [[nodiscard]] const ModbusTiming& timing() const { return timing_; }
-  /// When a fault was last noticed; 0 = the line is trusted.
+  /// When a fault was last seen; 0 = the line is trusted.
   [[nodiscard]] std::int64_t trouble_ns() const { return trouble_ns_; }
   void trust_line() { trouble_ns_ = 0; }
 
@@ -244,8 +245,8 @@ class ModbusBus : public RegisterBus {
                                 static_cast<std::uint32_t>(us % 1'000'000));
   }
 
-  /// 0 when the line is silent, an errno when it is not: bytes that nobody asked for are a late
-  /// or doubled answer, end of file is a lost link.
+  /// 0 when the line is silent, otherwise an errno: unsolicited bytes are a late or duplicate
+  /// answer, end of file is a lost link.
   [[nodiscard]] int check_silence() const {
     const int fd = modbus_get_socket(handle_.get());
     pollfd line{fd, POLLIN, 0};
@@ -376,9 +377,9 @@ class ModbusRtuBus final : public ModbusBus {
   [[nodiscard]] std::int64_t wire_ns(std::size_t n_bytes) const override {
     return static_cast<std::int64_t>(n_bytes) * kBitsPerByte * 1'000'000'000 / address_.baud;
   }
-  /// A second program on the line would mix its requests with ours. TIOCEXCL, set below, keeps
-  /// others from opening it, but not root; the lock keeps out whoever asks for it, root's other
-  /// daemon included.
+  /// A second program on the line would interleave its requests with ours. TIOCEXCL, set below,
+  /// keeps others from opening it, but not root; the lock keeps out every program that takes
+  /// it, including another daemon of root's.
   [[nodiscard]] Result<void> take_line() override {
     lock_.reset(::open(address_.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     if (!lock_.is_open()) {
@@ -407,7 +408,7 @@ class ModbusRtuBus final : public ModbusBus {
 
  private:
   SerialAddress address_;
-  Fd lock_;  ///< the line a second time: holds the lock while the bus is open
+  Fd lock_;  ///< a second descriptor of the line: holds the lock while the bus is open
   bool has_advised_ = false;
 };
 

@@ -14,7 +14,7 @@
 namespace haarlight {
 
 struct ModbusTiming {
-  /// From the end of a request on the wire to the beginning of its answer. Time for the bytes
+  /// From the end of a request on the wire to the start of its answer. Time for the bytes
   /// themselves is added (RTU).
   std::chrono::milliseconds turnaround{250};
   std::chrono::milliseconds connect{500};

@@ -8,12 +8,12 @@
 
 /// @file
 /// Modbus framing as a server needs it: TCP's header [ModbusTcp06] and RTU's unit, data and CRC
-/// [ModbusSerial06]. Pure; safe from any thread. The drivers frame by libmodbus instead: two
-/// implementations that check each other.
+/// [ModbusSerial06]. Pure; safe from any thread. The drivers use libmodbus's framing instead:
+/// two implementations that check each other.
 
 namespace haarlight {
 
-/// One request taken off a wire.
+/// One request received from a wire.
 struct ModbusRequest {
   std::uint16_t transaction = 0;  ///< TCP only
   std::uint8_t unit = 0;
@@ -32,10 +32,10 @@ struct FrameScan {
   ModbusRequest request;
 };
 
-/// Looks for one request at the beginning of `bytes`.
+/// Scans for one request at the beginning of `bytes`.
 [[nodiscard]] FrameScan scan_tcp_request(std::span<const std::uint8_t> bytes);
 /// RTU requests have no length: it follows from the function code. An unknown function is
-/// broken with all bytes given; on a real line a pause ends it.
+/// reported broken with all bytes given; on a real line a pause ends it.
 [[nodiscard]] FrameScan scan_rtu_request(std::span<const std::uint8_t> bytes);
 
 [[nodiscard]] std::vector<std::uint8_t> frame_tcp(std::uint16_t transaction, std::uint8_t unit,
@@ -43,7 +43,7 @@ struct FrameScan {
 [[nodiscard]] std::vector<std::uint8_t> frame_rtu(std::uint8_t unit,
                                                   std::span<const std::uint8_t> pdu);
 
-/// CRC-16 of Modbus: polynomial 0xA001 (reflected), start 0xFFFF; sent low byte first.
+/// CRC-16 of Modbus: polynomial 0xA001 (reflected), init 0xFFFF; sent low byte first.
 [[nodiscard]] std::uint16_t rtu_crc(std::span<const std::uint8_t> bytes);
 
 }  // namespace haarlight

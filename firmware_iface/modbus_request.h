@@ -10,7 +10,7 @@
 /// @file
 /// Modbus protocol data units answered by a LightController: [Modbus12] MODBUS Application
 /// Protocol V1.1b3, functions 1 to 6, 15 and 16. Framing (TCP header, RTU address and CRC) is
-/// the server's affair.
+/// left to the server.
 
 namespace haarlight {
 
@@ -18,13 +18,13 @@ inline constexpr std::size_t kMaxPduBytes = 253;
 
 /// Carries out one request.
 /// @param pdu  function code and data, as received; any bytes are answered, with an exception
-///             where they are no valid request
+/// where they are not a valid request
 /// @return     the reply's PDU, 2 .. 253 bytes; empty for an empty request
 [[nodiscard]] std::vector<std::uint8_t> answer_request(LightController& controller,
                                                        std::span<const std::uint8_t> pdu,
                                                        std::int64_t now_ns);
 
-/// The reply that refuses `function` with `exception`.
+/// The exception reply to `function`.
 [[nodiscard]] std::vector<std::uint8_t> exception_reply(std::uint8_t function,
                                                         registers::Exception exception);
 

@@ -55,7 +55,7 @@ Result<void> ProfileLightArray::resynchronise() {
                 0, __FILE__, __LINE__});
     }
   }
-  // Dark first, then its settings: they may change what a value means.
+  // Dark first, then its settings: they may change the meaning of a value.
   const Values dark(n_elements_, 0);
   is_certain_ = false;
   if (auto off = set(dark, 0); !off) {
@@ -216,7 +216,7 @@ Result<void> ProfileLightArray::confirm(const Values& wanted, std::int64_t deadl
     if (*got == wanted) {
       return {};
     }
-    bool is_under_way = true;  // each channel as it was or as it shall be
+    bool is_under_way = true;  // each channel holds its old or its new value
     for (std::size_t k = 0; k < wanted.size(); ++k) {
       is_under_way =
           is_under_way && (held_.empty() || (*got)[k] == wanted[k] || (*got)[k] == held_[k]);
@@ -277,7 +277,7 @@ Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t 
     return tl::unexpected<Fault>(written.error());
   }
   if (!is_certain_) {
-    held_.clear();  // what stood before is not known: anything may be read for a while
+    held_.clear();  // the previous state is unknown: anything may be read for a while
   }
   is_certain_ = false;
   const std::int64_t deadline_ns = receipt.t_ack_ns + kShownWithinNs;
@@ -313,12 +313,12 @@ Result<ControllerIdentity> ProfileLightArray::connect() {
 void ProfileLightArray::disconnect() noexcept {
   try {
     if (link_.state() == LinkState::up || link_.state() == LinkState::unknown) {
-      // There is no lease behind this one: try twice.
+      // There is no lease behind this controller: try twice.
       if (!all_off()) {
         [[maybe_unused]] const auto dark = all_off();
       }
     }
-  } catch (...) {  // out of memory while composing a message: nothing more can be done
+  } catch (...) {  // out of memory while formatting a message: nothing more can be done
   }
   link_.close();
 }
@@ -362,7 +362,7 @@ Result<LatchReceipt> ProfileLightArray::all_off() {
   if (auto ready = make_ready(Hurry::at_once); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
-  is_certain_ = false;  // every channel is written, whatever we believe
+  is_certain_ = false;  // every channel is written, whatever its assumed value
   return set(Values(n_elements_, 0), 0);
 }
 
@@ -381,7 +381,7 @@ Result<ControllerStatus> ProfileLightArray::status() {
     return tl::unexpected<Fault>(same.error());
   }
   ControllerStatus status;
-  // Its own start number is not known; each time its state had to be set anew counts as one.
+  // It has no known boot number: every resynchronisation counts as a boot.
   status.boot_id = n_resynchronised_;
   status.uptime_ms = static_cast<std::uint32_t>((link_.now_ns() - connected_ns_) / 1'000'000);
   status.tag = tag_;

@@ -14,18 +14,18 @@
 #include "firmware_iface/register_bus.h"
 
 /// @file
-/// A light array behind another vendor's registers. What such a controller lacks is said, not
-/// imitated: missing_promises().
+/// A light array using another vendor's registers. What such a controller lacks is reported,
+/// not imitated: missing_promises().
 
 namespace haarlight {
 
 /// See LightArray. `show` writes the channels that differ, latches where there is a latch, and
-/// reads every channel of the rig back; the tag it then reports is the host's own, given to
-/// what was read. `renew_lease` and `status` read back too: a lamp that someone else switched,
-/// or a controller that restarted dark, is a fault and not a wrong frame. After any fault all
-/// is turned off and read back before the next light.
+/// reads every channel of the rig back; the tag it then reports is the host's own, assigned to
+/// what was read. `renew_lease` and `status` read back too: a lamp switched by someone else, or
+/// a controller that restarted dark, is a fault and not a wrong frame. After any fault all is
+/// turned off and read back before the next light.
 ///
-/// Cost of a one-light step: two writes and one read-back for each 125 registers or 2000 coils.
+/// Cost of a one-light step: two writes and one read-back per 125 registers or 2000 coils.
 class ProfileLightArray final : public LightArray {
  public:
   ProfileLightArray(std::unique_ptr<RegisterBus> bus, ControllerProfile profile, int n_elements,
@@ -50,18 +50,18 @@ class ProfileLightArray final : public LightArray {
   using Values = std::vector<std::uint16_t>;
 
   [[nodiscard]] Result<void> make_ready(Hurry hurry);
-  /// Checks who it is, sets it up, turns all off.
+  /// Checks its identity, sets it up, turns all off.
   [[nodiscard]] Result<void> resynchronise();
   [[nodiscard]] Result<void> demand(Result<registers::Exception> answer, const char* operation);
   [[nodiscard]] Result<void> write(const ProfileValue& value, const char* operation);
   [[nodiscard]] Result<Values> read(CheckFunction function, std::uint16_t first, std::size_t n);
-  /// What stands where `value` was written.
+  /// The value now at the address where `value` was written.
   [[nodiscard]] Result<std::uint16_t> read_back(const ProfileValue& value);
   [[nodiscard]] Result<void> write_channels(const Values& wanted);
-  /// Compares what the channels hold with `wanted`. Where they still hold what stood before
-  /// they are read again until `deadline_ns`.
+  /// Compares what the channels hold with `wanted`. Channels that still hold their previous
+  /// value are read again until `deadline_ns`.
   [[nodiscard]] Result<void> confirm(const Values& wanted, std::int64_t deadline_ns = 0);
-  /// The same for what the latch keeps.
+  /// The same for what the latch retains.
   [[nodiscard]] Result<void> confirm_latch(std::int64_t deadline_ns);
   [[nodiscard]] Result<LatchReceipt> set(const Values& wanted, std::uint32_t tag);
   [[nodiscard]] std::string name() const;

@@ -9,7 +9,7 @@
 #include "firmware_iface/register_map.h"
 
 /// @file
-/// Register words to and from values. Pure; safe from any thread.
+/// Converts between register words and values. Pure; safe from any thread.
 
 namespace haarlight {
 
@@ -23,10 +23,10 @@ namespace haarlight {
   return static_cast<std::uint16_t>(value & 0xFFFFU);
 }
 
-/// One element's share of the bank sum; 0 for an element that is off.
-/// A bijective 32-bit mixture (xor-shift and two odd multipliers) of element and level, so that
-/// a single wrong element or level always changes the sum. docs/reference/register-map.md
-/// states it for authors of firmware.
+/// One element's term of the bank sum; 0 for an element that is off.
+/// A bijective 32-bit hash (xor-shift and two odd multipliers) of element and level, so that a
+/// single wrong element or level always changes the sum. docs/reference/register-map.md
+/// specifies it for firmware authors.
 [[nodiscard]] constexpr std::uint32_t bank_sum_term(int element, std::uint16_t level) {
   if (level == 0) {
     return 0;
@@ -40,8 +40,7 @@ namespace haarlight {
   return x;
 }
 
-/// Sum of the terms modulo 2^32: independent of order, kept up to date by one addition a
-/// change.
+/// Sum of the terms modulo 2^32: independent of order, updated by one addition per change.
 /// @param pattern  each element at most once
 [[nodiscard]] std::uint32_t bank_sum(std::span<const ElementLevel> pattern);
 

@@ -15,8 +15,8 @@ using registers::Exception;
 namespace in = registers::input;
 namespace hold = registers::holding;
 
-// Unchanged neighbours are written along when that is cheaper than another request: one more
-// RTU request and its answer cost about 9 + 8 bytes, a register 2 bytes, eight bits 1 byte.
+// Unchanged neighbours are written too when that is cheaper than another request: one more RTU
+// request and its answer cost about 9 + 8 bytes, a register 2 bytes, eight bits 1 byte.
 constexpr std::size_t kLevelGap = 8;
 constexpr std::size_t kBitGap = 136;
 
@@ -68,7 +68,7 @@ Result<void> RegisterLightArray::make_ready(Hurry hurry) {
 }
 
 Result<void> RegisterLightArray::prove_line() {
-  // A late answer of an earlier request cannot hold a number that was never used before.
+  // A late answer to an earlier request cannot hold a number that was never used before.
   echo_ = echo_ * 1664525U + 1013904223U + static_cast<std::uint32_t>(link_.now_ns());
   const std::array<std::uint16_t, 2> sent = {high_word(echo_), low_word(echo_)};
   if (auto ok = demand(link_.bus().write_holding(hold::kEcho, sent), "writing the echo"); !ok) {
@@ -252,7 +252,7 @@ Fault RegisterLightArray::refusal_fault(Exception exception, const char* operati
     case Exception::illegal_address:
       break;
   }
-  // The controller does not know a register of the map, or invents exceptions.
+  // The controller lacks a register of the map, or invents exceptions.
   is_bank_certain_ = false;
   link_.on(LinkEvent::doubt);
   return {Errc::protocol, fmt::format("{}: {}: Modbus exception {}", name(), operation, number),
@@ -283,10 +283,10 @@ Result<ControllerIdentity> RegisterLightArray::connect() {
 void RegisterLightArray::disconnect() noexcept {
   try {
     if (link_.state() == LinkState::up || link_.state() == LinkState::unknown) {
-      // One try; the lease does it where this fails.
+      // One attempt; the lease takes over where it fails.
       [[maybe_unused]] const auto dark = all_off();
     }
-  } catch (...) {  // out of memory while composing a message: the lease turns the lights off
+  } catch (...) {  // out of memory while formatting a message: the lease turns the lights off
   }
   link_.close();
 }
@@ -423,8 +423,9 @@ Result<LatchReceipt> RegisterLightArray::show(std::span<const ElementLevel> patt
   }
   auto receipt = latch_pattern(pattern, tag);
   if (!receipt && link_.state() == LinkState::unknown && is_bank_stale_) {
-    // The controller said no and is dark: its bank was cleared behind our back (lease, all-off
-    // by another host, restart). Every request was answered, so writing anew is no replay.
+    // The controller refused and is dark: its bank was cleared without our doing (lease,
+    // all-off by another host, restart). Every request was answered, so writing again is no
+    // replay.
     if (auto ok = resynchronise(); !ok) {
       return tl::unexpected<Fault>(ok.error());
     }
@@ -488,7 +489,7 @@ Result<void> RegisterLightArray::renew_lease() {
   if (auto ok = make_ready(Hurry::patient); !ok) {
     return ok;
   }
-  // The length goes along: a controller that restarted would otherwise use its default.
+  // The length is sent too: a controller that restarted would otherwise use its default.
   const std::array<std::uint16_t, 2> words = {
       static_cast<std::uint16_t>(options_.lease.count()), registers::kAct};
   return demand(link_.bus().write_holding(hold::kLeaseMs, words), "renewing the lease");
@@ -602,7 +603,7 @@ Result<void> RegisterLightArray::set_trigger_delay(std::chrono::microseconds del
       delay.count(), 0, std::int64_t{registers::kMaxTriggerDelayUs} + 1));
   const std::array<std::uint16_t, 2> words = {high_word(us), low_word(us)};
   const auto answer = link_.bus().write_holding(hold::kTriggerDelay, words);
-  // A controller without the register has no trigger line: it sends no pulse, as is wanted.
+  // A controller without the register has no trigger line: it sends no pulse, as requested.
   if (us == 0 && answer && *answer == Exception::illegal_address) {
     return {};
   }

@@ -15,7 +15,7 @@
 #include "firmware_iface/register_codec.h"
 
 /// @file
-/// The light array behind the register map, whatever carries the registers.
+/// The light array behind the register map, whatever bus carries the registers.
 
 namespace haarlight {
 
@@ -23,15 +23,15 @@ struct RegisterLightArrayOptions {
   int n_elements = 0;  ///< of the rig
   std::chrono::milliseconds lease{2000};
   /// Written to the controller at every connection and read back, if it is below the
-  /// controller's hard limit; none: the controller's own.
+  /// controller's hard limit; none: keeps the controller's own.
   std::optional<Watts> power_limit = std::nullopt;
 };
 
 /// See LightArray. After a fault nothing is known about the light: the next call reopens the
 /// link or lets the line fall silent, proves it by an echo, and reads back; when bank and light
-/// are not as last confirmed, ALL_OFF comes first. No write is ever sent twice.
+/// differ from what was last confirmed, ALL_OFF comes first. No write is ever sent twice.
 ///
-/// Cost: a one-light step after another one is 5 requests or fewer (off bit, on bit, level
+/// Cost: a one-light step after another one takes at most 5 requests (off bit, on bit, level
 /// where it differs, tag + sum + latch in one, status); more statuses where the controller acts
 /// later than it acknowledges.
 class RegisterLightArray final : public LightArray {
@@ -72,7 +72,7 @@ class RegisterLightArray final : public LightArray {
   [[nodiscard]] Result<void> set_power_limit();
   [[nodiscard]] Result<ControllerIdentity> read_identity();
   [[nodiscard]] Result<StatusBlock> read_status();
-  /// A request that the controller must accept, or a fault.
+  /// A request that the controller must accept; otherwise a fault.
   [[nodiscard]] Result<void> demand(Result<registers::Exception> answer, const char* operation);
   [[nodiscard]] Fault refusal_fault(registers::Exception exception, const char* operation);
   [[nodiscard]] Result<void> all_off_unchecked();
@@ -83,8 +83,9 @@ class RegisterLightArray final : public LightArray {
   [[nodiscard]] Result<void> write_bank(std::span<const ElementLevel> pattern);
   [[nodiscard]] Result<void> write_levels();
   [[nodiscard]] Result<void> write_on_bits();
-  /// The status that shows this tag and sum; where it still shows what stood before, it is read
-  /// again until kShownWithinNs are over. Else the first status that shows something different.
+  /// The status that shows this tag and sum; while it still shows the previous state, it is
+  /// read again for up to kShownWithinNs. Otherwise the first status that shows something
+  /// different.
   [[nodiscard]] Result<StatusBlock> await_shown(std::uint32_t tag, std::uint32_t sum);
   [[nodiscard]] Result<void> confirm_shown(std::uint32_t tag, std::uint32_t sum,
                                            LatchReceipt& receipt);
@@ -96,11 +97,11 @@ class RegisterLightArray final : public LightArray {
   std::optional<ControllerIdentity> identity_;
   std::uint32_t hard_limit_dw_ = 0;  ///< 0.1 W
 
-  // What the shadow bank holds, as far as it was confirmed.
+  // Contents of the shadow bank, as far as confirmed.
   bool is_bank_certain_ = false;
   bool is_bank_stale_ = false;  ///< the last latch was refused by its bank sum
   std::vector<std::uint8_t> on_;
-  std::vector<std::int32_t> levels_;   ///< -1 = not known
+  std::vector<std::int32_t> levels_;   ///< -1 = unknown
   std::vector<std::uint16_t> wanted_;  ///< scratch: level of each element, 0 = off
   std::vector<TableProof> table_;      ///< of the entries uploaded since the last start
   std::uint32_t steps_taken_ = 0;

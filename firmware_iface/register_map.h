@@ -7,10 +7,10 @@
 #include <string_view>
 
 /// @file
-/// The register map of a light controller, written down once: the drivers, the simulated
-/// controller and docs/reference/register-map.md (a test compares them) all use this file.
-/// Addresses are the wire's, counted from 0. A 32-bit value is two registers, high word first,
-/// and is written in one request or not at all.
+/// The register map of a light controller, defined once: the drivers, the simulated controller
+/// and docs/reference/register-map.md (a test compares them) all use this file. Addresses are
+/// as on the wire, counted from 0. A 32-bit value is two registers, high word first, and is
+/// written in one request or not at all.
 
 namespace haarlight::registers {
 
@@ -41,7 +41,7 @@ inline constexpr std::uint16_t kMaxLeaseMs = 0x0009;
 inline constexpr std::uint16_t kHardPowerLimit = 0x000A;
 inline constexpr std::uint16_t kModel = 0x000C;
 inline constexpr std::uint16_t kIdentityCount = 0x0014;
-// Status: one read, one moment.
+// Status: one read, one instant.
 inline constexpr std::uint16_t kStatusFirst = 0x0020;
 inline constexpr std::uint16_t kBootId = 0x0020;
 inline constexpr std::uint16_t kUptimeMs = 0x0022;
@@ -106,7 +106,7 @@ inline constexpr std::uint32_t kFaultOverPower = 1U << 1U;     ///< beyond a pow
 inline constexpr std::uint32_t kFaultElementDuty = 1U << 2U;   ///< an element beyond its duty
 inline constexpr std::uint32_t kFaultOverTemperature = 1U << 3U;  ///< board too hot; blocks
 inline constexpr std::uint32_t kFaultInterlock = 1U << 4U;        ///< interlock open; blocks
-inline constexpr std::uint32_t kFaultBankSum = 1U << 5U;  ///< a latch named another bank sum
+inline constexpr std::uint32_t kFaultBankSum = 1U << 5U;  ///< latch with a wrong bank sum
 
 /// Values of kRefusal: why the last latch, store or step was refused.
 enum class Refusal : std::uint16_t {
@@ -130,17 +130,17 @@ enum class Exception : std::uint8_t {
   illegal_value = 3,
   device_failure = 4,  ///< refused by a limit or a state: kRefusal says which
   busy = 6,
-  bank_sum = 8,  ///< the bank is not what the host believes (Modbus: memory parity error)
-  gateway_target = 11,  ///< another unit was asked
+  bank_sum = 8,         ///< the bank is not what the host expects (Modbus: memory parity error)
+  gateway_target = 11,  ///< a different unit was addressed
 };
 
 enum class Space : std::uint8_t { coil, discrete_input, input_register, holding_register };
 
-/// One line of the map, as docs/reference/register-map.md prints it.
+/// One line of the map, as printed in docs/reference/register-map.md.
 struct RegisterRow {
   Space space;
   std::uint16_t address;
-  int count;  ///< registers or bits; 0 = one for each element
+  int count;  ///< registers or bits; 0 = one per element
   std::string_view name;
   std::string_view unit;
   std::string_view meaning;

@@ -22,7 +22,7 @@ void append_word(std::vector<std::uint8_t>& bytes, std::size_t word) {
   bytes.push_back(static_cast<std::uint8_t>(word & 0xFFU));
 }
 
-/// The exception that a reply to `function` carries; nothing when it is an ordinary reply.
+/// The exception carried by a reply to `function`; nothing when it is an ordinary reply.
 std::optional<Result<Exception>> exception_in(std::span<const std::uint8_t> pdu,
                                               std::uint8_t function) {
   if (pdu.empty()) {

@@ -9,8 +9,8 @@
 #include "firmware_iface/register_map.h"
 
 /// @file
-/// The host's side of Modbus protocol data units [Modbus12] for wires that libmodbus does not
-/// know (USB): a request's bytes, and what its reply says. Pure; safe from any thread.
+/// The host's side of Modbus protocol data units [Modbus12] for transports that libmodbus does
+/// not support (USB): building requests and parsing replies. Pure; safe from any thread.
 
 namespace haarlight {
 
@@ -26,8 +26,8 @@ enum class ReadFunction : std::uint8_t { holding = 3, input = 4 };
 [[nodiscard]] std::vector<std::uint8_t> write_coils_request(std::uint16_t first,
                                                             std::span<const std::uint8_t> bits);
 
-/// Reads the reply to a read_request into `words`. An exception reply is a result, `none` fills
-/// every word. Fault protocol: not the reply to that request.
+/// Parses the reply to a read_request into `words`. An exception reply is a result, `none`
+/// fills every word. Fault protocol: not the reply to that request.
 [[nodiscard]] Result<registers::Exception> read_reply(std::span<const std::uint8_t> pdu,
                                                       ReadFunction function,
                                                       std::span<std::uint16_t> words);

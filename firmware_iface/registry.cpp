@@ -7,7 +7,7 @@
 #include "firmware_iface/usb_bus.h"
 
 /// @file
-/// The light arrays there are: one case a kind.
+/// The available light arrays: one case per kind.
 
 namespace haarlight {
 

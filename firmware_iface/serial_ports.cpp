@@ -17,7 +17,7 @@ fs::path under(const fs::path& root, const fs::path& absolute) {
   return root / absolute.relative_path();
 }
 
-/// The tty behind a name: its last link's target, without asking whether it exists.
+/// The tty behind a name: the target of its last link, without checking that it exists.
 std::string tty_of(const fs::path& name) {
   std::error_code failed;
   const fs::path target = fs::read_symlink(name, failed);

@@ -7,25 +7,24 @@
 #include <vector>
 
 /// @file
-/// The serial lines of this machine, under the names that stay theirs, and what slows them
-/// down.
+/// The serial lines of this machine, under stable names, and what slows them down.
 
 namespace haarlight {
 
 struct SerialPort {
   std::filesystem::path by_id;   ///< "/dev/serial/by-id/usb-FTDI_..."; empty: no such name
-  std::filesystem::path device;  ///< "/dev/ttyUSB0": changes with every plugging
+  std::filesystem::path device;  ///< "/dev/ttyUSB0": changes whenever it is plugged in
   std::string driver;            ///< the kernel's: "ftdi_sio", "cp210x", "cdc_acm"
-  /// How long an FTDI chip holds back a short answer, ms; nothing: no such timer.
+  /// How long an FTDI chip delays a short answer, ms; nothing: no such timer.
   std::optional<int> latency_ms;
 };
 
 /// USB-serial lines, by name.
-/// @param root  of the file system ("/"); another one in tests
+/// @param root  of the file system ("/"); a different one in tests
 [[nodiscard]] std::vector<SerialPort> list_serial_ports(
     const std::filesystem::path& root = "/");
 
-/// What is unwise about the line of a rig file, with its cure; empty when nothing is.
+/// What is unwise about a rig file's serial line, with a hint; empty when nothing is.
 /// @param device  as the rig file names it
 [[nodiscard]] std::vector<std::string> serial_advice(const std::filesystem::path& device,
                                                      const std::filesystem::path& root = "/");

@@ -36,7 +36,7 @@ class UsbBus final : public RegisterBus {
       link_.close();
       return identified;
     }
-    // Whoever spoke before us may have left half a request or an answer.
+    // A previous program may have left half a request or an answer.
     auto fresh = link_.control_out(number_of(usb::ControlRequest::resync), timing_.turnaround);
     if (!fresh) {
       auto fault = named(fresh.error(), "starting");
@@ -60,7 +60,7 @@ class UsbBus final : public RegisterBus {
       cleared = link_.control_out(number_of(usb::ControlRequest::resync), timing_.turnaround);
     }
     if (!cleared) {
-      // Nothing short of a new connection helps a device whose endpoint 0 is in trouble.
+      // Only a new connection helps a device whose endpoint 0 fails.
       return fail(Errc::device_gone,
                   fmt::format("{}: starting anew: {}", name(), cleared.error().what));
     }
@@ -126,7 +126,7 @@ class UsbBus final : public RegisterBus {
       if (reply->sequence == sequence) {
         return UsbVerdict::mine;
       }
-      // Numbers ahead of ours were never asked for.
+      // We never asked for sequence numbers ahead of ours.
       return static_cast<std::int32_t>(reply->sequence - sequence) < 0 ? UsbVerdict::older
                                                                        : UsbVerdict::broken;
     };
@@ -138,7 +138,7 @@ class UsbBus final : public RegisterBus {
     return std::move(usb::decode_frame(*bytes)->pdu);
   }
 
-  /// A reply that does not fit its request spoils the trust in the link.
+  /// After a reply that does not fit its request the link is no longer trusted.
   [[nodiscard]] Result<Exception> judged(Result<Exception> answer, const char* operation) {
     if (!answer) {
       has_trouble_ = true;

@@ -8,7 +8,8 @@
 #include "firmware_iface/register_bus.h"
 
 /// @file
-/// The registers over USB: docs/reference/usb-protocol.md is the wire, usb_link.h the device.
+/// The registers over USB: docs/reference/usb-protocol.md specifies the protocol, usb_link.h is
+/// the device.
 
 namespace haarlight {
 
@@ -19,13 +20,13 @@ struct UsbTiming {
   std::chrono::milliseconds open{1500};
 };
 
-/// A late answer carries another sequence number and is thrown away; so settle() only clears
-/// stalls and asks the controller to forget what it did not send yet.
-/// @param serial  of the device; whichever socket it is in
+/// A late answer carries an older sequence number and is discarded; so settle() only clears
+/// stalls and asks the controller to forget what it has not sent yet.
+/// @param serial  of the device, whichever port it is plugged in to
 [[nodiscard]] std::unique_ptr<RegisterBus> make_usb_bus(std::string serial,
                                                         UsbTiming timing = {});
 
-/// Turns everything off by the control endpoint, beside a program (or a hanging thread) that
+/// Turns everything off by the control endpoint, next to a program (or a hanging thread) that
 /// holds the registers' interface.
 /// Faults: device_gone, device_busy (no permission), timeout, protocol, io.
 [[nodiscard]] Result<void> usb_all_off(const std::string& serial, UsbTiming timing = {});

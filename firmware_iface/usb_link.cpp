@@ -24,7 +24,7 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr milliseconds kGrace{300};  // beyond a deadline, for a loaded machine's scheduler
+constexpr milliseconds kGrace{300};  // beyond a deadline, for the scheduler of a loaded machine
 constexpr milliseconds kClosing{1000};
 constexpr milliseconds kEventSlice{1000};
 constexpr unsigned kStringMs = 250;
@@ -190,7 +190,7 @@ Errc code_of_error(int error) {
   }
 }
 
-/// The libusb error that a transfer's status stands for.
+/// The libusb error corresponding to a transfer's status.
 int error_of(libusb_transfer_status status) {
   switch (status) {
     case LIBUSB_TRANSFER_COMPLETED:
@@ -225,7 +225,7 @@ std::string describe(int error) {
   }
 }
 
-/// A transfer, or an OUT and the IN transfers after it.
+/// A transfer, or an OUT and the subsequent IN transfers.
 struct Job {
   enum class Step { control, out, in };
   Step step = Step::control;
@@ -254,7 +254,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     thread_ = std::thread([self = shared_from_this()] { self->run(); });
   }
 
-  /// Runs `act` on the USB thread. Nothing: it did not come back in time.
+  /// Runs `act` on the USB thread. Nothing: it did not return in time.
   template <class T>
   std::optional<T> call(std::function<T(UsbEngine&)> act, milliseconds limit) {
     auto result = std::make_shared<std::optional<T>>();
@@ -272,7 +272,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     return std::move(*result);
   }
 
-  /// Runs a job to its end. False: the USB thread hangs.
+  /// Runs a job to completion. False: the USB thread hangs.
   bool perform(const std::shared_ptr<Job>& job) {
     post([this, job] { begin(job); });
     std::unique_lock lock(mutex_);
@@ -295,7 +295,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     if (is_over) {
       thread_.join();
     } else {
-      thread_.detach();  // it owns a share of this engine
+      thread_.detach();  // it holds a reference to this engine
     }
     return is_over;
   }
@@ -338,7 +338,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     endpoints_ = it->endpoints;
     handle_ = std::move(it->handle);
     transfer_.reset(libusb_alloc_transfer(0));
-    // Where the platform reports no departures, transfers do it.
+    // Where the platform does not report departures, transfers detect them.
     has_watch_ = libusb_hotplug_register_callback(
                      context_, LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT, 0, LIBUSB_HOTPLUG_MATCH_ANY,
                      LIBUSB_HOTPLUG_MATCH_ANY, LIBUSB_HOTPLUG_MATCH_ANY, &UsbEngine::on_left,
@@ -415,7 +415,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
         handle_events(kEventSlice);
       }
       shut();
-    } catch (...) {  // out of memory: nothing here can go on
+    } catch (...) {  // out of memory: cannot continue here
       is_gone_ = true;
     }
     const std::lock_guard lock(mutex_);
@@ -447,7 +447,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     const int handled = libusb_handle_events_timeout_completed(context_, &slice, nullptr);
     if (handled != 0 && handled != LIBUSB_ERROR_INTERRUPTED) {
       is_gone_ = true;
-      std::this_thread::sleep_for(milliseconds(10));  // not at full speed round the error
+      std::this_thread::sleep_for(milliseconds(10));  // do not spin on the error
     }
   }
 
@@ -464,8 +464,8 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
       wakeable_ = nullptr;
     }
     if (job_) {
-      // The kernel does not give the transfer back: its memory, the handle and the context
-      // have to outlive it.
+      // The kernel does not return the transfer: its memory, the handle and the context must
+      // outlive it.
       immortal_ = shared_from_this();
       return;
     }
@@ -581,7 +581,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
     return is_stopping_;
   }
 
-  /// Notes it and no more: closing here would wait for the very thread that calls.
+  /// Only records it: closing here would wait for the very thread that calls.
   static int LIBUSB_CALL on_left(libusb_context* /*context*/, libusb_device* device,
                                  libusb_hotplug_event /*event*/, void* self) {
     auto& engine = *static_cast<UsbEngine*>(self);
@@ -600,7 +600,7 @@ class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
   libusb_context* wakeable_ = nullptr;
   std::atomic<bool> is_gone_{false};
   std::thread thread_;
-  // Of the USB thread alone; endpoints_ is settled before open() returns.
+  // Used by the USB thread only; endpoints_ is settled before open() returns.
   libusb_context* context_ = nullptr;
   int init_error_ = 0;
   HandlePtr handle_;
@@ -634,7 +634,7 @@ tl::unexpected<Fault> hung(const char* operation) {
               fmt::format("{}: a USB call of the system does not return", operation));
 }
 
-/// What became of a job that came back.
+/// The result of a job that returned.
 Result<Bytes> outcome(Job& job) {
   if (job.error != 0) {
     return fail(code_of_error(job.error), describe(job.error));
@@ -645,7 +645,7 @@ Result<Bytes> outcome(Job& job) {
   return std::move(job.answer);
 }
 
-/// A vendor request's transfer: SETUP packet and room for what it brings.
+/// A vendor request's transfer: SETUP packet and space for its data.
 std::shared_ptr<Job> control_job(std::uint8_t type, std::uint8_t request, std::size_t n_bytes,
                                  milliseconds limit) {
   auto job = std::make_shared<Job>();

@@ -8,7 +8,7 @@ namespace haarlight {
 namespace {
 
 constexpr std::size_t kReplayPage =
-    256;  // events asked for at a time: bounds memory a listener
+    256;  // events requested at a time: bounds memory per listener
 
 }  // namespace
 
@@ -80,7 +80,7 @@ void EventSubscription::push(std::int64_t id, std::string_view text) {
     return;
   }
   if (is_replaying_ && id != 0) {
-    has_news_ = true;  // the replay's next page has it
+    has_news_ = true;  // included in the replay's next page
     return;
   }
   if (id != 0 && id <= last_id_) {

@@ -13,34 +13,34 @@
 #include <vector>
 
 /// @file
-/// Server-sent events (WHATWG HTML, section 9.2): one EventStream feeds every page that
-/// listens. Knows nothing of sockets; server.cpp connects it to them.
+/// Server-sent events (WHATWG HTML, section 9.2): one EventStream feeds every listening page.
+/// Independent of sockets; server.cpp connects it to them.
 
 namespace haarlight {
 
 struct Event {
-  std::int64_t id = 0;  ///< the journal row; 0: passing news without an id, never replayed
+  std::int64_t id = 0;  ///< the journal row; 0: transient news without an id, never replayed
   std::string event;    ///< one line
-  std::string data;     ///< any text; sent as one "data:" line a line
+  std::string data;     ///< any text; sent as one "data:" line per line
 };
 
 struct EventStreamOptions {
   /// Events with id > `after`, ascending, at most `max`; empty when there are none. Called on
-  /// the HTTP thread when a listener comes back with Last-Event-ID. Publish an event only after
+  /// the HTTP thread when a listener returns with Last-Event-ID. Publish an event only after
   /// this function would return it: then nothing is lost or sent twice.
   std::function<std::vector<Event>(std::int64_t after, std::size_t max)> replay;
-  /// A listener that leaves more than this unread is disconnected; it comes back and replays.
+  /// A listener with more than this unread is disconnected; it reconnects and replays.
   std::size_t max_unread_bytes = std::size_t{1} << 20U;
 };
 
-/// The text of one event as it goes over the wire.
+/// The text of one event as sent.
 [[nodiscard]] std::string format_event(const Event& event);
 
-/// One listener's place in the stream. Used by the server; thread-safe.
+/// One listener's position in the stream. Used by the server; thread-safe.
 class EventSubscription {
  public:
-  /// Fills `out` with what is to be sent next.
-  /// @param park  called under the lock when nothing is there; the next news calls `wake`
+  /// Fills `out` with what to send next.
+  /// @param park  called under the lock when there is nothing; the next event calls `wake`
   /// @return      bytes written; 0 after `park`; nothing when the stream has ended
   [[nodiscard]] std::optional<std::size_t> read(std::span<char> out,
                                                 const std::function<void()>& park);
@@ -73,7 +73,7 @@ class EventStream {
   /// A comment line, so that both ends notice a dead connection.
   void send_heartbeat();
 
-  /// Listeners now.
+  /// Current number of listeners.
   [[nodiscard]] std::size_t n_listeners() const;
 
   // The server's side.
@@ -82,9 +82,9 @@ class EventStream {
   [[nodiscard]] std::shared_ptr<EventSubscription> subscribe(
       std::optional<std::int64_t> last_event_id, std::function<void()> wake);
   void unsubscribe(const std::shared_ptr<EventSubscription>& subscription);
-  /// Ends one: it is woken and reads the end.
+  /// Ends one: it wakes and reads the end.
   static void end(EventSubscription& subscription);
-  /// Ends every subscription, those to come included.
+  /// Ends every subscription, including future ones.
   void close();
 
  private:

@@ -5,7 +5,7 @@
 #include <string_view>
 
 /// @file
-/// Text inside JSON, written without a JSON library.
+/// JSON text, written without a JSON library.
 
 namespace haarlight {
 

@@ -44,7 +44,7 @@ std::string_view trim(std::string_view text) {
   return text.substr(first, text.find_last_not_of(" \t") - first + 1);
 }
 
-/// The piece before the next `separator`; `rest` moves behind it.
+/// The piece before the next `separator`; `rest` continues after it.
 std::string_view next_piece(std::string_view& rest, char separator) {
   const std::size_t end = rest.find(separator);
   const std::string_view piece = rest.substr(0, end);

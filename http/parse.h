@@ -8,17 +8,17 @@
 #include <vector>
 
 /// @file
-/// The parts of HTTP that we read ourselves: target, query, cookies, Host, Origin, and our own
-/// path patterns. Everything here takes bytes from the network. Pure.
+/// The parts of HTTP that we parse ourselves: target, query, cookies, Host, Origin, and our own
+/// path patterns. All input here comes from the network. Pure.
 
 namespace haarlight {
 
-/// A request target cut up. Segments are percent-decoded after the cut, so an encoded slash
-/// cannot make a new segment.
+/// A request target split up. Segments are percent-decoded after the split, so an encoded slash
+/// cannot create a new segment.
 struct RequestTarget {
   std::vector<std::string> segments;         ///< "/v1/state" = {"v1", "state"}; "/" = {}
   bool ends_with_slash = false;              ///< "/docs/"; also true for "/"
-  std::map<std::string, std::string> query;  ///< the last one wins where a name repeats
+  std::map<std::string, std::string> query;  ///< the last one wins where a name is repeated
 };
 
 /// Nothing when the target is not an absolute path, has a broken percent escape, an empty, "."
@@ -29,14 +29,14 @@ struct RequestTarget {
 /// %XX decoded; nothing for a broken escape.
 [[nodiscard]] std::optional<std::string> percent_decode(std::string_view text);
 
-/// The value of one cookie in a Cookie header, without quotes; nothing when it is not there.
+/// The value of one cookie in a Cookie header, without quotes; nothing when it is absent.
 [[nodiscard]] std::optional<std::string> find_cookie(std::string_view header,
                                                      std::string_view name);
 
 /// A Host header: name in lower case without port and brackets.
 struct Authority {
   std::string host;
-  bool is_ip_literal = false;  ///< a numeric address: DNS has no say in it
+  bool is_ip_literal = false;  ///< a numeric address: no DNS involved
   bool is_loopback = false;    ///< 127/8, ::1 or "localhost"
 };
 [[nodiscard]] std::optional<Authority> parse_authority(std::string_view text);
@@ -47,11 +47,12 @@ class PathPattern {
   /// @throws ContractViolation  not absolute, empty segment or capture name, name used twice
   explicit PathPattern(std::string_view pattern);
 
-  /// The captures by name, or nothing when the path does not fit.
+  /// The captures by name, or nothing when the path does not match.
   [[nodiscard]] std::optional<std::map<std::string, std::string>> match(
       const std::vector<std::string>& segments) const;
 
-  /// True when this one must be tried before `other`: more segments, then the earlier literal.
+  /// True when this one must be tried before `other`: more segments first, then the earlier
+  /// literal.
   [[nodiscard]] bool precedes(const PathPattern& other) const;
 
   [[nodiscard]] const std::string& text() const noexcept { return text_; }

@@ -13,8 +13,8 @@
 #include "http/site.h"
 
 /// @file
-/// A thread that answers what would keep the HTTP thread from all-off: a bounded queue in front
-/// of it, and each request is answered once, whatever happens to it.
+/// A thread for requests that would otherwise keep the HTTP thread from all-off, behind a
+/// bounded queue; each request is answered exactly once, whatever happens to it.
 
 namespace haarlight {
 
@@ -22,15 +22,15 @@ namespace haarlight {
 class RequestWorker {
  public:
   struct Job {
-    /// A newer job with the same key takes the place of one that still waits, which is answered
-    /// 409; empty: none does.
+    /// A newer job replaces a waiting one with the same key, which is answered 409; empty:
+    /// never.
     std::string key;
     std::function<HttpResponse()> answer;    ///< throws nothing; called on the worker's thread
     std::function<void(HttpResponse)> done;  ///< called once, on the worker's or a caller's
   };
 
-  /// @param max_waiting  jobs beside the one at work
-  /// @param patience     a job that waited longer is answered 503: who asked is gone
+  /// @param max_waiting  jobs in addition to the one in progress
+  /// @param patience     a job that waited longer is answered 503: its client is gone
   RequestWorker(std::size_t max_waiting, std::chrono::milliseconds patience);
   ~RequestWorker();
   RequestWorker(const RequestWorker&) = delete;
@@ -38,7 +38,7 @@ class RequestWorker {
 
   /// Calls `done` sooner or later; at once with 503 when the queue is full or closed.
   void push(Job job);
-  /// Answers what waits with 503, ends the one at work, takes no more.
+  /// Answers waiting jobs with 503, finishes the one in progress, accepts no more.
   void close();
 
  private:
@@ -55,7 +55,7 @@ class RequestWorker {
   std::condition_variable_any filled_;
   std::deque<Waiting> waiting_;
   bool is_closed_ = false;
-  std::jthread thread_;  // last: stops first
+  std::jthread thread_;  // last member: stops first
 };
 
 }  // namespace haarlight

@@ -41,20 +41,20 @@ constexpr unsigned kSpareConnections = 64;  // accepted while evicted ones are s
 constexpr std::string_view kCookieName = "haarlight";
 constexpr std::string_view kLoginPath = "/v1/login";
 
-/// What a socket is doing; guarded by Impl::mutex.
+/// The state of a socket; guarded by Impl::mutex.
 struct Connection {
-  /// waiting for a request's header; busy with its body or its answer; working: a lane has it
+  /// waiting for a request's header; busy with its body or answer; working: in a lane
   enum class State { waiting, busy, working, streaming };
   int fd = -1;
   State state = State::waiting;
-  std::string address;                              ///< of the other side, without its port
-  bool has_token = false;                           ///< streaming: of the one who listens
+  std::string address;                              ///< of the peer, without the port
+  bool has_token = false;                           ///< streaming: of the listener
   std::shared_ptr<EventSubscription> subscription;  ///< streaming
   Clock::time_point since;
-  bool is_doomed = false;  ///< shut down, its close is on the way
+  bool is_doomed = false;  ///< shut down, close pending
 };
 
-/// One request from its first line to its last byte. Touched by the HTTP thread only.
+/// One request from its first line to its last byte. Used by the HTTP thread only.
 struct Exchange {
   std::string raw_target;
   HttpRequest request;
@@ -88,7 +88,7 @@ std::string make_session_key() {
   return key;
 }
 
-/// A numeric address as the kernel wants it.
+/// A numeric address in the kernel's form.
 struct BindAddress {
   sockaddr_storage storage{};
   bool is_v6 = false;
@@ -217,7 +217,7 @@ struct HttpServer::Impl {
   HttpServerConfig config;
   HttpSite site;
   bool is_loopback = true;
-  bool is_exposed = false;  ///< can be reached from elsewhere: reading needs the token too
+  bool is_exposed = false;  ///< reachable from elsewhere: reading needs the token too
   std::string session_key;
   int port = 0;
   MHD_Daemon* daemon = nullptr;
@@ -249,7 +249,7 @@ struct HttpServer::Impl {
   void close_connection(Connection* known);
   void set_state(MHD_Connection* connection, Connection::State state);
   void make_room_locked(const Connection* newest);
-  /// False: every other listener has more right to its place.
+  /// False: every other listener has a better claim to its slot.
   bool make_room_for_listener(bool is_with_token);
   void doom_locked(Connection& connection);
   void close_late_locked(Clock::time_point now);
@@ -286,7 +286,7 @@ Connection* connection_context(MHD_Connection* connection) {
 
 }  // namespace
 
-// ---- connections ---------------------------------------------------------------------------
+// ---- connections ----
 
 void HttpServer::Impl::open_connection(MHD_Connection* connection, void** context) {
   const MHD_ConnectionInfo* info =
@@ -327,7 +327,7 @@ void HttpServer::Impl::set_state(MHD_Connection* connection, Connection::State s
 }
 
 void HttpServer::Impl::doom_locked(Connection& connection) {
-  // The descriptor is open until close_connection has taken this entry away, so this cannot hit
+  // The descriptor is open until close_connection has removed this entry, so this cannot hit
   // another file. The HTTP thread sees the end of the connection and frees it.
   connection.is_doomed = true;
   ::shutdown(connection.fd, SHUT_RDWR);
@@ -387,7 +387,7 @@ bool HttpServer::Impl::make_room_for_listener(bool is_with_token) {
     ++n_evicted;
     ended = last->subscription;
   }
-  EventStream::end(*ended);  // a sleeping one does not see that its connection was shut down
+  EventStream::end(*ended);  // a sleeping one does not notice that its connection was shut down
   return true;
 }
 
@@ -418,7 +418,7 @@ void HttpServer::Impl::run_timer(const std::stop_token& stop) {
     close_late_locked(now);
     if (now >= next_heartbeat) {
       next_heartbeat = now + config.heartbeat;
-      lock.unlock();  // a listener's wake-up must not wait for this lock, nor hold it
+      lock.unlock();  // a listener's wake-up must neither wait for this lock nor hold it
       for (const HttpSite::Entry& entry : site.entries()) {
         if (entry.stream) {
           entry.stream->send_heartbeat();
@@ -429,7 +429,7 @@ void HttpServer::Impl::run_timer(const std::stop_token& stop) {
   }
 }
 
-// ---- requests ------------------------------------------------------------------------------
+// ---- requests ----
 
 std::optional<std::vector<std::string>> HttpServer::Impl::static_segments(
     const std::vector<std::string>& segments) const {
@@ -556,7 +556,7 @@ MHD_Result HttpServer::Impl::receive(MHD_Connection* connection, const char* met
   }
   if (*upload_size > 0) {
     if (exchange.request.body.size() + *upload_size > config.max_body_bytes) {
-      exchange.is_too_large = true;  // a chunked body says its length only by arriving
+      exchange.is_too_large = true;  // a chunked body reveals its length only on arrival
       exchange.request.body.clear();
     } else if (!exchange.is_too_large) {
       exchange.request.body.append(upload, *upload_size);
@@ -633,7 +633,7 @@ HttpResponse HttpServer::Impl::log_in(MHD_Connection* connection,
     return error_response(401, "the token is wrong", std::string(kLoginPath),
                           "the daemon's token file has it");
   }
-  // A page that came by TLS never gives its cookie away without.
+  // A page that came by TLS never sends its cookie without.
   const bool is_tls = header_of(connection, MHD_HTTP_HEADER_ORIGIN).starts_with("https://");
   const std::string cookie = fmt::format("{}={}; HttpOnly; SameSite=Strict; Path=/{}",
                                          kCookieName, session_key, is_tls ? "; Secure" : "");
@@ -643,7 +643,7 @@ HttpResponse HttpServer::Impl::log_in(MHD_Connection* connection,
 MHD_Result HttpServer::Impl::send(MHD_Connection* connection, const HttpResponse& response) {
   ++n_requests;
   n_refused += response.status >= 400 ? 1 : 0;
-  // libmicrohttpd copies; it takes void* for reasons of C.
+  // libmicrohttpd copies; the void* is for C.
   const ResponseHandle handle(MHD_create_response_from_buffer(
       response.body.size(), const_cast<char*>(response.body.data()), MHD_RESPMEM_MUST_COPY));
   if (!handle) {
@@ -719,7 +719,7 @@ MHD_Result HttpServer::Impl::send_stream(MHD_Connection* connection, const Excha
   return MHD_queue_response(connection, MHD_HTTP_OK, handle.get());
 }
 
-// ---- the C side: no exception leaves these --------------------------------------------------
+// ---- the C side: no exception leaves these ----
 
 namespace {
 
@@ -775,7 +775,7 @@ static void haarlight_notify_connection(void* cls, MHD_Connection* connection, v
 
 static void haarlight_log_http(void* /*cls*/, const char* format, va_list arguments) {
   char line[256];
-  // Broken requests of strangers are no concern of the log's readers.
+  // Malformed requests from strangers do not belong in the log.
   if (std::vsnprintf(line, sizeof(line), format, arguments) > 0) {
     log_debug(std::string("http: ") + line);
   }
@@ -857,7 +857,7 @@ HttpServer::Impl::~Impl() {
     timer.request_stop();
     timer.join();
   }
-  // None may sleep while the server stops.
+  // None may sleep while the server is stopping.
   looks.close();
   works.close();
   for (const HttpSite::Entry& entry : site.entries()) {

@@ -15,7 +15,7 @@
 #include "http/parse.h"
 
 /// @file
-/// What a server answers: routes, event streams and folders of static files.
+/// The contents of a server: routes, event streams and folders of static files.
 
 namespace haarlight {
 
@@ -45,11 +45,11 @@ struct HttpResponse {
   int status = 200;
   std::string content_type = "application/json";
   std::string body = {};
-  /// Any others. "Cache-Control" stands in for the server's own "no-store".
+  /// Any others. "Cache-Control" replaces the server's own "no-store".
   std::map<std::string, std::string> headers = {};
 };
 
-/// The project's one form of an error: {"error": {"what", "where", "cure"}}.
+/// The project's uniform error format: {"error": {"what", "where", "cure"}}.
 [[nodiscard]] HttpResponse error_response(int status, std::string_view what,
                                           std::string_view where, std::string_view cure);
 /// bad_input, usage: 400; unavailable: 503; interrupted: 409; the rest: 500.
@@ -57,27 +57,27 @@ struct HttpResponse {
 
 /// Who may use a route.
 enum class Access {
-  open,   ///< anyone that may connect: health, metrics, login, the page's files
+  open,   ///< anyone who can connect: health, metrics, login, the page's files
   read,   ///< the token is needed when the server is not on loopback
-  write,  ///< the token is needed when there is one (there must be one off loopback)
+  write,  ///< the token is required when there is one (there must be one off loopback)
 };
 
 /// Which thread runs a handler.
 enum class Lane {
-  /// The one HTTP thread, beside all-off: only what takes microseconds whatever the plan, the
-  /// session or the number of clients, and never waits.
+  /// The one HTTP thread, which also serves all-off: only what takes microseconds whatever the
+  /// plan, the session or the number of clients, and never waits.
   here,
-  /// What reads a session, the disk or a picture: one thread for all of these, with a bounded
-  /// queue (503 with Retry-After beyond it).
+  /// Whatever reads a session, the disk or a picture: one thread for all of these, with a
+  /// bounded queue (503 with Retry-After beyond it).
   look,
-  /// Seconds of reckoning, as a plan's: a thread and queue of its own, so that looks need not
-  /// wait. With ?client=NAME a newer request of that client for the same path takes the place
-  /// of one that still waits (409).
+  /// Seconds of computation, such as a plan's: a thread and queue of its own, so that looks
+  /// need not wait. With ?client=NAME a newer request of that client for the same path replaces
+  /// one that still waits (409).
   work,
 };
 
 /// A haarlight::Error becomes error_response(error); any other exception becomes 500 and a line
-/// in the log. Those of one lane never run at the same time.
+/// in the log. Handlers of one lane never run concurrently.
 using HttpHandler = std::function<HttpResponse(const HttpRequest& request)>;
 
 struct HttpRoute {
@@ -92,7 +92,7 @@ struct HttpRoute {
 /// Filled before the server starts; the server takes it by value.
 class HttpSite {
  public:
-  /// @throws ContractViolation  a pattern that PathPattern refuses, or a route given twice
+  /// @throws ContractViolation  a pattern that PathPattern refuses, or a route added twice
   void add(HttpRoute route);
   /// Access::read and Access::write.
   void get(std::string pattern, HttpHandler handler, Lane lane = Lane::look);
@@ -101,9 +101,9 @@ class HttpSite {
   /// GET `pattern` is an event stream. Last-Event-ID resumes it.
   void add_events(std::string pattern, std::shared_ptr<EventStream> stream);
 
-  /// GET of anything below `prefix` that no route takes is a file of `folder`; "/" is
+  /// GET of anything below `prefix` that matches no route is a file of `folder`; "/" is
   /// index.html. Nothing outside the folder is ever served; symbolic links and names that start
-  /// with a dot are not followed. One folder a site.
+  /// with a dot are not followed. One folder per site.
   void set_static_files(const std::string& prefix, std::filesystem::path folder);
 
   struct Entry {
@@ -111,7 +111,7 @@ class HttpSite {
     HttpRoute route;                      ///< handler empty for an event stream
     std::shared_ptr<EventStream> stream;  ///< or none
   };
-  /// Most particular first.
+  /// Most specific first.
   [[nodiscard]] const std::vector<Entry>& entries() const noexcept { return entries_; }
   [[nodiscard]] const std::filesystem::path& static_folder() const noexcept { return folder_; }
   [[nodiscard]] const std::vector<std::string>& static_prefix() const noexcept {

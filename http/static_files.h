@@ -11,7 +11,7 @@
 #include "core/files.h"
 
 /// @file
-/// Files of one folder, and never of another.
+/// Files of one folder, and of no other.
 
 namespace haarlight {
 
@@ -23,11 +23,11 @@ struct StaticFile {
 
 /// Opens folder/segment/segment/... one step at a time with openat(O_NOFOLLOW), so neither ".."
 /// nor a symbolic link leads out. Nothing for names that start with a dot, links, and anything
-/// that is no regular file. @param segments  decoded; empty: index.html
+/// other than a regular file. @param segments  decoded; empty: index.html
 [[nodiscard]] std::optional<StaticFile> open_static_file(
     const std::filesystem::path& folder, const std::vector<std::string>& segments);
 
-/// By the name's ending; "application/octet-stream" for an unknown one.
+/// By file extension; "application/octet-stream" for an unknown one.
 [[nodiscard]] std::string_view content_type_of(std::string_view name);
 
 }  // namespace haarlight

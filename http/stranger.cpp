@@ -21,7 +21,7 @@ bool is_own_origin(std::string_view origin, std::string_view host,
       return true;
     }
   }
-  // The proxy may send on another Host than its own.
+  // The proxy may forward under a Host other than its own.
   return std::any_of(
       allowed_hosts.begin(), allowed_hosts.end(),
       [origin](const std::string& allowed) { return origin == "https://" + allowed; });
@@ -58,7 +58,7 @@ std::optional<HttpResponse> refuse_stranger(const Caller& caller, bool is_loopba
 }
 
 std::optional<HttpResponse> refuse_cross_site(const Caller& caller, bool is_page) {
-  // With an Origin that was judged; "none" is a person's own doing, an address typed in.
+  // With a validated Origin; "none" is the user's own doing, an address typed in.
   const bool is_ours = !caller.origin.empty() || caller.fetch_site.empty() ||
                        caller.fetch_site == "same-origin" || caller.fetch_site == "none";
   const bool is_link =

@@ -9,12 +9,12 @@
 #include "http/site.h"
 
 /// @file
-/// Whether a request comes from a page of ours: Host against names that were made to point here
-/// (DNS rebinding), Origin and Sec-Fetch-Site against pages of other sites. Pure.
+/// Whether a request comes from a page of ours: Host against names rebound to this address (DNS
+/// rebinding), Origin and Sec-Fetch-Site against pages of other sites. Pure.
 
 namespace haarlight {
 
-/// What a browser says of itself; empty where it says nothing.
+/// What a browser says about the origin of a request; empty where it says nothing.
 struct Caller {
   std::vector<std::string_view> hosts;  ///< every Host header
   std::string_view origin;
@@ -23,16 +23,17 @@ struct Caller {
   std::string_view fetch_dest;
 };
 
-/// @param is_loopback    the server listens there: a numeric Host is loopback's then
-/// @param allowed_hosts  names in lower case that stand for this server beside numbers and
-///                       localhost, with ":port" where it is not the scheme's own: a proxy's. A
-///                       page of https://NAME is ours, whatever Host the proxy sends on
+/// @param is_loopback    the server listens there: then a numeric Host is the loopback's
+/// @param allowed_hosts  names in lower case that denote this server besides numbers and
+/// localhost, with ":port" where it is not the scheme's default: a proxy's. A page of
+/// https://NAME is ours, whatever Host the proxy forwards
 /// @return 400 or 403, or nothing
 [[nodiscard]] std::optional<HttpResponse> refuse_stranger(
     const Caller& caller, bool is_loopback, const std::vector<std::string>& allowed_hosts);
 
-/// A page of another site asks without saying so in Origin (an image, a form, a link). Only to
-/// follow a link to the page itself is well: `is_page` and a navigation of the whole window.
+/// A request by a page of another site that Origin does not reveal (an image, a form, a link).
+/// Only following a link to the page itself is allowed: `is_page` and a navigation of the whole
+/// window.
 /// @return 403, or nothing
 [[nodiscard]] std::optional<HttpResponse> refuse_cross_site(const Caller& caller, bool is_page);
 

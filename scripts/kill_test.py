@@ -4,7 +4,7 @@
 each session is done, and compares every session with an undisturbed one: same plan hash and, for
 each shot, same lights, tag and pixel hash. Times, sequence numbers and attempts may differ. Equal
 pixels are a property of this set-up, not a promise of the daemon's: see --doubtful-us below, and
-capture/README.md, "What a crash may change".
+capture/daemon/README.md, "What a crash may change".
 
     scripts/kill_test.py [--kills 50] [--seed 1] [--bin build/release/apps] [--rig RIG] [--scene S]
 

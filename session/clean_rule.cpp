@@ -110,7 +110,7 @@ std::string find_evidence_problem(const FrameEvidence& e) {
                ? std::string()
                : fmt::format("the light did not fit the frame period by {} us", -e.margin_us);
   }
-  // Sessions of before the read-back's time was kept counted from the acknowledgement.
+  // Sessions from before the read-back's time was stored counted from the acknowledgement.
   const std::int64_t t_shown_ns = e.t_shown_ns.value_or(e.t_ack_ns);
   if (e.t_ack_ns < e.t_command_ns || t_shown_ns < e.t_ack_ns || e.t_stable_ns < t_shown_ns) {
     return fmt::format(

@@ -9,12 +9,12 @@
 #include "session/evidence.h"
 
 /// @file
-/// The rule that decides everything: a frame belongs to a light only when it was exposed wholly
-/// while that light's pattern, and nothing else, was lit. Used by the sequencer when it
-/// commits, by recovery when it adopts, and by `haarlight verify`. Pure.
+/// The clean rule: a frame belongs to a light only when it was exposed entirely while that
+/// light's pattern, and nothing else, was lit. Used by the sequencer when it commits, by
+/// recovery when it adopts, and by `haarlight verify`. Pure.
 ///
 ///     clean  <=>  first row's exposure start >= t_stable  and  last row's end <= next change
-///     first-row start = ts                   the stamp means start of exposure
+///     first-row start = ts                   the timestamp means start of exposure
 ///                     = ts - E               start of readout
 ///                     = ts - t_read - E      end of frame
 ///     last-row end    = first-row start + E + skew
@@ -24,12 +24,14 @@ namespace haarlight {
 /// t_next_change_ns of a frame after which nothing was commanded.
 inline constexpr std::int64_t kNoNextChange = std::numeric_limits<std::int64_t>::max();
 
-/// What the camera says of one frame. Times in microseconds, the stamp in ns CLOCK_MONOTONIC.
+/// The camera's data about one frame. Times in microseconds, the timestamp in ns
+/// CLOCK_MONOTONIC.
 struct ExposureTiming {
   std::int64_t timestamp_ns = 0;
   TimestampMeaning meaning = TimestampMeaning::end_frame;
   double exposure_us = 0.0;  ///< E
-  double read_us = 0.0;      ///< t_read: end of the first row's exposure to the stamp's event
+  double read_us = 0.0;      ///< t_read: end of the first row's exposure to the timestamped
+                             ///< event
   double skew_us = 0.0;      ///< last row's exposure start minus the first row's
 };
 
@@ -44,7 +46,7 @@ struct ExposureWindow {
 /// int64.
 [[nodiscard]] ExposureWindow exposure_window(const ExposureTiming& timing) noexcept;
 
-/// The distance of an exposure to the nearest change of light.
+/// The distance of an exposure to the nearest light change.
 struct CleanVerdict {
   bool is_clean = false;
   double margin_us =
@@ -61,11 +63,11 @@ struct CleanVerdict {
                                             double settle_us, double guard_us,
                                             double period_us) noexcept;
 
-/// Judges stored evidence by itself: the tag was echoed, command, acknowledgement, read-back
-/// and stable light follow each other, the stored window follows from the stamp, the window is
-/// clean (or, where the camera leads, the step counter went from k to k + 1), and the driver
-/// marked nothing. Asserted evidence (an import) only needs its pixel hash.
-/// @return  empty when it holds, else what does not, in words
+/// Validates stored evidence by itself: the tag was echoed; command, acknowledgement, read-back
+/// and stable light are in order; the stored window follows from the timestamp; the window is
+/// clean (or, where the camera leads, the step counter went from k to k + 1); and the driver
+/// flagged nothing. Asserted evidence (an import) only needs its pixel hash.
+/// @return  empty when it holds, otherwise the reason in words
 [[nodiscard]] std::string find_evidence_problem(const FrameEvidence& evidence);
 
 }  // namespace haarlight

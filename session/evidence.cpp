@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
-#include "session/json_value.h"
+#include "core/json_value.h"
 
 namespace haarlight {
 
@@ -96,18 +96,6 @@ std::optional<double> find_number(const JsonValue& value, const char* name, doub
 }
 
 }  // namespace
-
-std::string_view to_string(EvidenceKind kind) noexcept {
-  switch (kind) {
-    case EvidenceKind::measured:
-      return "measured";
-    case EvidenceKind::asserted:
-      return "asserted";
-    case EvidenceKind::replayed:
-      return "replayed";
-  }
-  return "unknown";
-}
 
 std::span<const std::string_view> evidence_field_names() noexcept { return kFields; }
 

@@ -29,8 +29,8 @@ struct RowStatistics {
   std::size_t n_black = 0;
 };
 
-/// Words in integers, which the compiler does sixteen at a time; their sums are exact, so the
-/// result is that of doubles to the last bit.
+/// Words in integers, which the compiler vectorises 16-wide; their sums are exact, so the
+/// result equals that of doubles to the last bit.
 template <class T>
 RowStatistics<T> measure_row(std::span<const T> row, double black_level, double white_level) {
   RowStatistics<T> result{row.front(), row.front()};

@@ -8,7 +8,7 @@
 #include "session/session.h"
 
 /// @file
-/// Looks at one frame's file and says whether it can be trusted: used by recovery before a
+/// Inspects one frame's file and decides whether it can be trusted: used by recovery before a
 /// frame is adopted, and by verify.
 
 namespace haarlight {
@@ -17,19 +17,18 @@ struct FrameInspection {
   FrameDescription description;
   std::string file_hash;  ///< content_hash of the file's bytes
   std::string sha256;     ///< leaf_hash of the file, named frames/NAME
-  std::string problem;    ///< empty: the frame holds; else what does not, in words
+  std::string problem;    ///< empty: the frame is valid; otherwise why not, in words
   [[nodiscard]] bool is_good() const { return problem.empty(); }
 };
 
 /// Reads the file once: a plain file and no link; form, session and plan; what it says was lit
 /// against the plan; hash of the active pixels, range and mean of the pixels against the
-/// evidence, and the clean rule. Never throws for what the file
-/// contains.
+/// evidence, and the clean rule. Never throws for what the file contains.
 [[nodiscard]] FrameInspection inspect_frame(const std::filesystem::path& file,
                                             const SessionInfo& info);
 
-/// Least, greatest and mean sample of rows' bytes as the evidence stores them, and the shares
-/// of samples at or above the white and at or below the black level.
+/// Least, greatest and mean sample of rows' bytes as the evidence stores them, and the
+/// fractions of samples at or above the white and at or below the black level.
 struct PixelStatistics {
   double min = 0.0;
   double max = 0.0;
@@ -44,8 +43,8 @@ struct PixelStatistics {
 [[nodiscard]] PixelStatistics measure_pixels(ImageView<const float> pixels, double black_level,
                                              double white_level);
 
-/// Puts the statistics and the hash of the active pixels into the evidence. min_dn and max_dn
-/// are clamped to 0 .. 65535 (floating pictures keep only the mean).
+/// Stores the statistics and the hash of the active pixels in the evidence. min_dn and max_dn
+/// are clamped to 0 .. 65535 (floating-point pictures keep only the mean).
 template <class T>
 void describe_pixels(ImageView<const T> active, const FrameForm& form, FrameEvidence& evidence);
 

@@ -15,8 +15,8 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/sha256.h"
-#include "session/json_value.h"
 
 namespace haarlight {
 
@@ -27,7 +27,7 @@ namespace {
 constexpr const char* kDamagedCure =
     "the file is damaged: restore it from a backup, or take the shot again (haarlight reshoot)";
 
-/// The file in memory that libtiff reads or writes, and its last complaint.
+/// The memory file that libtiff reads or writes, and its last error.
 struct Memory {
   std::span<const std::byte> input;
   std::vector<std::byte>* output = nullptr;
@@ -92,7 +92,7 @@ int map_memory(thandle_t handle, void** base, toff_t* size) {
   if (memory.output != nullptr) {
     return 0;
   }
-  *base = const_cast<std::byte*>(memory.input.data());  // libtiff reads a mapping only
+  *base = const_cast<std::byte*>(memory.input.data());  // libtiff only reads from a mapping
   *size = memory.input.size();
   return 1;
 }
@@ -292,8 +292,7 @@ FrameDescription frame_description_from_json(const std::string& json,
   description.attempt = static_cast<int>(value["attempt"].integer(0, kMaxInt));
   if (value.has("lit")) {
     LitStatement& light = description.light.emplace();
-    light.kind =
-        static_cast<ShotKind>(value["kind"].choice({"light", "dark", "flat", "sentinel"}));
+    light.kind = value["kind"].one_of<ShotKind>();
     for (const JsonValue& pair : value["lit"].elements()) {
       const std::vector<JsonValue> numbers = pair.elements();
       if (numbers.size() != 2) {

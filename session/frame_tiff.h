@@ -15,7 +15,7 @@
 /// @file
 /// One raw frame as a TIFF file in memory: uncompressed, strips of 64 rows, 1 or 3 channels of
 /// u8, u16 or f32, with a FrameDescription as JSON in the ImageDescription tag. The same frame
-/// gives the same bytes. Any TIFF reader opens it. Only the .cpp sees libtiff. Pure;
+/// gives the same bytes. Any TIFF reader opens it. Only the .cpp includes libtiff. Pure;
 /// thread-safe.
 
 namespace haarlight {
@@ -23,16 +23,16 @@ namespace haarlight {
 inline constexpr int kStripRows = 64;
 
 /// What was lit while a frame was exposed, stored with its pixels: no other file is needed to
-/// tell, and no other can tell otherwise unnoticed.
+/// know, and none can contradict it unnoticed.
 struct LitStatement {
   ShotKind kind = ShotKind::light;
   std::vector<LightLevel> lit;
   double exposure_us = 0.0;  ///< as planned
-  std::string setup;         ///< setup_hash(): which lights those are, and which samples
+  std::string setup;         ///< setup_hash(): identifies the lights and the sample format
   friend bool operator==(const LitStatement&, const LitStatement&) = default;
 };
 
-/// Who a frame is, so that the journal can be rebuilt from the frames alone.
+/// Identifies a frame, so that the journal can be rebuilt from the frames alone.
 struct FrameDescription {
   std::string session;    ///< SessionInfo::id
   std::string plan_hash;  ///< SessionInfo::plan_hash
@@ -43,10 +43,10 @@ struct FrameDescription {
   friend bool operator==(const FrameDescription&, const FrameDescription&) = default;
 };
 
-/// SHA-256, 64 digits, over the lights' names, places and powers and the frames' form (layout:
-/// docs/reference/session-format.md).
+/// SHA-256, 64 digits, over the lights' names, positions and powers and the frames' form
+/// (layout: docs/reference/session-format.md).
 [[nodiscard]] std::string setup_hash(const SessionInfo& info);
-/// What a frame of this shot says of itself. @param setup  setup_hash(info)
+/// The description stored in a frame of this shot. @param setup  setup_hash(info)
 [[nodiscard]] FrameDescription describe_frame(const SessionInfo& info, const std::string& setup,
                                               int shot, int attempt,
                                               const FrameEvidence& evidence);
@@ -57,7 +57,7 @@ struct FrameDescription {
                                                            const std::string& where);
 
 /// @param pixels  (stored height, width, 1 or 3)
-/// @throws Error(io)  libtiff refused (a frame above 4 GiB)
+/// @throws Error(io)  libtiff failed (a frame above 4 GiB)
 [[nodiscard]] std::vector<std::byte> encode_frame_tiff(ImageView<const std::uint8_t> pixels,
                                                        const std::string& description);
 [[nodiscard]] std::vector<std::byte> encode_frame_tiff(ImageView<const std::uint16_t> pixels,
@@ -65,7 +65,7 @@ struct FrameDescription {
 [[nodiscard]] std::vector<std::byte> encode_frame_tiff(ImageView<const float> pixels,
                                                        const std::string& description);
 
-/// What a frame's TIFF says of itself.
+/// The description stored in a frame's TIFF.
 struct FrameTiffHeader {
   int width = 0;
   int height = 0;  ///< stored rows
@@ -79,7 +79,7 @@ struct FrameTiffHeader {
                                                      const std::string& where);
 
 /// The bytes of rows [y0, y1), packed (rows, width, channels), samples little-endian.
-/// @throws Error  as above, or the rows are not in the file
+/// @throws Error  as above, or the file does not contain these rows
 [[nodiscard]] std::vector<std::byte> read_frame_tiff_rows(std::span<const std::byte> file,
                                                           const FrameTiffHeader& header, int y0,
                                                           int y1, const std::string& where);

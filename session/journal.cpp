@@ -129,7 +129,8 @@ Result<std::vector<JournalRow>> select_rows(sqlite3* database,
   return rows;
 }
 
-/// Every value as its length in bytes, ":" and its bytes; a line a row, a blank line a table.
+/// Every value as its length in bytes, ":" and its bytes; one line per row, a blank line per
+/// table.
 Result<std::string> select_text(sqlite3* database, const std::filesystem::path& file) {
   constexpr std::array<std::pair<const char*, int>, 4> kTables = {
       std::pair{"SELECT type, name, ifnull(sql, '') FROM sqlite_master ORDER BY type, name", 3},
@@ -208,7 +209,7 @@ struct Journal::Impl {
 
   [[nodiscard]] sqlite3* db() const { return database.get(); }
 
-  /// One step of the journal: the test's stop sign first, then SQL that returns nothing.
+  /// One step of the journal: the test's stop hook first, then SQL that returns nothing.
   [[nodiscard]] Result<void> step(const char* sql) const {
     if (auto allowed = storage->journal_step(); !allowed) {
       return allowed;
@@ -260,8 +261,8 @@ struct Journal::Impl {
 };
 
 Result<void> Journal::Impl::set_up(const std::string& session_id) {
-  // One owner: the WAL's index then lives in memory, and a second writer is refused. Nothing is
-  // written before the file has proved to be this session's sound journal.
+  // One owner: the WAL's index is then kept in memory, and a second writer is refused. Nothing
+  // is written before the file has proved to be this session's sound journal.
   const auto run_all = [this](std::initializer_list<const char*> statements) -> Result<void> {
     for (const char* sql : statements) {
       if (auto done = step(sql); !done) {
@@ -337,8 +338,8 @@ Result<Journal> Journal::open(const std::filesystem::path& file, const std::stri
   impl->storage = &storage;
   const std::string vfs = storage.journal_vfs();
   sqlite3* database = nullptr;
-  // NOFOLLOW is meant for the file: the way to it may lead over links (a session that was
-  // moved, a sessions folder on another disk).
+  // NOFOLLOW is meant for the file: its path may contain links (a session that was moved, a
+  // sessions folder on another disk).
   std::error_code ignored;
   const std::filesystem::path folder = std::filesystem::canonical(file.parent_path(), ignored);
   const std::filesystem::path place = ignored ? file : folder / file.filename();

@@ -13,14 +13,14 @@
 
 /// @file
 /// The journal of a session being captured: an SQLite file (WAL, synchronous FULL, one owner)
-/// that says which frames are committed, and what happened. Tables:
-/// docs/reference/session-format.md. Only the .cpp sees SQLite. One thread.
+/// that records which frames are committed, and what happened. Tables:
+/// docs/reference/session-format.md. Only the .cpp includes SQLite. One thread.
 
 namespace haarlight {
 
 enum class RowState {
   committed,  ///< durable frame, evidence good
-  withdrawn,  ///< a person asked for another attempt
+  withdrawn,  ///< another attempt was requested
   returned,   ///< recovery found the frame missing or altered
 };
 
@@ -41,7 +41,7 @@ struct JournalEvent {
 
 class Journal {
  public:
-  /// Opens or makes the file and takes it for this process alone.
+  /// Opens or creates the file for this process alone.
   /// Fault protocol: not a journal of this session, or damaged (it may be rebuilt from the
   /// frames); device_busy: another process has it.
   [[nodiscard]] static Result<Journal> open(const std::filesystem::path& file,
@@ -52,14 +52,14 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
-  /// The file was missing or empty: no frame that is there can have a row.
+  /// The file was missing or empty: no existing frame can have a row.
   [[nodiscard]] bool is_new() const;
   /// Every row, by shot and attempt.
   [[nodiscard]] Result<std::vector<JournalRow>> rows();
-  /// All that the tables say, as text: what the session's root covers of a journal (layout:
-  /// docs/reference/session-format.md). SQLite's own bookkeeping in the file is not in it.
+  /// The full contents of the tables as text: the part of a journal that the session's root
+  /// covers (layout: docs/reference/session-format.md). Excludes SQLite's own bookkeeping.
   [[nodiscard]] Result<std::string> text();
-  /// All rows in one transaction, durable when this returns; on a Fault none is there.
+  /// All rows in one transaction, durable on return; on a Fault none is there.
   [[nodiscard]] Result<void> insert(std::span<const JournalRow> rows);
   /// Durable. Rows of the shot and attempt get the state.
   [[nodiscard]] Result<void> set_state(int shot, int attempt, RowState state);
@@ -69,7 +69,8 @@ class Journal {
   /// Events after `id`, oldest first, at most `limit`.
   [[nodiscard]] Result<std::vector<JournalEvent>> events_after(std::int64_t id, int limit);
 
-  /// Moves everything out of the WAL, leaves WAL mode (so that a read-only copy opens), closes.
+  /// Moves everything out of the WAL, leaves WAL mode (so that a read-only copy can be opened),
+  /// closes.
   [[nodiscard]] Result<void> close_for_archive();
 
  private:

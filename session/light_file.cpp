@@ -13,7 +13,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "session/json_value.h"
+#include "core/json_value.h"
 #include "session/transforms_file.h"
 
 namespace haarlight {
@@ -34,7 +34,7 @@ std::string_view trim(std::string_view text) {
   return text.substr(begin, text.find_last_not_of(kSpace) - begin + 1);
 }
 
-/// A line's last word cut off.
+/// Cuts off a line's last word.
 std::string_view take_last_word(std::string_view& line) {
   line = trim(line);
   const std::size_t space = line.find_last_of(" \t");
@@ -132,14 +132,15 @@ LpLine parse_lp_line(const Line& line, const std::string& where) {
 }
 
 /// Whether the numbers are positions; refuses what could be either. Published lists have
-/// directions from balls that are short by a fifth, and single mistyped ones: those are told.
+/// directions from mirror balls that are short by a fifth, and single typing errors: those are
+/// noted.
 bool decide_positions(const std::vector<LpLine>& lines, LightPlaces places,
                       const std::string& where, LightList& list) {
   if (places != LightPlaces::automatic) {
     return places == LightPlaces::positions;
   }
-  constexpr double kLongest = 2.0;          // nobody's lights stand this near, in mm
-  constexpr std::size_t kFewestOthers = 9;  // for each line that may be longer or shorter
+  constexpr double kLongest = 2.0;          // no lights are this near, in mm
+  constexpr std::size_t kFewestOthers = 9;  // per line that may be longer or shorter
   std::vector<const LpLine*> off;
   const LpLine* far = nullptr;
   std::size_t n_far = 0;

@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "session/json_value.h"
+#include "core/json_value.h"
 
 namespace haarlight {
 

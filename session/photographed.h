@@ -6,7 +6,7 @@
 #include "core/picture/picture_facts.h"
 
 /// @file
-/// The photographs' facts as sessions, basis files and web folders keep them: an object
+/// The photographs' facts as stored in sessions, basis files and web folders: an object
 /// `photographed` with those of `camera`, `exposure_s`, `f_number`, `iso` and `taken` that are
 /// known.
 

@@ -5,16 +5,15 @@
 #include "session/session.h"
 
 /// @file
-/// What a session takes from its rig. Functions of their own so that `verify` can hold
-/// session.json to rig.toml.
+/// What a session takes from its rig. Separate functions so that `verify` can check
+/// session.json against rig.toml.
 
 namespace haarlight {
 
-/// Of the frames that a rig's first camera delivers.
+/// For the frames that a rig's first camera delivers.
 [[nodiscard]] FrameForm frame_form_of(const Rig& rig);
 
-/// Fills form, lights, grid_rows and grid_cols as a capture with the rig's first camera has
-/// them.
+/// Fills in form, lights, grid_rows and grid_cols as for a capture with the rig's first camera.
 void describe_rig(const Rig& rig, SessionInfo& info);
 
 }  // namespace haarlight

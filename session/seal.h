@@ -10,33 +10,34 @@
 
 /// @file
 /// The root of a session: one SHA-256 over everything in it that must not change. Definition:
-/// docs/reference/session-format.md. Unsigned, it finds accident and careless editing;
-/// session.json, which holds it, can be signed (session/signature.h), and then everything that
-/// happens after signing is found.
+/// docs/reference/session-format.md. Unsigned, it reveals accidents and careless editing;
+/// session.json, which holds it, can be signed (session/signature.h), which reveals every
+/// change after signing.
 
 namespace haarlight {
 
 /// "haarlight 0.9.0".
 [[nodiscard]] std::string program_name();
 
-/// The files under the root beside the frames listed and session.json itself, by name:
-/// start.json, plan.json, rig.toml, and all of frames/ and aside/. Links are not among them.
+/// The files under the root other than the listed frames and session.json itself, by name:
+/// start.json, plan.json, rig.toml, and all of frames/ and aside/. Excludes links.
 /// @throws Error(io)  a folder or file cannot be read
 [[nodiscard]] std::vector<std::string> list_sealed_names(const std::filesystem::path& folder,
                                                          const SessionInfo& info);
 
-/// Fills info.files and info.root; every frame has its sha256 already.
+/// Fills in info.files and info.root; every frame has its sha256 already.
 /// @param journal_text  Journal::text(); empty: the session has no journal
 /// @throws Error(io)  a file cannot be read
 void seal_session(const std::filesystem::path& folder, const std::string& journal_text,
                   SessionInfo& info);
 
-/// The bytes of session.json that its root covers: all before the line of the root, which is
-/// the last but one. Empty: the file does not end with such a line.
+/// The bytes of session.json covered by its root: all before the line of the root, which is the
+/// last but one. Empty: the file does not end with such a line.
 [[nodiscard]] std::string_view sealed_part(std::string_view session_json);
 
-/// The root over session.json's part, the frames' leaves and the files' leaves as listed.
-/// @throws Error  a listed leaf is no SHA-256
+/// The root over session.json's covered part, the frames' leaves and the files' leaves as
+/// listed.
+/// @throws Error  a listed leaf is not a SHA-256
 [[nodiscard]] std::string root_of(std::string_view sealed_part, const SessionInfo& info);
 
 }  // namespace haarlight

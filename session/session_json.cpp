@@ -12,8 +12,8 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/json_value.h"
 #include "core/text_limits.h"
-#include "session/json_value.h"
 #include "session/light_file.h"
 #include "session/photographed.h"
 #include "session/session.h"
@@ -27,27 +27,15 @@ using Json = nlohmann::ordered_json;
 constexpr int kMaxInt = std::numeric_limits<int>::max();
 constexpr std::size_t kMaxCount = std::size_t{1} << 24U;
 
-const std::vector<std::string_view> kKinds = {"measured", "asserted", "replayed"};
-const std::vector<std::string_view> kShotKinds = {"light", "dark", "flat", "sentinel"};
-const std::vector<std::string_view> kMakers = {"capture", "import", "rebuild"};
-const std::vector<std::string_view> kSamples = {"u8", "u16", "f32"};
-const std::vector<std::string_view> kTransfers = {"linear", "srgb", "unknown"};
-const std::vector<std::string_view> kBayers = {"none", "rggb", "bggr", "grbg", "gbrg"};
-
-template <class Enum>
-std::string word(const std::vector<std::string_view>& words, Enum value) {
-  return std::string(words.at(static_cast<std::size_t>(value)));
-}
-
 Json form_to_json(const FrameForm& form) {
   Json json;
   json["width"] = form.width;
   json["height"] = form.height;
   json["stored_height"] = form.stored_height;
   json["channels"] = form.channels;
-  json["sample"] = word(kSamples, form.sample);
-  json["transfer"] = word(kTransfers, form.transfer);
-  json["bayer"] = word(kBayers, form.bayer);
+  json["sample"] = to_string(form.sample);
+  json["transfer"] = to_string(form.transfer);
+  json["bayer"] = to_string(form.bayer);
   json["black_level"] = form.black_level;
   json["white_level"] = form.white_level;
   if (form.clip_level) {
@@ -103,9 +91,9 @@ FrameForm form_from_json(const JsonValue& value) {
   if (form.channels == 2) {
     value["channels"].refuse("2 channels", "a frame has 1 (grey or Bayer) or 3");
   }
-  form.sample = static_cast<SampleType>(value["sample"].choice(kSamples));
-  form.transfer = static_cast<Transfer>(value["transfer"].choice(kTransfers));
-  form.bayer = static_cast<BayerPattern>(value["bayer"].choice(kBayers));
+  form.sample = value["sample"].one_of<SampleType>();
+  form.transfer = value["transfer"].one_of<Transfer>();
+  form.bayer = value["bayer"].one_of<BayerPattern>();
   if (form.bayer != BayerPattern::none && form.channels != 1) {
     value["bayer"].refuse("a Bayer mosaic of three channels", "a mosaic has one channel");
   }
@@ -116,7 +104,7 @@ FrameForm form_from_json(const JsonValue& value) {
                                 "write the sensor's levels");
   }
   if (value.has("clip_level")) {
-    // Floating-point values may have no end.
+    // Floating-point values may have no upper limit.
     form.clip_level = value["clip_level"].number(
         form.black_level, form.sample == SampleType::f32
                               ? static_cast<double>(std::numeric_limits<float>::max())
@@ -187,7 +175,7 @@ Shot shot_from_json(const JsonValue& value, std::size_t index, std::size_t n_lig
     value["index"].refuse(fmt::format("shot {} in place {}", shot.index, index),
                           "shots are listed in order, from 0");
   }
-  shot.kind = static_cast<ShotKind>(value["kind"].choice(kShotKinds));
+  shot.kind = value["kind"].one_of<ShotKind>();
   for (const JsonValue& pair : value["lit"].elements()) {
     const std::vector<JsonValue> numbers = pair.elements();
     if (numbers.size() != 2) {
@@ -200,9 +188,6 @@ Shot shot_from_json(const JsonValue& value, std::size_t index, std::size_t n_lig
   shot.exposure_us = value["exposure_us"].number(0.0);
   return shot;
 }
-
-const std::vector<std::string_view> kFamilies = {"list",     "one_at_a_time", "bins",
-                                                 "s_matrix", "haar",          "target"};
 
 Json patterns_to_json(const PatternRecipe& patterns) {
   Json json;
@@ -220,7 +205,7 @@ Json patterns_to_json(const PatternRecipe& patterns) {
 PatternRecipe patterns_from_json(const JsonValue& value, std::size_t n_lights) {
   constexpr int kMaxSide = 1 << 12;
   PatternRecipe patterns;
-  patterns.family = static_cast<PatternFamily>(value["family"].choice(kFamilies));
+  patterns.family = value["family"].one_of<PatternFamily>();
   patterns.bin = static_cast<int>(value["bin"].integer(0, kMaxSide));
   for (const JsonValue& face : value["faces"].elements()) {
     const std::vector<JsonValue> sides = face.elements();
@@ -256,7 +241,7 @@ FrameRecord frame_from_json(const JsonValue& value, std::size_t n_shots) {
       static_cast<int>(value["shot"].integer(0, static_cast<std::int64_t>(n_shots) - 1));
   frame.attempt = static_cast<int>(value["attempt"].integer(0, kMaxInt));
   frame.file = value["file"].text();
-  // A session never points outside of its own folder.
+  // A session never refers to anything outside its own folder.
   const std::filesystem::path file(frame.file);
   bool is_inside = !frame.file.empty() && file.is_relative();
   for (const std::filesystem::path& part : file) {
@@ -288,24 +273,6 @@ void check_finite(const SessionInfo& info) {
 }
 
 }  // namespace
-
-std::string_view to_string(ShotKind kind) noexcept {
-  switch (kind) {
-    case ShotKind::light:
-      return "light";
-    case ShotKind::dark:
-      return "dark";
-    case ShotKind::flat:
-      return "flat";
-    case ShotKind::sentinel:
-      return "sentinel";
-  }
-  return "unknown";
-}
-
-std::string_view to_string(MadeBy made_by) noexcept {
-  return kMakers[static_cast<std::size_t>(made_by)];
-}
 
 std::string session_info_to_json(const SessionInfo& info) {
   check_finite(info);
@@ -348,7 +315,7 @@ std::string session_info_to_json(const SessionInfo& info) {
   if (!info.root.empty()) {
     json["root"] = info.root;  // the last: it covers every byte before its line
   }
-  // One line an entry: a person can read it, diff works, and 1024 frames stay under a megabyte.
+  // One line per entry: readable, diff works, and 1024 frames stay under a megabyte.
   std::string text = "{\n";
   bool is_first = true;
   for (const auto& [key, value] : json.items()) {
@@ -386,7 +353,7 @@ SessionInfo session_info_from_json(const std::string& json, const std::string& w
   info.plan_hash = value["plan_hash"].text();
   info.plan_file_hash = value["plan_file_hash"].text();
   info.rig_hash = value["rig_hash"].text();
-  info.evidence = static_cast<EvidenceKind>(value["evidence"].choice(kKinds));
+  info.evidence = value["evidence"].one_of<EvidenceKind>();
   info.form = form_from_json(value["form"]);
   if (value.has("photographed")) {
     info.photographed = facts_from_json(value["photographed"]);
@@ -429,7 +396,7 @@ SessionInfo session_info_from_json(const std::string& json, const std::string& w
     last_shot = info.frames.back().shot;
   }
   if (value.has("files")) {
-    info.made_by = static_cast<MadeBy>(value["made_by"].choice(kMakers));
+    info.made_by = value["made_by"].one_of<MadeBy>();
     for (const JsonValue& file : list("files")) {
       info.files.push_back({file["name"].text(), file["sha256"].text()});
     }

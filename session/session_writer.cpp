@@ -63,7 +63,7 @@ struct SessionWriter::Impl {
   std::map<std::pair<int, int>, JournalRow> rows;     ///< by shot and attempt
   std::map<std::pair<int, int>, std::string> leaves;  ///< leaf_hash of their files
   std::string setup;                                  ///< setup_hash(info)
-  bool is_rebuilt = false;   ///< the rows are not those that were written during the capture
+  bool is_rebuilt = false;   ///< the rows are not those written during the capture
   std::string journal_text;  ///< once the journal is closed
   std::uint64_t reserved = 0;
   int n_temporaries = 0;
@@ -76,7 +76,7 @@ struct SessionWriter::Impl {
                                            std::span<const std::byte> bytes);
   [[nodiscard]] Result<void> write_durably(const fs::path& path, const std::string& text);
 
-  /// Moves a file to aside/ with a note of the reason beside it; nothing is overwritten there.
+  /// Moves a file to aside/ with a note of the reason next to it; overwrites nothing there.
   [[nodiscard]] Result<void> set_aside(const fs::path& file, const std::string& reason);
   [[nodiscard]] Result<void> set_session_json_aside(const std::string& reason);
   [[nodiscard]] Result<void> note_rebuilding();
@@ -107,8 +107,8 @@ Result<void> SessionWriter::Impl::write_renamed(const fs::path& path,
     done = storage->rename(temporary, path);
   }
   if (!done) {
-    // After a failed write or sync its pages cannot be trusted and its blocks are wanted; the
-    // bytes are still the caller's, and a repeated call uses a new name.
+    // After a failed write or sync its pages cannot be trusted and its blocks are needed; the
+    // caller still has the bytes, and a repeated call uses a new name.
     (void)storage->remove(temporary);
   }
   return done;
@@ -144,8 +144,8 @@ Result<void> SessionWriter::Impl::set_aside(const fs::path& file, const std::str
   return {};
 }
 
-/// Before a shot of a finished session is withdrawn: a daemon that dies before the new frame is
-/// there finds an unfinished session and goes on with it. Its signature goes with it.
+/// Before a shot of a finished session is withdrawn: if the daemon dies before the new frame is
+/// there, it finds an unfinished session and resumes it. The signature goes aside too.
 Result<void> SessionWriter::Impl::set_session_json_aside(const std::string& reason) {
   std::error_code ignored;
   bool is_any = false;
@@ -187,7 +187,8 @@ Result<void> SessionWriter::Impl::note_events_of_aside() {
 Result<void> SessionWriter::Impl::open_journal() {
   auto opened = Journal::open(folder / kJournal, info.id, *storage);
   if (!opened && opened.error().code == Errc::protocol) {
-    // A journal that cannot be trusted is set aside whole; its rows come back from the frames.
+    // A journal that cannot be trusted is set aside whole; its rows are rebuilt from the
+    // frames.
     const std::string reason = opened.error().what;
     std::error_code ignored;
     for (const char* ending : {"", "-wal", "-shm", "-journal"}) {
@@ -207,8 +208,8 @@ Result<void> SessionWriter::Impl::open_journal() {
   return storage->sync_folder(folder);
 }
 
-/// A journal that is lost, set aside or empty was there before start.json: its rows now come
-/// from the frames alone, and the session says so for ever.
+/// A journal that is lost, set aside or empty existed before start.json: its rows now come from
+/// the frames alone, and the session records that permanently.
 Result<void> SessionWriter::Impl::note_rebuilding() {
   if (journal->is_new()) {
     const auto id = journal->log(
@@ -307,7 +308,7 @@ Result<void> SessionWriter::Impl::check_rows() {
   return {};
 }
 
-/// A frame without a row is adopted when it holds, else set aside.
+/// A frame without a row is adopted when it is valid, otherwise set aside.
 Result<void> SessionWriter::Impl::adopt_frames() {
   std::vector<fs::path> files;
   std::error_code error;
@@ -381,7 +382,7 @@ Result<void> SessionWriter::Impl::adopt_frames() {
   return {};
 }
 
-/// Unfinished temporary files beside start.json, plan.json and session.json.
+/// Unfinished temporary files next to start.json, plan.json and session.json.
 Result<void> SessionWriter::Impl::sweep_temporaries() {
   std::vector<fs::path> files;
   std::error_code error;
@@ -431,7 +432,7 @@ void SessionWriter::Impl::shrink_reserve(std::uint64_t bytes) {
     return;
   }
   reserved -= std::min(reserved, bytes);
-  // Giving blocks back cannot make things worse: a fault here shows itself as no_space below.
+  // Releasing blocks cannot make things worse: a fault here shows up as no_space below.
   (void)storage->reserve(folder / kReserve, reserved);
 }
 
@@ -589,7 +590,7 @@ Result<SessionWriter> SessionWriter::make(const fs::path& folder, const SessionI
     is_reserved = reserved.has_value();
     impl->reserved = is_reserved ? reserve_bytes : 0;
   }
-  // A creation that was stopped leaves temporary files and a journal without rows.
+  // An interrupted creation leaves temporary files and a journal without rows.
   if (auto done = impl->sweep_temporaries(); !done) {
     return pass_on(done);
   }
@@ -604,7 +605,7 @@ Result<SessionWriter> SessionWriter::make(const fs::path& folder, const SessionI
       return pass_on(id);
     }
   }
-  // start.json comes last: a folder that has it was made whole.
+  // start.json comes last: a folder that has it is complete.
   if (!rig_toml.empty()) {
     if (auto done = impl->write_durably(folder / "rig.toml", rig_toml); !done) {
       return pass_on(done);
@@ -759,7 +760,7 @@ Result<void> SessionWriter::keep_refused(const PendingFrame& frame, const std::s
   const fs::path note = impl.aside() / (name + ".why.txt");
   const std::string text =
       fmt::format("{}: {}: {}\n", name, to_string(frame.evidence.verdict), reason);
-  // The reason first: a frame in aside/ never stands there without one.
+  // The reason first: no frame is ever in aside/ without one.
   if (auto done = impl.write_renamed(note, std::as_bytes(std::span(text))); !done) {
     return done;
   }

@@ -24,13 +24,13 @@ namespace haarlight {
 
 /// What recovery found and did; every item is also a journal event.
 struct RecoveryReport {
-  int n_committed = 0;  ///< rows whose frame is there and whose hash holds
-  int n_adopted = 0;    ///< frames without a row, evidence complete and hash good: now rows
+  int n_committed = 0;  ///< rows whose frame is present and whose hash matches
+  int n_adopted = 0;    ///< frames without a row, evidence complete, hash good: now rows
   int n_returned = 0;   ///< rows whose frame is missing or altered: pending again
   std::vector<std::string> set_aside;  ///< files moved to aside/, with the reason
 };
 
-/// A frame on its way to the disk. Pixels hold stored_height rows.
+/// A frame to be written. Pixels hold stored_height rows.
 struct PendingFrame {
   int shot = 0;
   int attempt = 0;
@@ -40,17 +40,18 @@ struct PendingFrame {
 
 class SessionWriter {
  public:
-  /// Makes a new session folder: rig.toml, plan.json, empty journal, frames/, aside/; reserves
-  /// `reserve_bytes` on the disk. `info.frames` is empty. On a Fault nothing is left of it.
+  /// Creates a new session folder: rig.toml, plan.json, empty journal, frames/, aside/;
+  /// reserves `reserve_bytes` on the disk. `info.frames` is empty. On a Fault nothing of it
+  /// remains.
   [[nodiscard]] static Result<SessionWriter> create(
       const std::filesystem::path& folder, const SessionInfo& info, const std::string& rig_toml,
       const std::string& plan_json, std::uint64_t reserve_bytes, Storage& storage);
-  /// Takes away what a create() that was stopped has left: a folder without start.json and
-  /// session.json in which nothing stands but what create() makes itself. A frame, or any other
-  /// file, keeps the folder as it is. create() does so itself when it fails.
-  /// @return it was one, and is gone
+  /// Removes what an interrupted create() left: a folder without start.json and session.json
+  /// that holds nothing but what create() itself makes. A frame, or any other file, keeps the
+  /// folder as it is. create() calls this itself when it fails.
+  /// @return whether it was one, and is gone
   static bool discard_unmade(const std::filesystem::path& folder, Storage& storage);
-  /// Opens an unfinished (or finished) session, recovers it, and goes on.
+  /// Opens an unfinished (or finished) session, recovers it, and continues.
   [[nodiscard]] static Result<SessionWriter> reopen(const std::filesystem::path& folder,
                                                     Storage& storage);
   ~SessionWriter();
@@ -61,7 +62,7 @@ class SessionWriter {
 
   [[nodiscard]] const SessionInfo& info() const;
   [[nodiscard]] const RecoveryReport& recovery() const;
-  /// Shots that have a committed frame, one flag a shot.
+  /// Shots that have a committed frame, one flag per shot.
   [[nodiscard]] const std::vector<bool>& committed() const;
   /// Of the committed frames, by shot.
   [[nodiscard]] std::vector<std::pair<int, FrameEvidence>> committed_evidence() const;
@@ -72,12 +73,12 @@ class SessionWriter {
 
   /// Checks each frame's pixels against its evidence (hash, clean rule: Fault refused or
   /// protocol, nothing written), then makes the frames durable, then their rows, in one journal
-  /// transaction. On a Fault none of the rows exists, buffers are still the caller's, and the
-  /// call may be repeated (after a failed fsync a new file is written).
+  /// transaction. On a Fault none of the rows exists, the caller still owns the buffers, and
+  /// the call may be repeated (after a failed fsync a new file is written).
   [[nodiscard]] Result<void> commit(std::span<const PendingFrame> frames);
 
   /// Keeps an attempt that the pixel checks refused: its frame goes to aside/ with the reason
-  /// beside it, never to frames/, so that no recovery adopts it. Durable when this returns.
+  /// next to it, never to frames/, so that no recovery adopts it. Durable on return.
   [[nodiscard]] Result<void> keep_refused(const PendingFrame& frame, const std::string& reason);
 
   /// Marks a shot pending again (reshoot); old attempts stay on disk and in the journal. A
@@ -85,20 +86,19 @@ class SessionWriter {
   [[nodiscard]] Result<void> withdraw(int shot, const std::string& reason);
 
   /// Appends to the journal's event log (state changes, faults, discarded frames). The row's
-  /// number is the id that the daemon's event stream uses. Not synced by itself: durable with
-  /// the next commit.
+  /// number is the id in the daemon's event stream. Not synced by itself: durable with the next
+  /// commit.
   Result<std::int64_t> log_event(const std::string& kind, const std::string& json);
 
   /// Events after row `id`, oldest first, at most `limit` (Last-Event-ID of the event stream).
   [[nodiscard]] Result<std::vector<JournalEvent>> events_after(std::int64_t id,
                                                                int limit) const;
 
-  /// finish() has closed the journal; only reopen() leads on.
+  /// finish() has closed the journal; only reopen() can continue.
   [[nodiscard]] bool is_finished() const;
 
   /// Writes session.json with its root (session/seal.h; the files in aside/ are read once
-  /// more), checkpoints the journal and takes it out of WAL mode. Every shot must
-  /// be committed.
+  /// more), checkpoints the journal and takes it out of WAL mode. Every shot must be committed.
   [[nodiscard]] Result<void> finish();
 
  private:

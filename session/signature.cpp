@@ -22,7 +22,7 @@ constexpr const char* kNamespace = "haarlight";
 
 struct Answer {
   bool is_good = false;
-  std::string text;  ///< what it said
+  std::string text;  ///< its output
 };
 
 /// Runs ssh-keygen with a file as its standard input.

@@ -11,8 +11,9 @@
 #include "core/files.h"
 
 /// @file
-/// The few operations by which a frame reaches the disk, so that tests can fail, stop or forget
-/// at every one of them. Faults: no_space for ENOSPC/EDQUOT, io for the rest, sys_errno set.
+/// The few operations by which a frame reaches the disk, so that tests can inject failures,
+/// stops and data loss at each of them. Faults: no_space for ENOSPC/EDQUOT, io for the rest,
+/// sys_errno set.
 
 namespace haarlight {
 
@@ -31,14 +32,14 @@ class Storage {
   [[nodiscard]] virtual Result<void> sync_folder(const std::filesystem::path& folder) = 0;
   [[nodiscard]] virtual Result<std::uint64_t> free_bytes(
       const std::filesystem::path& folder) = 0;
-  /// Removes a temporary file of this session's; missing is good.
+  /// Removes a temporary file of this session; a missing one is fine.
   [[nodiscard]] virtual Result<void> remove(const std::filesystem::path& path);
-  /// Makes `path` a file that holds `bytes` of the disk (fallocate); smaller than before: gives
-  /// blocks back. Fault unsupported where the file system cannot.
+  /// Makes `path` a file that holds `bytes` of the disk (fallocate); smaller than before:
+  /// releases blocks. Fault unsupported where the file system cannot.
   [[nodiscard]] virtual Result<void> reserve(const std::filesystem::path& path,
                                              std::uint64_t bytes);
-  /// The SQLite VFS that the journal opens with; empty: SQLite's own. Tests put a shim here
-  /// that fails, stops or forgets at every write and sync of the journal's file and WAL.
+  /// The SQLite VFS that the journal opens with; empty: SQLite's own. Tests use a shim that
+  /// fails, stops or loses data at every write and sync of the journal's file and WAL.
   [[nodiscard]] virtual std::string journal_vfs() const { return {}; }
   /// Called before each step of the journal (SQLite transaction), so that a test can stop
   /// there.

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
-#include "session/json_value.h"
+#include "core/json_value.h"
 
 namespace haarlight {
 
@@ -55,7 +55,7 @@ Eigen::Matrix<double, 3, 4> camera_of(const JsonValue& matrix) {
   return camera;
 }
 
-/// As written, or img_path where file_path leaves the picture's ending to its reader.
+/// As written, or img_path where file_path leaves out the extension.
 std::string name_of(const JsonValue& frame) {
   const std::string path = frame["file_path"].text();
   const std::size_t slash = path.find_last_of("/\\");

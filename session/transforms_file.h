@@ -9,27 +9,27 @@
 #include "session/light_file.h"
 
 /// @file
-/// transforms.json: cameras as NeRF's data sets write them [Mildenhall20], with each frame's
-/// point light as relighting data sets add it (`pl_pos`, `pl_intensity`). Pure.
+/// transforms.json: cameras as in NeRF's data sets [Mildenhall20], with each frame's point
+/// light as added by relighting data sets (`pl_pos`, `pl_intensity`). Pure.
 ///
-/// A frame's `transform_matrix` takes the camera's frame (x right, y up, z backward) to the
-/// world's, in which `pl_pos` stands too. Pixel centres are at +0.5.
+/// A frame's `transform_matrix` maps the camera's frame (x right, y up, z backward) to the
+/// world's, which is also the frame of `pl_pos`. Pixel centres are at +0.5.
 
 namespace haarlight {
 
 class JsonValue;
 
-/// Lights in a list's frame: x right, y up, z out of the picture, from the world's origin,
-/// where such data sets have their object. All frames must be of one camera. `pl_intensity`
+/// Lights in a list's frame: x right, y up, z out of the picture, relative to the world origin,
+/// where such data sets have their object. All frames must come from one camera. `pl_intensity`
 /// becomes the relative power.
-/// @param places  automatic: positions where "unit" is "mm", else refused, as the unit is not
-///                known
+/// @param places  automatic: positions where "unit" is "mm", otherwise refused, as the unit is
+/// unknown
 /// @throws Error  naming the field: no frames, no pl_pos, no rotation, two cameras
 [[nodiscard]] LightList parse_transforms(const JsonValue& root, LightPlaces places);
 
 /// Lengths in mm from `origin_world`.
 /// @param lights  positions in the world's frame; their powers are not written
-/// @param names   one picture a light, relative to the file
+/// @param names   one picture per light, relative to the file
 [[nodiscard]] std::string format_transforms(const CameraModel& camera,
                                             const Eigen::Vector3d& origin_world,
                                             const std::vector<SessionLight>& lights,

@@ -96,8 +96,8 @@ void check_duplicates(const SessionInfo& info, VerifyReport& report) {
   }
 }
 
-/// In order of the stamps the camera's frame number grows; where it falls back the camera (or
-/// the machine) was started again, which is worth knowing.
+/// In order of the timestamps the camera's frame number increases; where it falls back the
+/// camera (or the machine) was restarted, which is worth knowing.
 void check_sequence(const SessionInfo& info, VerifyReport& report) {
   std::vector<const FrameRecord*> frames;
   for (const FrameRecord& frame : info.frames) {
@@ -148,7 +148,7 @@ void check_strays(const fs::path& folder, const SessionInfo& info, VerifyReport&
   }
 }
 
-/// The earlier frames with which later ones of the same lights say they agree.
+/// The earlier frames that later ones of the same lights claim to agree with.
 std::set<int> frames_in_agreement(const SessionInfo& info, VerifyReport& report) {
   std::map<int, const FrameRecord*> by_shot;
   for (const FrameRecord& frame : info.frames) {
@@ -168,13 +168,13 @@ std::set<int> frames_in_agreement(const SessionInfo& info, VerifyReport& report)
                       frame.file, with));
     } else if (other->second->evidence.t_exposure_start_ns <
                frame.evidence.t_exposure_start_ns) {
-      agreed.insert(with);  // else it was taken again since
+      agreed.insert(with);  // otherwise it was retaken since
     }
   }
   return agreed;
 }
 
-/// Attempts that the pixel checks refused, and frames that were taken in spite of them.
+/// Attempts that the pixel checks refused, and frames accepted in spite of them.
 void note_verdicts(const fs::path& folder, const SessionInfo& info, VerifyReport& report) {
   const std::set<int> agreed = frames_in_agreement(info, report);
   for (const FrameRecord& frame : info.frames) {
@@ -234,7 +234,7 @@ VerifyReport verify_session(const fs::path& folder, ProgressStyle style,
   const fs::path file = folder / "session.json";
   std::error_code ignored;
   if (!fs::exists(file, ignored)) {
-    (void)Session::open(folder);  // throws with the fitting cure
+    (void)Session::open(folder);  // throws with the appropriate hint
   }
   if (!signers.empty() && !fs::is_regular_file(signers, ignored)) {
     throw Error("no such file", signers.string(),
@@ -277,7 +277,7 @@ RebuildReport rebuild_session(const fs::path& folder, Storage& storage) {
     throw Error("no such folder", folder.string(), "name a session's folder");
   }
   if (!fs::exists(folder / "start.json", ignored)) {
-    // An older or damaged session: its beginning stands in session.json too.
+    // An older or damaged session: session.json holds its beginning too.
     const fs::path file = folder / "session.json";
     if (!fs::exists(file, ignored)) {
       throw Error("neither start.json nor session.json is there", folder.string(),

@@ -9,12 +9,12 @@
 #include "session/verify.h"
 
 /// @file
-/// The parts of `verify_session`, for its own files only. Each adds what it finds to the
+/// The parts of `verify_session`, for use by its own files only. Each adds its findings to the
 /// report.
 
 namespace haarlight {
 
-/// All that session.json repeats from start.json, plan.json and rig.toml.
+/// Everything session.json repeats from start.json, plan.json and rig.toml.
 /// @param json  session.json's bytes
 void check_texts(const std::filesystem::path& folder, const std::string& json,
                  const SessionInfo& info, VerifyReport& report);
@@ -23,9 +23,9 @@ void check_texts(const std::filesystem::path& folder, const std::string& json,
 void check_journal(const std::filesystem::path& folder, const SessionInfo& info,
                    VerifyReport& report);
 
-/// Links and strangers in the folder; the files under the root (the frames' bytes and the
-/// journal are checked by others); the root; the signature.
-/// @param signers  an allowed_signers file; empty: the signer is not asked for
+/// Links and foreign files in the folder; the files under the root (the frames' bytes and the
+/// journal are checked elsewhere); the root; the signature.
+/// @param signers  an allowed_signers file; empty: the signer is not checked
 void check_seal(const std::filesystem::path& folder, const std::string& json,
                 const SessionInfo& info, const std::filesystem::path& signers,
                 VerifyReport& report);

@@ -6,9 +6,9 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/json_value.h"
 #include "core/sha256.h"
 #include "session/frame_tiff.h"
-#include "session/json_value.h"
 #include "session/verify_checks.h"
 
 namespace haarlight {
@@ -26,7 +26,7 @@ std::string file_of(const JournalEvent& event) {
   }
 }
 
-/// By value, not by text: later programs write fields that a row of today has not.
+/// By value, not by text: later programs write fields that an existing row lacks.
 bool is_evidence(const std::string& json, const FrameEvidence& evidence) {
   try {
     return evidence_from_json(json, "journal.sqlite") == evidence;
@@ -35,7 +35,7 @@ bool is_evidence(const std::string& json, const FrameEvidence& evidence) {
   }
 }
 
-/// Ids are given once, in order, from 1: a gap is a line that was taken out.
+/// Ids are assigned once, in order, from 1: a gap is a line that was removed.
 template <class Items, class Id>
 void check_ids(const Items& items, Id id, const char* what, VerifyReport& report) {
   std::int64_t expected = 1;
@@ -118,7 +118,7 @@ void check_journal(const fs::path& folder, const SessionInfo& info, VerifyReport
     return;
   }
   if (fs::exists(folder / "journal.sqlite-wal", ignored)) {
-    return;  // check_kinds has said so
+    return;  // already reported by check_kinds
   }
   const auto journal = read_journal(file, info.id);
   if (!journal) {

@@ -17,12 +17,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Names a session has at its top; of these only cache/ is not followed.
+/// Top-level names of a session; of these only cache/ is not followed.
 const std::set<std::string> kOwnNames = {
     "start.json", "session.json", kSignatureFile,   "plan.json",   "rig.toml",
     "frames",     "aside",        "journal.sqlite", "aborted.txt", "cache"};
 
-/// A session's bytes are in its own files: links lead out of what was hashed and signed.
+/// A session's bytes are in its own files: links lead outside of what was hashed and signed.
 void check_kinds(const fs::path& folder, VerifyReport& report) {
   std::set<std::string> problems;
   std::set<std::string> notes;

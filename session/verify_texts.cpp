@@ -8,9 +8,9 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/rig/rig.h"
 #include "core/text_limits.h"
-#include "session/json_value.h"
 #include "session/rig_session.h"
 #include "session/verify_checks.h"
 
@@ -37,7 +37,7 @@ void note_error(const std::string& name, const Error& error, VerifyReport& repor
       fmt::format("{}: {}", error.where().empty() ? name : error.where(), error.problem()));
 }
 
-/// Of two members of one name readers take different ones: neither is a session's word.
+/// Readers differ in which of two members of one name they take: neither can be trusted.
 void check_doubled_keys(const std::string& json, const std::string& name,
                         VerifyReport& report) {
   std::vector<std::set<std::string>> keys;
@@ -57,7 +57,7 @@ void check_doubled_keys(const std::string& json, const std::string& name,
   try {
     (void)parse_json<nlohmann::json>(json, name, look);
   } catch (const Error&) {
-    return;  // told by who reads its values
+    return;  // reported by the reader of its values
   }
   if (!doubled.empty()) {
     report.problems.push_back(
@@ -102,7 +102,7 @@ std::string compare_shots(const JsonValue& plan, const SessionInfo& info) {
   return {};
 }
 
-/// An import's plan: a picture a light, then the dark ones.
+/// An import's plan: one picture per light, then the dark ones.
 std::string compare_pictures(const JsonValue& plan, const SessionInfo& info) {
   const std::vector<JsonValue> pictures = plan["pictures"].elements();
   if (pictures.size() != info.shots.size()) {
@@ -162,7 +162,7 @@ std::string compare_lights(const SessionInfo& expected, const SessionInfo& info)
   for (std::size_t k = 0; k < info.lights.size(); ++k) {
     const SessionLight& a = expected.lights[k];
     const SessionLight& b = info.lights[k];
-    // A rig's lobes stand in rig.toml: a light of its session has none of its own.
+    // A rig's lobes are in rig.toml: a light of its session has none of its own.
     if (a.name != b.name || a.is_position != b.is_position || a.lobe != b.lobe ||
         !is_near(a.relative_power, b.relative_power) || !is_near(a.place.x(), b.place.x()) ||
         !is_near(a.place.y(), b.place.y()) || !is_near(a.place.z(), b.place.z())) {

@@ -83,7 +83,7 @@ class FrameMemory {
     const std::string again = fmt::format("/proc/self/fd/{}", writable.get());
     fd_ = Fd(::open(again.c_str(), O_RDONLY | O_CLOEXEC));
     data_ = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, writable.get(), 0);
-    // The client may map what cannot shrink under it.
+    // The client may map only what cannot shrink underneath it.
     const bool is_sealed =
         ::fcntl(writable.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW) == 0;
     if (!fd_.is_open() || data_ == MAP_FAILED || !is_sealed) {
@@ -115,10 +115,10 @@ class FrameMemory {
 struct Buffer {
   FrameMemory memory;
   std::uint64_t sequence = 0;
-  int n_held = 0;  ///< copies that wait to be sent or that the client holds
+  int n_held = 0;  ///< copies waiting to be sent or held by the client
 };
 
-/// An exposure under way.
+/// An exposure in progress.
 struct Running {
   std::uint64_t sequence = 0;
   Exposure exposure;
@@ -203,7 +203,7 @@ class CameraServer::Impl {
       std::filesystem::create_directories(path_.parent_path(), failed);
     }
     const auto* name = reinterpret_cast<const sockaddr*>(&address);
-    // A socket that nobody answers on is left over from a killed process.
+    // A socket that does not answer is left over from a killed process.
     const Fd probe(::socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0));
     if (::connect(probe.get(), name, sizeof address) == 0) {
       throw Error("another camera answers on this socket", path_.string(),
@@ -256,7 +256,7 @@ class CameraServer::Impl {
         [[maybe_unused]] const ssize_t got = ::read(cut_.get(), &ignored, sizeof ignored);
         drop_client();
       } else if (fds[3].revents != 0) {
-        // Frames whose time has come begin before what the client says now.
+        // Frames that are due begin before the client's new messages are read.
         run_sensor(now_ns());
         if (client_.is_open()) {
           hear_client();
@@ -404,8 +404,8 @@ class CameraServer::Impl {
       refuse(EBUSY);
       return;
     }
-    // Zero means: as you are. The size and form of the sensor are what they are; the client
-    // reads them back. The rate is at most the sensor's own.
+    // Zero means: no change. The size and form of the sensor are fixed; the client reads them
+    // back. The rate is at most the sensor's own.
     if (wanted.exposure_us != 0.0F) {
       if (!is_exposure(wanted.exposure_us)) {
         refuse(EINVAL);
@@ -450,7 +450,7 @@ class CameraServer::Impl {
     first_frame_ns_.compare_exchange_strong(none, start_ns);
   }
 
-  /// Noise on grey, made once: a stream begins in no time.
+  /// Noise on grey, generated once: so a stream starts at once.
   void prepare() {
     noise_.resize(static_cast<std::size_t>(spec_.frame_width) *
                   static_cast<std::size_t>(spec_.active_rows));
@@ -461,7 +461,7 @@ class CameraServer::Impl {
     }
   }
 
-  /// A prepared picture: the noise from a place on that is the buffer's own.
+  /// A prepared picture: the noise, starting at an offset that is the buffer's own.
   void fill(Buffer& buffer) const {
     if (noise_.empty()) {
       return;
@@ -511,7 +511,7 @@ class CameraServer::Impl {
   // ---- the sensor ----
 
   [[nodiscard]] std::int64_t period_ns(double exposure_us) const {
-    // Exposure and the next one cannot overlap on one row.
+    // An exposure and the next one cannot overlap on one row.
     return std::max(std::llround(1e9 / fps_), std::llround(exposure_us * 1e3) + 20'000);
   }
 
@@ -558,8 +558,8 @@ class CameraServer::Impl {
     next_start_ns_ += period_ns(exposure_us);
   }
 
-  /// The edge at the exposure's end, unless a fault takes it away or puts one before it. Never
-  /// both near each other: that is what the step counter cannot see
+  /// The edge at the exposure's end, unless a fault removes it or adds one before it. Never
+  /// both close together: that is undetectable for the step counter
   /// (capture/sequencer/strobe_proof.h).
   void announce_strobe(std::uint64_t sequence, std::int64_t end_ns) {
     const double u = uniform_unit(hash_key(options_.fault_seed, 13, sequence));
@@ -628,7 +628,8 @@ class CameraServer::Impl {
     if (options_.is_prepared) {
       take_prepared(seen, frame.sequence, words);
     } else if (fault == FrameFault::stale && !swapped_ && last_words_.size() == n_words) {
-      // The pixels of a frame that went out: a buffer that was not filled anew holds no others.
+      // The pixels of a frame already sent: a buffer that was not refilled would hold different
+      // ones.
       std::copy(last_words_.begin(), last_words_.end(), words.data());
     } else {
       camera_.take(history, frame.exposure, seen, noise_key(seen, frame.sequence), words);
@@ -667,7 +668,7 @@ class CameraServer::Impl {
     }
   }
 
-  /// Only what must differ from frame to frame: a word, and the tag.
+  /// Only what must differ from frame to frame: one word, and the tag.
   void take_prepared(const LightSeen& seen, std::uint64_t sequence,
                      ImageView<std::uint16_t> words) const {
     words(0, 0) = static_cast<std::uint16_t>(1 + sequence % 251);
@@ -675,7 +676,7 @@ class CameraServer::Impl {
     camera_.write_tag(seen, words);
   }
 
-  /// Frames leave in order: one behind a late one is late too.
+  /// Frames leave in order: one after a late one is late too.
   void queue(Outgoing out) {
     if (!outgoing_.empty()) {
       out.send_ns = std::max(out.send_ns, outgoing_.back().send_ns);
@@ -685,7 +686,7 @@ class CameraServer::Impl {
 
   /// The noise of a clean frame depends on the pattern's tag and on how many clean frames of it
   /// came before: a repeated capture gives the same pixels, and no two frames are the same,
-  /// also where a light is lit again.
+  /// even where a light is lit again.
   [[nodiscard]] std::uint64_t noise_key(const LightSeen& seen, std::uint64_t sequence) {
     if (seen.tag.is_mixed) {
       return hash_key(21, sequence);
@@ -729,7 +730,7 @@ class CameraServer::Impl {
   Fd pulse_;
   Fd cut_;
   Fd listen_;
-  // Of the camera's thread alone.
+  // Used by the camera's thread only.
   Fd client_;
   bool is_streaming_ = false;
   double exposure_us_ = 0.0;
@@ -738,7 +739,7 @@ class CameraServer::Impl {
   std::uint64_t next_sequence_ = 0;
   std::int64_t next_start_ns_ = kFar;
   TriggerSource trigger_ = TriggerSource::free;
-  std::int64_t free_from_ns_ = 0;  ///< triggers before are ignored
+  std::int64_t free_from_ns_ = 0;  ///< earlier triggers are ignored
   std::uint64_t next_strobe_fault_ = 0;
   std::deque<Running> running_;
   std::deque<double> asked_us_;  // at the start of the latest frames

@@ -41,7 +41,7 @@ using namespace std::chrono_literals;
 
 constexpr int kBitsPerByte = 11;  // start, 8 data, parity, stop
 constexpr int kMaxConnections = 16;
-constexpr std::int64_t kRtuPauseNs = 50'000'000;  // an unfinished request is forgotten after it
+constexpr std::int64_t kRtuPauseNs = 50'000'000;  // then an unfinished request is discarded
 constexpr std::uint8_t kAnyUnit = 255;            // TCP: "the device itself"
 
 std::int64_t now_ns() {
@@ -128,7 +128,7 @@ class ControllerServer::Impl {
   auto with_controller(Function function) {
     const std::lock_guard lock(controller_mutex_);
     const std::int64_t t = now_ns();
-    // Lease and thermal cuts happen at their own moments however late somebody looks, so no
+    // Lease and thermal cuts happen at their own times however late they are queried, so no
     // thread has to wait for them.
     while (!strobes_.empty() && strobes_.front() <= t) {
       controller_.strobe(strobes_.front());
@@ -272,7 +272,7 @@ class ControllerServer::Impl {
     return std::nullopt;
   }
 
-  /// What goes back on the wire, and how.
+  /// What is sent back on the wire, and how.
   struct Reply {
     std::vector<std::uint8_t> pdu;  ///< empty: nothing
     std::optional<WireFaultRule> fault;
@@ -291,7 +291,7 @@ class ControllerServer::Impl {
     return {std::move(exchanged.pdu), exchanged.fault, is_slept};
   }
 
-  /// The bytes of a reply after its fault; empty for silence.
+  /// The bytes of a reply after its fault is applied; empty for silence.
   static std::vector<std::uint8_t> spoil(std::vector<std::uint8_t> frame,
                                          const std::optional<WireFaultRule>& fault) {
     if (!fault) {
@@ -381,7 +381,7 @@ class ControllerServer::Impl {
         listen_tcp(port_);
         return true;
       } catch (const Error&) {
-        // Somebody else took the port for a moment: the device is simply not back yet.
+        // Another program took the port for a moment: the device is simply not back yet.
         if (!sleep_until(now_ns() + 20'000'000)) {
           return false;
         }
@@ -496,7 +496,7 @@ class ControllerServer::Impl {
     std::vector<std::uint8_t> bytes;
     std::int64_t first_byte_ns = 0;
     for (;;) {
-      // The line may be exchanged at any time: a duplicate keeps the number from being reused.
+      // The line may be replaced at any time: a duplicate keeps the number from being reused.
       Fd line;
       {
         const std::lock_guard lock(line_mutex_);
@@ -569,7 +569,7 @@ class ControllerServer::Impl {
     return write_paced(line, spoil(frame_rtu(unit, reply.pdu), reply.fault));
   }
 
-  /// Puts bytes on the line when the last of their bits would have passed, a millisecond's
+  /// Writes bytes to the line when the last of their bits would have been sent, a millisecond's
   /// worth at a time. False when stopping.
   bool write_paced(int line, const std::vector<std::uint8_t>& frame) {
     const std::size_t slice =
@@ -583,7 +583,7 @@ class ControllerServer::Impl {
         return false;
       }
       if (::write(line, frame.data() + sent, n) != static_cast<ssize_t>(n)) {
-        return true;  // nobody reads: the bytes are lost, as on a real line
+        return true;  // without a reader the bytes are lost, as on a real line
       }
       sent += n;
     }

@@ -15,9 +15,8 @@
 
 /// @file
 /// A simulated light controller on real wires: a Modbus TCP server on the loopback and a Modbus
-/// RTU server on a pseudo-terminal whose bytes pass at the pace of a baud rate. One
-/// LightController behind both, its lease kept by a thread on CLOCK_MONOTONIC. Faults are
-/// injected by call.
+/// RTU server on a pseudo-terminal whose bytes are paced at a baud rate. One LightController
+/// behind both, its lease kept by a thread on CLOCK_MONOTONIC. Faults are injected by call.
 
 namespace haarlight {
 
@@ -25,9 +24,9 @@ struct ControllerServerOptions {
   ControllerConfig controller;
   int unit = 1;
   bool has_tcp = true;
-  int tcp_port = 0;  ///< 0 = any free one; tcp_address() tells
+  int tcp_port = 0;  ///< 0 = any free one; see tcp_address()
   bool has_rtu = false;
-  int baud = 115200;  ///< 8E1: 11 bits a byte. 0 = as fast as it goes
+  int baud = 115200;  ///< 8E1: 11 bits per byte. 0 = as fast as possible
   std::uint32_t first_boot_id = 1;
   /// A pulse on the camera's trigger line comes at `t_ns`. Called within a request.
   std::function<void(std::int64_t t_ns)> trigger{};
@@ -36,30 +35,30 @@ struct ControllerServerOptions {
 /// What happens to a request or its reply.
 enum class WireFault {
   drop_request,       ///< lost before it acts
-  drop_reply,         ///< acted upon, no answer: a dead bus
+  drop_reply,         ///< acted upon, not answered: a dead bus
   delay_reply,        ///< answered `delay` late
   half_reply,         ///< the first half of the answer, then silence
-  garbage_reply,      ///< bytes that are no answer, then silence
+  garbage_reply,      ///< bytes that are not an answer, then silence
   wrong_unit,         ///< the answer names another unit
   wrong_transaction,  ///< TCP: the answer carries another transaction id
   exception,          ///< not acted upon, answered by `exception`
-  close,              ///< acted upon, then the connection is closed (RTU: the cable comes out)
+  close,              ///< acted upon, then the connection is closed (RTU: the cable is pulled)
 };
 
 struct WireFaultRule {
   WireFault kind = WireFault::drop_reply;
-  int skip = 0;   ///< requests that pass first
+  int skip = 0;   ///< requests that pass unharmed first
   int count = 1;  ///< requests hit; -1 = all until clear_faults()
   std::chrono::milliseconds delay{0};
   registers::Exception exception = registers::Exception::device_failure;
   int function = 0;  ///< only requests of this Modbus function are counted and hit; 0 = all
 };
 
-/// What becomes of a request that came by another wire (USB).
+/// The outcome of a request that came by another wire (USB).
 struct WireExchange {
   std::vector<std::uint8_t> pdu;       ///< the reply; empty: none
-  std::optional<WireFaultRule> fault;  ///< to be done to the reply, beyond its delay
-  std::chrono::nanoseconds delay{0};   ///< before it may leave
+  std::optional<WireFaultRule> fault;  ///< to be applied to the reply, beyond its delay
+  std::chrono::nanoseconds delay{0};   ///< before it may be sent
 };
 
 /// Runs from construction to destruction. Thread-safe.
@@ -73,14 +72,14 @@ class ControllerServer {
 
   /// "127.0.0.1:PORT"
   [[nodiscard]] std::string tcp_address() const;
-  /// A link that keeps its name over replug_rtu(), like /dev/serial/by-id.
+  /// A link that keeps its name across replug_rtu(), like /dev/serial/by-id.
   [[nodiscard]] std::filesystem::path rtu_path() const;
-  /// "PATH:BAUD", as a rig file names it.
+  /// "PATH:BAUD", as in a rig file.
   [[nodiscard]] std::string rtu_address() const;
 
-  /// Carries out one Modbus PDU that came by a wire of the caller's; never sleeps.
+  /// Carries out one Modbus PDU that came by a wire of the caller's own; never sleeps.
   [[nodiscard]] WireExchange exchange(std::span<const std::uint8_t> pdu);
-  /// ALL_OFF by a way of its own (USB's control endpoint).
+  /// ALL_OFF by a path of its own (USB's control endpoint).
   void all_off();
   /// The identity registers, from registers::input::kMagic on.
   [[nodiscard]] std::vector<std::uint16_t> identity();
@@ -97,20 +96,20 @@ class ControllerServer {
   // The world around it.
   /// An edge on the camera's strobe line, now.
   void strobe();
-  /// The same at `t_ns`, told before. It acts at that very time, before any request that comes
-  /// later, however late this machine is.
+  /// The same at `t_ns`, announced in advance. It acts at exactly that time, before any request
+  /// that comes later, however late this machine is.
   void strobe_at(std::int64_t t_ns);
   /// Power lost: dark at once, connections cut, back with a new boot id after `off_for`.
   void restart(std::chrono::milliseconds off_for);
   void set_interlock_open(bool is_open);
   void set_temperature(double temperature_c);
-  /// The serial cable out: the client's device is gone.
+  /// Pulls the serial cable: the client's device is gone.
   void unplug_rtu();
-  /// And in again, as another device under the same link.
+  /// Plugs it in again, as another device under the same link.
   void replug_rtu();
-  /// It acknowledges at once and acts late; share 0 ends it.
+  /// It acknowledges at once and acts late; a fraction of 0 ends it.
   void set_late_acting(const LateActing& late);
-  /// Every reply is held back this long (a slow bus).
+  /// Every reply is delayed by this much (a slow bus).
   void set_reply_delay(std::chrono::microseconds delay);
   /// Rules are tried in the order given; the first one that hits a request decides.
   void inject(const WireFaultRule& rule);

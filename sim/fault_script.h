@@ -26,13 +26,13 @@
 
 namespace haarlight {
 
-/// Shares of all frames, drawn by (seed, sequence).
+/// Fractions of all frames, drawn by (seed, sequence).
 struct FrameFaults {
-  double late_share = 0.0;  ///< arrives `late_ms` after it should, its stamp right
+  double late_share = 0.0;  ///< arrives `late_ms` late, with a correct timestamp
   double late_ms = 30.0;
   double drop_share = 0.0;       ///< lost: a gap in the sequence
-  double duplicate_share = 0.0;  ///< delivered twice, same sequence, stamp and memory
-  double stale_share = 0.0;      ///< new sequence and stamp, the pixels of the frame before
+  double duplicate_share = 0.0;  ///< delivered twice, same sequence, timestamp and memory
+  double stale_share = 0.0;      ///< new sequence and timestamp, the previous frame's pixels
   double swap_share = 0.0;       ///< delivered after its successor
   double jitter_us = 0.0;        ///< rms of the exposure's start, 3 sigma at most
 };
@@ -50,7 +50,7 @@ struct ControllerRestart {
   double off_ms = 300.0;
 };
 
-/// Seconds count from the first frame that the camera streams.
+/// Seconds are counted from the first frame that the camera streams.
 struct FaultScript {
   FrameFaults frames;
   std::vector<BusFault> bus;
@@ -58,7 +58,7 @@ struct FaultScript {
   LateActing late_light;  ///< from the start on; its seed is the rig's
 };
 
-/// @throws Error  every problem with file:line and its cure
+/// @throws Error  every problem with file:line and a hint
 [[nodiscard]] FaultScript read_fault_script(const std::filesystem::path& path);
 [[nodiscard]] FaultScript parse_fault_script(const std::string& text, const std::string& name);
 

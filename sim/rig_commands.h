@@ -6,7 +6,7 @@
 #include "sim/virtual_rig.h"
 
 /// @file
-/// Commands by hand to a running virtual rig, one a line, for tests that are scripts:
+/// Manual commands to a running virtual rig, one per line, for scripted tests:
 ///
 ///     unplug | replug                   the USB device or the serial cable, out and in again
 ///     stall|hang|gone [out|in|control] [SKIP [COUNT]]
@@ -14,7 +14,7 @@
 ///     drop [SKIP [COUNT]]               register requests that get no answer
 ///     late MS [SKIP [COUNT]]            ... that are answered MS milliseconds late
 ///     delay MS                          every answer from now on
-///     restart MS                        the controller's power off for MS milliseconds
+///     restart MS                        turns the controller's power off for MS milliseconds
 ///     interlock open|closed
 ///     strobe                            one edge on the camera's strobe line
 ///     clear                             ends every fault

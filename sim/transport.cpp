@@ -19,9 +19,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kTransportVersion = 2;  // raised whenever the same input gives other numbers
+constexpr int kTransportVersion = 2;  // incremented when the same input gives new numbers
 
-/// Bytes of everything that matters, for the key.
+/// Collects the bytes of everything relevant, for the key.
 class KeyBytes {
  public:
   void add(double value) { append(&value, sizeof value); }
@@ -39,7 +39,7 @@ class KeyBytes {
   std::string bytes_;
 };
 
-/// How much a pixel answers to red, green and blue.
+/// How a pixel responds to red, green and blue.
 Vector3d response(BayerPattern pattern, int x, int y) {
   // Colours of the 2 x 2 cell in raster order: 0 red, 1 green, 2 blue.
   const char* cell = nullptr;

@@ -11,8 +11,8 @@
 #include "sim/transport_file.h"
 
 /// @file
-/// Renders the transport matrix T[pixel][light] of a virtual rig once; it is kept by the hash
-/// of everything it depends on. Direct light only, definition:
+/// Renders the light transport matrix T[pixel][light] of a virtual rig once and caches it by
+/// the hash of everything it depends on. Direct light only, definition:
 /// docs/reference/simulator.md.
 
 namespace haarlight {
@@ -31,9 +31,9 @@ struct TransportOptions {
 [[nodiscard]] std::string transport_key(const Rig& rig, int camera, const Scene& scene,
                                         const TransportOptions& options);
 
-/// T of one camera of the rig: a mono sensor answers to the mean of red, green and blue, a
-/// Bayer sensor to the colour of each pixel. Made on all threads, the same bits on any number
-/// of them; memory: pixels x lights x 4 bytes. A cache file that is damaged is made again.
+/// T of one camera of the rig: a mono sensor responds to the mean of red, green and blue, a
+/// Bayer sensor to the colour of each pixel. Computed on all threads, bit for bit the same on
+/// any number of them; memory: pixels x lights x 4 bytes. A damaged cache file is recomputed.
 /// @throws Error(io)  the cache folder cannot be written
 [[nodiscard]] Transport make_transport(const Rig& rig, int camera, const Scene& scene,
                                        const TransportOptions& options = {});

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -45,21 +46,13 @@ double median_mean(const TransportData& data) {
       means[p] += data.planes[k * n_pixels + p];
     }
   }
-  const auto median = [](std::vector<double>& values) {
-    if (values.empty()) {
-      return 0.0;
-    }
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    if (values.size() % 2 == 1) {
-      return *middle;
-    }
-    return 0.5 * (*middle + *std::max_element(values.begin(), middle));
+  const auto median_or_0 = [](std::vector<double>& values) {
+    return values.empty() ? 0.0 : median(values);
   };
-  double value = median(means);
+  double value = median_or_0(means);
   if (!(value > 0.0)) {
     std::erase_if(means, [](double mean) { return !(mean > 0.0); });
-    value = median(means);
+    value = median_or_0(means);
   }
   return value > 0.0 ? value / data.n_lights : 1.0;
 }

@@ -10,21 +10,21 @@
 #include "core/image.h"
 
 /// @file
-/// The transport matrix on disk: one float plane a light, light after light, so that a virtual
+/// The light transport matrix on disk: one float plane per light, in order, so that a virtual
 /// camera reads the planes it needs and nothing else. Little-endian:
 ///
 ///     0   "HLTRANS1"            8   u32 width, height, n_lights, 0     24  f64 scale
 ///     32  u64 rays  40  f64 seconds  48  32 characters: content hash of the planes
-///     80  32 characters: the key of what it was made from             4096  the planes
+///     80  32 characters: the key of its inputs                         4096  the planes
 ///
-/// No ray caster and no TBB behind this header: the virtual camera links it alone.
+/// Needs neither a ray caster nor TBB: the virtual camera links only this.
 
 namespace haarlight {
 
 /// Radiance of every sensor pixel under each light at unit radiance. Move-only, thread-safe.
 class Transport {
  public:
-  /// @throws Error  not such a file, cut short, or its planes don't have their hash
+  /// @throws Error  not such a file, truncated, or its planes don't have their hash
   [[nodiscard]] static Transport open(const std::filesystem::path& file);
 
   [[nodiscard]] int width() const noexcept { return width_; }
@@ -34,7 +34,7 @@ class Transport {
   /// over lights (of the pixels that see anything, when most see nothing). Divide by it.
   [[nodiscard]] double scale() const noexcept { return scale_; }
   [[nodiscard]] const std::string& key() const noexcept { return key_; }
-  /// Of the run that made it.
+  /// Of the run that computed it.
   [[nodiscard]] std::uint64_t n_rays() const noexcept { return n_rays_; }
   [[nodiscard]] double seconds() const noexcept { return seconds_; }
 
@@ -52,7 +52,7 @@ class Transport {
   MappedFile file_;
 };
 
-/// The pieces of a file to be written.
+/// The parts of a file to write.
 struct TransportData {
   int width = 0;
   int height = 0;

@@ -6,7 +6,7 @@
 #include "sim/transport_file.h"
 
 /// @file
-/// The transport matrix as a light stack: the truth beside which a captured stack is judged.
+/// The light transport matrix as a light stack: the ground truth for a captured stack.
 
 namespace haarlight {
 

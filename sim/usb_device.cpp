@@ -260,7 +260,7 @@ UsbAnswer UsbLightDevice::control(const UsbSetup& setup,
 UsbAnswer UsbLightDevice::carry_out() {
   const std::optional<std::size_t> size = usb::frame_size(received_);
   if (size && (*size == 0 || received_.size() < *size)) {
-    return {};  // the rest comes with the next transfer
+    return {};  // the rest follows with the next transfer
   }
   const std::optional<usb::Frame> request = usb::decode_frame(received_);
   received_.clear();

@@ -13,9 +13,9 @@
 
 /// @file
 /// The simulated light controller as a USB device: its descriptors, its control requests and
-/// its two bulk endpoints, without any I/O. What carries the transfers is another's affair: a
-/// usb-redir connection to a virtual machine (usb_redir_server.h), or ioctls of a test.
-/// docs/reference/usb-protocol.md is what it speaks.
+/// its two bulk endpoints, without any I/O. Its transfers are carried elsewhere: by a usb-redir
+/// connection to a virtual machine (usb_redir_server.h), or by ioctls of a test.
+/// docs/reference/usb-protocol.md specifies its protocol.
 
 namespace haarlight {
 
@@ -31,8 +31,8 @@ struct UsbSetup {
 enum class UsbStatus {
   ok,
   stall,
-  pending,  ///< bulk in: nothing to send yet, ask again
-  hang,     ///< never completed; the host has to cancel
+  pending,  ///< bulk in: nothing to send yet, poll again
+  hang,     ///< never completed; the host must cancel it
   gone,     ///< the device left the bus
 };
 
@@ -46,14 +46,14 @@ enum class UsbTransfer { control, bulk_out, bulk_in };
 /// What happens to a transfer.
 struct UsbFaultRule {
   UsbStatus kind = UsbStatus::stall;  ///< stall, hang or gone
-  int skip = 0;                       ///< transfers that pass first
+  int skip = 0;                       ///< transfers that pass unharmed first
   int count = 1;                      ///< transfers hit; -1 = all until clear_faults()
   std::optional<UsbTransfer> only = std::nullopt;  ///< only these are counted and hit
 };
 
 struct UsbDeviceConfig {
   std::string serial = "HL000001";
-  /// pid.codes' number for private tests: a product needs its own.
+  /// pid.codes' id for private tests: a product needs its own.
   std::uint16_t vendor = 0x1209;
   std::uint16_t product = 0x0001;
   std::string product_name = "haarlight light array (simulated)";
@@ -71,27 +71,28 @@ class UsbLightDevice {
 
   [[nodiscard]] const UsbDeviceConfig& config() const noexcept { return config_; }
   [[nodiscard]] std::vector<std::uint8_t> device_descriptor() const;
-  /// With its interface and endpoints.
+  /// Including its interface and endpoints.
   [[nodiscard]] std::vector<std::uint8_t> configuration_descriptor() const;
 
-  /// A control transfer; standard requests are answered too, SET_ADDRESS and
-  /// SET_CONFIGURATION excepted. Vendor requests are transfers that faults can hit.
+  /// A control transfer; also answers standard requests, except SET_ADDRESS and
+  /// SET_CONFIGURATION. Vendor requests are transfers that faults can hit.
   [[nodiscard]] UsbAnswer control(const UsbSetup& setup, std::span<const std::uint8_t> data);
   [[nodiscard]] UsbAnswer bulk_out(std::span<const std::uint8_t> data);
   /// A new IN transfer. One at a time; `hang` and `pending` stay open until cancelled.
   [[nodiscard]] UsbAnswer begin_bulk_in();
-  /// Whether an IN transfer that is `pending` can be completed now.
+  /// Whether a `pending` IN transfer can be completed now.
   [[nodiscard]] UsbAnswer poll_bulk_in();
-  /// When poll_bulk_in() may say more (CLOCK_MONOTONIC ns); nothing: after another bulk_out.
+  /// When poll_bulk_in() may return more (CLOCK_MONOTONIC ns); nothing: after another bulk_out.
   [[nodiscard]] std::optional<std::int64_t> next_reply_ns() const;
   void clear_halt(std::uint8_t endpoint);
-  /// Bus reset or new connection: no halt, no half request, no reply waiting. Light stays.
+  /// Bus reset or new connection: no halt, no partial request, no reply waiting. The light
+  /// stays.
   void reset();
 
   // Faults.
   void inject(const UsbFaultRule& rule);
   void clear_faults();
-  /// Transfers begun, vendor control requests included.
+  /// Transfers begun, including vendor control requests.
   [[nodiscard]] std::uint64_t n_transfers() const;
 
  private:
@@ -104,7 +105,7 @@ class UsbLightDevice {
   [[nodiscard]] UsbAnswer vendor_request(const UsbSetup& setup);
   [[nodiscard]] std::vector<std::uint8_t> string_descriptor(std::uint8_t index) const;
   [[nodiscard]] UsbAnswer take_reply();
-  /// Carries out whole requests received so far.
+  /// Carries out the complete requests received so far.
   [[nodiscard]] UsbAnswer carry_out();
 
   UsbDeviceConfig config_;

@@ -101,7 +101,7 @@ class UsbRedirServer::Impl {
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
 
  private:
-  /// A transfer that waits for an answer or for its cancellation.
+  /// A transfer that awaits an answer or its cancellation.
   struct Parked {
     std::uint64_t id = 0;
     bool is_control = false;
@@ -228,7 +228,7 @@ class UsbRedirServer::Impl {
     }
   }
 
-  /// Brings what the peer sees in line with whether the device is plugged in.
+  /// Updates the peer on whether the device is plugged in.
   void follow_plug() {
     const bool is_plugged = is_plugged_;
     if (is_plugged == is_attached_) {
@@ -273,7 +273,7 @@ class UsbRedirServer::Impl {
     usbredirparser_send_device_connect(parser_.get(), &device);
   }
 
-  /// The device itself left the bus (a fault's doing).
+  /// The device itself left the bus (through a fault).
   void fall_off() { is_plugged_ = false; }
 
   void answer(const Parked& transfer, const UsbAnswer& answered) {
@@ -340,7 +340,7 @@ class UsbRedirServer::Impl {
     }
   }
 
-  // ---- what the peer asks ----
+  // ---- the peer's requests ----
 
   void on_control(std::uint64_t id, const usb_redir_control_packet_header& header,
                   std::span<const std::uint8_t> data) {
@@ -366,7 +366,7 @@ class UsbRedirServer::Impl {
     const auto it = std::find_if(parked_.begin(), parked_.end(),
                                  [id](const Parked& parked) { return parked.id == id; });
     if (it == parked_.end()) {
-      return;  // answered already: the two crossed on their way
+      return;  // answered already: the two crossed
     }
     Parked transfer = *it;
     parked_.erase(it);
@@ -384,7 +384,7 @@ class UsbRedirServer::Impl {
 
   static Impl& self(void* priv) { return *static_cast<Impl*>(priv); }
 
-  /// Takes a packet's data, which the parser hands over, and gives it back after use.
+  /// Takes ownership of a packet's data from the parser, and frees it after use.
   template <class Use>
   void with_data(std::uint8_t* data, int n, Use use) {
     use(std::span<const std::uint8_t>(data, n > 0 ? static_cast<std::size_t>(n) : 0));
@@ -469,8 +469,8 @@ class UsbRedirServer::Impl {
         self(priv).on_bulk(id, *header, bytes);
       });
     };
-    // Without any one of the last three QEMU's xhci refuses the device, and says so on its
-    // own stderr only.
+    // Without any one of the last three QEMU's xhci refuses the device, and reports that only
+    // on its own stderr.
     std::array<std::uint32_t, USB_REDIR_CAPS_SIZE> capabilities{};
     for (const int capability :
          {usb_redir_cap_connect_device_version, usb_redir_cap_ep_info_max_packet_size,
@@ -489,7 +489,7 @@ class UsbRedirServer::Impl {
   Fd stop_;
   Fd wake_;
   Fd listener_;
-  // Of the thread alone.
+  // Used by this thread only.
   bool is_stopping_ = false;
   bool is_broken_ = false;
   bool is_blocked_ = false;

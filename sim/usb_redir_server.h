@@ -11,7 +11,7 @@
 /// `usb-redir` device understands, over a unix socket (QEMU outside connects to it) or over a
 /// character device (the simulator itself runs inside the machine and reaches QEMU by a
 /// virtio-serial port). The guest's own kernel, its host controller driver and libusb then see
-/// a device like any other. docs/reference/simulator.md shows both.
+/// an ordinary device. docs/reference/simulator.md shows both.
 
 namespace haarlight {
 
@@ -19,7 +19,7 @@ namespace haarlight {
 class UsbRedirServer {
  public:
   /// Listens on `path`; a stale socket file is replaced, a live one refused. An existing
-  /// character device is opened instead. The device is plugged in as soon as somebody connects.
+  /// character device is opened instead. The device is plugged in as soon as a peer connects.
   /// Keeps a reference to `device`.
   /// @throws Error  unusable path
   UsbRedirServer(UsbLightDevice& device, std::filesystem::path path);
@@ -29,9 +29,9 @@ class UsbRedirServer {
 
   /// Takes the device off the bus; transfers in flight are lost with it.
   void unplug();
-  /// And puts it back.
+  /// Plugs it in again.
   void replug();
-  /// Somebody is connected and sees the device.
+  /// A peer is connected and sees the device.
   [[nodiscard]] bool is_attached() const;
   [[nodiscard]] const std::filesystem::path& path() const;
 

@@ -32,9 +32,9 @@ namespace haarlight {
 
 namespace {
 
-// Few: what waits in a queue is old by the time it is seen.
+// Few: a queued frame is old by the time it is seen.
 constexpr std::uint32_t kBuffers = 2;
-constexpr std::int64_t kReopenNs = 100'000'000;  // a lost node is looked for this often
+constexpr std::int64_t kReopenNs = 100'000'000;  // interval of the search for a lost node
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
@@ -58,7 +58,7 @@ std::uint32_t fourcc_of(const std::string& format) {
   return v4l2_fourcc(letters[0], letters[1], letters[2], letters[3]);
 }
 
-/// Bytes a pixel; 0 = a format that this program does not write.
+/// Bytes per pixel; 0 = a format that this program does not write.
 std::size_t bytes_per_pixel(std::uint32_t fourcc) {
   switch (fourcc) {
     case V4L2_PIX_FMT_Y16:
@@ -72,7 +72,7 @@ std::size_t bytes_per_pixel(std::uint32_t fourcc) {
   }
 }
 
-/// A buffer of the driver's, mapped.
+/// One of the driver's buffers, mapped.
 class MappedBuffer {
  public:
   MappedBuffer(const Fd& fd, const v4l2_buffer& buffer)
@@ -101,7 +101,7 @@ class MappedBuffer {
   void* data_;
 };
 
-/// frames.raw and frames.txt of a folder.
+/// Writes frames.raw and frames.txt in a folder.
 class Record {
  public:
   explicit Record(const std::filesystem::path& folder) {
@@ -318,8 +318,8 @@ class V4l2Output::Impl {
     }
   }
 
-  /// Until the node gives a buffer back (`node` not null) or the time has come.
-  /// @return false when asked to end
+  /// Waits until the node returns a buffer (`node` not null) or the time has come.
+  /// @return false when requested to stop
   bool wait_for(const Fd* node, std::int64_t until_ns) const {
     for (;;) {
       timespec timeout{};
@@ -342,7 +342,7 @@ class V4l2Output::Impl {
     }
   }
 
-  /// Exposes a frame from now on and queues it. @return nothing, or why there can be no more
+  /// Exposes a frame from now on and queues it. @return nothing, or why the stream must end
   std::optional<End> write_frame(std::uint32_t index) {
     const auto period_ns = static_cast<std::int64_t>(std::llround(1e9 / spec_.fps));
     if (!wait_for(nullptr, last_start_ns_ + period_ns)) {
@@ -361,7 +361,7 @@ class V4l2Output::Impl {
     const LightSeen seen = camera_.look(history, exposure);
     const ImageView<std::uint16_t> words(words_.data(), spec_.frame_height, spec_.frame_width,
                                          1);
-    // No two frames have the same noise: a repeated one is then known for what it is.
+    // No two frames have the same noise: so a repeated one is recognisable.
     camera_.take(history, exposure, seen, n_written_.load(), words);
     if (light_.strobe) {
       light_.strobe(now_ns());

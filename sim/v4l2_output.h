@@ -10,20 +10,20 @@
 #include "sim/virtual_camera.h"
 
 /// @file
-/// A virtual camera whose frames leave by a V4L2 output node. vivid (or v4l2loopback) hands
+/// A virtual camera whose frames leave by a V4L2 output node. vivid (or v4l2loopback) passes
 /// them on to a capture node, where any program reads them through the kernel's own video
 /// layer.
 ///
-/// The node sets the pace: a frame is exposed when the node has given a buffer back, and queued
-/// when its exposure is over. It can be in the host's hands no sooner than that, but much
-/// later, and the capture node's stamp is its own: what that stamp means is for the capturing
-/// rig file to say (docs/reference/virtual-machine.md does the sum for vivid).
+/// The node sets the pace: a frame is exposed when the node has returned a buffer, and queued
+/// when its exposure is over. It reaches the host no sooner than that, but possibly much later,
+/// and the capture node's timestamp is its own: its meaning is stated in the capturing rig file
+/// (docs/reference/virtual-machine.md does the calculation for vivid).
 
 namespace haarlight {
 
 struct V4l2OutputOptions {
   VirtualCameraOptions camera{};
-  /// A folder to keep every frame in, with the truth about it; empty = none. frames.raw: the
+  /// A folder to store every frame in, with its ground truth; empty = none. frames.raw: the
   /// frames' words, little-endian, one after the other; frames.txt: a line each, in order:
   /// start and end of the exposure (CLOCK_MONOTONIC ns), tag, 1 when the light changed
   /// meanwhile.
@@ -38,8 +38,8 @@ struct V4l2OutputCounts {
 /// Runs from construction to destruction, one thread of its own. Thread-safe.
 class V4l2Output {
  public:
-  /// Formats: "Y16 ", "Y12 ", "Y10 " (a word a pixel) and "GREY" (a byte a pixel).
-  /// @throws Error  no such node, no output node, another format or size than the rig's
+  /// Formats: "Y16 ", "Y12 ", "Y10 " (one word per pixel) and "GREY" (one byte per pixel).
+  /// @throws Error  no such node, not an output node, a format or size other than the rig's
   V4l2Output(const CameraSpec& spec, const ControllerSpec& controller,
              const Transport& transport, LightSource light, const std::filesystem::path& node,
              const V4l2OutputOptions& options = {});

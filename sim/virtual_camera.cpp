@@ -17,11 +17,11 @@ namespace haarlight {
 namespace {
 
 constexpr std::size_t kNormalTable = 65536;  // one index = 16 bits of a hash
-constexpr float kPoissonLimit = 30.0F;       // electrons; below it counts by inversion
+constexpr float kPoissonLimit = 30.0F;       // electrons; below this counts by inversion
 
 std::int64_t ns_from_us(double us) { return std::llround(us * 1e3); }
 
-/// The middle of each of n equal shares of the standard normal: Newton's method on its
+/// The middle of each of n equal parts of the standard normal: Newton's method on its
 /// distribution function.
 std::vector<float> normal_quantiles(std::size_t n) {
   std::vector<float> quantiles(n);
@@ -59,7 +59,7 @@ double mean_level(double initial, const std::vector<Step>& steps, double begin_n
   double integral = 0.0;
   double level = initial;
   double at = -1e300;
-  // Adds the part of [t0, t1] in the window, where the level runs linearly from l0 to l1.
+  // Adds the part of [t0, t1] in the window, where the level is linear from l0 to l1.
   const auto add = [&](double t0, double t1, double l0, double l1) {
     const double a = std::max(t0, begin_ns);
     const double b = std::min(t1, end_ns);
@@ -189,14 +189,14 @@ LightSeen VirtualCamera::look(const LightHistory& history, const Exposure& expos
     seen.tag.is_mixed = seen.tag.is_mixed || changes + ramp > exposure.start_ns;
     seen.last_change_ns = changes + ramp;
   }
-  // A history that does not reach back far enough cannot vouch for a clean frame.
+  // A history that does not reach back far enough cannot prove a frame clean.
   seen.tag.is_mixed = seen.tag.is_mixed || !history.is_complete;
   return seen;
 }
 
 std::vector<VirtualCamera::Element> VirtualCamera::mean_drives(const LightHistory& history,
                                                                const Exposure& exposure) const {
-  // Every element that is lit at some time, with its level in each state.
+  // Every element that is lit at any time, with its level in each state.
   const std::size_t n_states = history.states.size();
   std::map<int, std::vector<double>> levels;
   for (std::size_t i = 0; i < n_states; ++i) {

@@ -22,24 +22,24 @@
 /// Poisson by inversion below 30 electrons, above by a normal of variance mu (together with the
 /// read noise), whose relative error in the variance is below 0.3 %. An LED follows a change
 /// after `latch`, then rises or falls linearly over `rise` or `fall` (the longest delays the
-/// rig file allows, so that a rig file that promises too little is found out).
+/// rig file allows, so that a rig file with too short delays is found out).
 
 namespace haarlight {
 
-/// What real LEDs and real sensors do besides; all 0: an ideal rig.
+/// Additional effects of real LEDs and real sensors; all 0: an ideal rig.
 struct RigFlaws {
-  /// Every LED is brighter by this share at the camera's first frame, and settles:
+  /// Every LED is brighter by this fraction at the camera's first frame, and settles:
   /// 1 + warm_up exp(-t / warm_up_s).
   double warm_up = 0.0;
   double warm_up_s = 60.0;
-  /// Each change of light comes later by 0 to so much, evenly drawn by the moment of its latch;
+  /// Each light change comes later by 0 to this much, drawn uniformly by the time of its latch;
   /// and each of its ramps is longer by 0 to ramp_spread_us.
   double latch_spread_us = 0.0;
   double ramp_spread_us = 0.0;
   double dark_e_per_s = 0.0;  ///< dark current of a normal pixel
-  double hot_share = 0.0;     ///< of the pixels have hot_e_per_s
+  double hot_share = 0.0;     ///< this fraction of the pixels has hot_e_per_s
   double hot_e_per_s = 0.0;
-  double prnu = 0.0;        ///< rms relative difference of the pixels' sensitivity
+  double prnu = 0.0;        ///< rms relative deviation of the pixels' sensitivity
   double vignetting = 0.0;  ///< sensitivity lost in the corners, growing with r^2
   friend bool operator==(const RigFlaws&, const RigFlaws&) = default;
 };
@@ -75,27 +75,27 @@ struct LightSeen {
 class VirtualCamera {
  public:
   /// Keeps a reference to `transport`.
-  /// @throws Error  transport of another size, tag rows too small, no full well
+  /// @throws Error  transport of another size, too few embedded metadata rows, no full well
   VirtualCamera(const CameraSpec& spec, ControllerSpec controller, const Transport& transport,
                 VirtualCameraOptions options = {});
 
   /// The span of light history that a frame needs.
   [[nodiscard]] std::int64_t history_begin_ns(const Exposure& exposure) const;
   [[nodiscard]] std::int64_t end_ns(const Exposure& exposure) const;  ///< of the last row
-  /// Of the readout: neither the last row's exposure nor the first row's reading come later.
+  /// Of the readout: neither the last row's exposure nor the first row's readout ends later.
   [[nodiscard]] std::int64_t read_out_ns(const Exposure& exposure) const;
-  /// What its timestamp says.
+  /// Its timestamp.
   [[nodiscard]] std::int64_t stamp_ns(const Exposure& exposure) const;
 
   [[nodiscard]] LightSeen look(const LightHistory& history, const Exposure& exposure) const;
 
   /// Takes the frame.
-  /// @param noise_key  which noise: the same key and light give the same words
-  /// @param words      (frame_height, frame_width, 1), tag rows included
+  /// @param noise_key  selects the noise: the same key and light give the same words
+  /// @param words      (frame_height, frame_width, 1), including the embedded metadata rows
   void take(const LightHistory& history, const Exposure& exposure, const LightSeen& seen,
             std::uint64_t noise_key, ImageView<std::uint16_t> words);
 
-  /// The tag rows alone.
+  /// Only the embedded metadata rows.
   void write_tag(const LightSeen& seen, ImageView<std::uint16_t> words) const;
 
   /// Electrons of a value T / scale = 1 at this exposure and drive 1.
@@ -107,7 +107,7 @@ class VirtualCamera {
     int index = 0;
     std::vector<float> drive;  ///< mean over each row's exposure; one value when all are equal
   };
-  /// What one change of light does: when it begins after its latch, and its ramps. All ns.
+  /// The effect of one light change: when it begins after its latch, and its ramps. All ns.
   struct Delay {
     double latch = 0.0;
     double rise = 0.0;
@@ -129,7 +129,7 @@ class VirtualCamera {
   std::vector<float> normal_;  ///< quantiles of the standard normal
   // Of the sensor's flaws; empty: none.
   std::vector<float> sensitivity_;
-  std::vector<float> dark_;  ///< electrons a second
+  std::vector<float> dark_;  ///< electrons per second
   std::int64_t first_ns_ = -1;
   // The last steady pattern, whose mean is still in mean_.
   std::shared_ptr<const std::vector<ElementLevel>> steady_;

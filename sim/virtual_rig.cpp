@@ -22,7 +22,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// One thing the fault script does, in seconds since the first frame.
+/// One action of the fault script, in seconds since the first frame.
 struct FaultEvent {
   double at_s = 0.0;
   std::function<void(ControllerServer&)> act;
@@ -177,7 +177,7 @@ struct VirtualRig::Impl {
       server.doubtful_us = options.doubtful_us;
       server.is_prepared = options.is_prepared;
       if (rig.sync == SyncMode::camera_leads) {
-        server.doubtful_us = 0.0;  // the strobe, not the host, decides when the light changes
+        server.doubtful_us = 0.0;  // the strobe, not the host, times the light
         server.lookahead_ns = kLookaheadNs;
         server.strobe_lost_share = options.strobe_lost_share;
         server.strobe_false_share = options.strobe_false_share;
@@ -202,7 +202,7 @@ struct VirtualRig::Impl {
   }
 
   ~Impl() {
-    fault_thread = std::jthread();  // stops and joins before what it touches goes
+    fault_thread = std::jthread();  // stops and joins before what it uses is destroyed
     v4l2_output.reset();
     {
       const std::lock_guard lock(line_mutex);
@@ -217,7 +217,7 @@ struct VirtualRig::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
 
-  /// The rig file's serial path leads to the pseudo-terminal while the rig lives.
+  /// Links the rig file's serial path to the pseudo-terminal while the rig lives.
   void serve_rtu_link(const VirtualRigOptions& options) {
     if (!options.own_folder.empty()) {
       rig.controller.address = controller.rtu_address();

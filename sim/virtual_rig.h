@@ -18,8 +18,8 @@
 
 /// @file
 /// The whole virtual rig in one object: controller server, one camera server for each remote
-/// camera of the rig file, and the fault script's clock. What haarlight-sim runs, and what
-/// tests run in their own process.
+/// camera of the rig file, and the fault script's clock. Run by haarlight-sim, and by tests in
+/// their own process.
 
 namespace haarlight {
 
@@ -28,11 +28,11 @@ struct VirtualRigOptions {
   double lit_electrons = 0.0;  ///< see VirtualCameraOptions
   FaultScript faults;
   int n_buffers = 8;
-  double doubtful_us = 2000.0;  ///< see CameraServerOptions, as the following
+  double doubtful_us = 2000.0;  ///< see CameraServerOptions, also for the following
   bool is_prepared = false;
   double strobe_lost_share = 0.0;
   double strobe_false_share = 0.0;
-  /// What the rig truly is, where that differs from the rig file.
+  /// What the rig really is, where that differs from the rig file.
   SimTruth truth;
   /// Choose a free port and sockets in this folder instead of the rig file's addresses.
   std::filesystem::path own_folder;
@@ -40,8 +40,8 @@ struct VirtualRigOptions {
   std::filesystem::path usb_redir;
   /// False: only the controller; the cameras are elsewhere and no transport is needed.
   bool has_cameras = true;
-  /// A V4L2 output node that the first camera writes its frames into, instead of serving them
-  /// on a socket; whatever kind the rig file says it is. Faults of frames don't apply to it.
+  /// A V4L2 output node that the first camera writes its frames to, instead of serving them on
+  /// a socket, whatever its kind in the rig file. Frame faults don't apply to it.
   std::filesystem::path v4l2_output;
   std::filesystem::path record;  ///< see V4l2OutputOptions
 };
@@ -49,7 +49,7 @@ struct VirtualRigOptions {
 /// Runs from construction to destruction. Thread-safe. No TBB, no ray caster.
 class VirtualRig {
  public:
-  /// @param transports  one a camera of the rig, in its order; kept by reference
+  /// @param transports  one per camera of the rig, in order; kept by reference
   /// @throws Error  addresses in use, a camera that is not remote, a controller by USB
   ///                without `usb_redir`
   VirtualRig(const Rig& rig, std::span<const Transport> transports,
@@ -58,7 +58,7 @@ class VirtualRig {
   VirtualRig(const VirtualRig&) = delete;
   VirtualRig& operator=(const VirtualRig&) = delete;
 
-  /// The rig with the addresses that are really served: hand it to a capture.
+  /// The rig with the addresses that are actually served: pass it to a capture.
   [[nodiscard]] const Rig& rig() const;
   [[nodiscard]] ControllerServer& controller();
   /// Of a camera that is served on a socket.

@@ -18,11 +18,12 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
+#include "apps/program_version.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
 #include "core/parallel.h"
-#include "core/report.h"
+#include "core/progress.h"
 #include "render/scene.h"
 #include "sim/rig_commands.h"
 #include "sim/transport.h"
@@ -309,7 +310,7 @@ int run(const Arguments& arguments) {
 
 int main(int argc, char** argv) try {
   haarlight::CommandLine line("haarlight-sim", "haarlight-sim: a virtual rig on real sockets",
-                              std::string(haarlight::kVersion));
+                              haarlight::program_version());
   Arguments arguments;
   add_options(line.root(), arguments);
   if (const std::optional<ExitCode> end = line.parse(argc, argv)) {

@@ -26,7 +26,7 @@ struct AdviseArguments {
   std::string rig;
   std::optional<double> signal_e;
   std::string pilot;
-  LightOptions light;
+  LightChoice light;
   double target_db = 0.0;
   double flicker = 0.0;
   int wavelets = 64;
@@ -71,14 +71,14 @@ AdviceScene scene_of(const AdviseArguments& arguments, const Rig& rig,
   options.keep_bayer = true;  // the noise of single pixels, not of their averages
   options.plate = sharing_plate(session, {});
   const LightStack stack = develop(session, options);
-  if (stack.shape().n_lights != rig.n_lights()) {
-    throw Error(fmt::format("the pilot has {} lights, the rig {}", stack.shape().n_lights,
+  if (stack.dims().n_lights != rig.n_lights()) {
+    throw Error(fmt::format("the pilot has {} lights, the rig {}", stack.dims().n_lights,
                             rig.n_lights()),
                 arguments.pilot, "use a session of this rig");
   }
   // The plate that develop will use, whether or not the pilot itself needed one.
   PlatePixels plate;
-  const int camera = camera_of_size(rig, stack.shape().width, stack.shape().height);
+  const int camera = camera_of_size(rig, stack.dims().width, stack.dims().height);
   if (!rig.planes.empty() && camera >= 0) {
     const auto computed = std::make_shared<const ComputedPlate>(rig, camera);
     plate.read = [computed](int y, int x0, int x1, std::span<float> out) {
@@ -148,7 +148,10 @@ ExitCode run_advise(const AdviseArguments& arguments, const CommonOptions& commo
   std::vector<AdviceLighting> lightings{single_lights(rig.n_lights(), kSingleLights)};
   std::optional<Lighting> own;
   if (!arguments.light.cubemap.empty()) {
-    const Environment environment = read_environment(arguments.light, report);
+    const Environment environment = read_environment(arguments.light);
+    report.add_input(arguments.light.cubemap);
+    report.add_asked("rotate_deg", arguments.light.rotate_deg);
+    report.add_detail("layout", std::string(to_string(environment.layout())));
     own = Lighting{rig_weights(environment, rig).weights, {}};
     lightings.push_back(
         {std::filesystem::path(arguments.light.cubemap).filename().string(), own->weights});

@@ -3,173 +3,83 @@
 /// `haarlight calibrate INPUT -o OUT`: where the lights are, from pictures of mirror balls or
 /// of a sheet.
 
-#include "apps/haarlight/calibrate.h"
+#include <memory>
 
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "apps/haarlight/calibrate_options.h"
+#include "apps/haarlight/pipeline_words.h"
+#include "relight/pipeline/calibrate/calibrate_pipeline.h"
 
 namespace haarlight {
 
 namespace {
 
-/// "ball", "sheet" or "rig".
-std::string method_of(const FindLightsArguments& arguments, const LightPictures& pictures) {
-  const bool has_rig = pictures.session() != nullptr && pictures.session()->rig().has_value();
-  const bool has_balls = !arguments.masks.empty() || !arguments.radius_mm.empty();
-  std::string target = arguments.target;
-  if (target.empty() && (has_rig || has_balls)) {
-    target = has_balls ? "ball" : "sheet";
+SheetTargetOptions sheet_options(const FindLightsArguments& arguments) {
+  SheetTargetOptions sheet;
+  if (!arguments.region.empty()) {
+    sheet.region = SheetRegion{arguments.region[0], arguments.region[1], arguments.region[2],
+                               arguments.region[3]};
   }
-  if (target.empty()) {
-    throw Error("what do the pictures show?", arguments.input,
-                "--target ball or --target sheet", ExitCode::usage);
+  sheet.aim = arguments.aim == "down"         ? Aim::down
+              : arguments.aim == "everywhere" ? Aim::everywhere
+                                              : Aim::centre;
+  sheet.aim_deg = arguments.aim_deg;
+  sheet.tilt_deg = arguments.tilt_deg;
+  sheet.led_mm = arguments.led_mm;
+  sheet.lobe = arguments.lobe == "given" ? Lobe::given : Lobe::free;
+  sheet.mu = arguments.mu;
+  sheet.bow_mm = arguments.bow_mm;
+  sheet.samples = arguments.samples;
+  sheet.is_bent = arguments.is_bent;
+  if (!arguments.grid.empty()) {
+    sheet.grid = LightGrid{arguments.grid[0], arguments.grid[1], arguments.pitch_mm};
   }
-  if (target == "ball") {
-    return target;
-  }
-  if (has_balls) {
-    throw Error("a ball's option for a sheet", "--ball, --radius-mm", "--target ball",
-                ExitCode::usage);
-  }
-  if (!has_rig && !arguments.rig.empty()) {
-    throw Error("a rig's lights are found from a capture of the rig", arguments.input,
-                "give its session; or leave --rig out, for lights of which nothing is known");
-  }
-  if (has_rig && (arguments.is_bent || !arguments.grid.empty())) {
-    throw Error("a rig's faces are rigid and its sheet is flat", "--bent, --grid",
-                "leave them out", ExitCode::usage);
-  }
-  return has_rig ? "rig" : target;
+  sheet.thickness_mm = arguments.sheet_mm;
+  sheet.page = arguments.page;
+  return sheet;
 }
 
-ExitCode run_find_lights(const FindLightsArguments& arguments, const CommonOptions& common,
-                         Report& report) {
+CalibratePipelineOptions calibrate_options(const FindLightsArguments& arguments,
+                                           const CommonOptions& common) {
+  CalibratePipelineOptions options;
+  options.input = arguments.input;
+  options.out = arguments.out;
+  if (!arguments.target.empty()) {
+    options.target = arguments.target == "ball" ? LightTarget::ball : LightTarget::sheet;
+  }
+  options.exclude = arguments.exclude;
+  if (arguments.transfer != "file") {
+    options.transfer = arguments.transfer == "srgb" ? Transfer::srgb : Transfer::linear;
+  }
+  options.width_mm = arguments.width_mm;
+  options.camera_mm = arguments.camera_mm;
+  options.focal_px = arguments.focal_px;
+  options.rig = arguments.rig;
+  options.ball.masks.assign(arguments.masks.begin(), arguments.masks.end());
+  options.ball.n_balls = arguments.n_balls;
+  options.ball.radius_mm = arguments.radius_mm;
+  options.ball.edge_px = arguments.edge_px;
+  options.sheet = sheet_options(arguments);
+  options.settings = pipeline_settings(common);
+  return options;
+}
+
+ExitCode run_calibrate(const FindLightsArguments& arguments, const CommonOptions& common,
+                       Report& report) {
+  const CalibrateSummary summary =
+      calibrate_capture_lights(calibrate_options(arguments, common));
   report.add_input(arguments.input);
-  require_writable(arguments, common);
-  const LightPictures pictures = LightPictures::open(arguments, common);
-  const std::string method = method_of(arguments, pictures);
-  report.add_asked("target", method);
-  if (arguments.is_bent && !arguments.grid.empty()) {
-    throw Error("an array on a sheet that is not flat is not fitted", "--bent",
-                "leave --bent out: an array cannot follow a bend", ExitCode::usage);
-  }
-  const FoundLights found =
-      method == "ball"    ? find_by_balls(arguments, pictures, common, report)
-      : method == "sheet" ? find_by_sheet(arguments, pictures, common, report)
-                          : find_by_rig(arguments, *pictures.session(), common, report);
-  bool are_all_seen = true;
-  bool is_any_seen = false;
-  for (const FoundLight& light : found.lights) {
-    are_all_seen = are_all_seen && light.is_seen();
-    is_any_seen = is_any_seen || light.is_seen();
-  }
-  if (!is_any_seen) {
-    throw Error("not one light was found: " + found.lights.front().finding, arguments.input,
-                "look at the pictures' exposure");
-  }
-  report.set_bytes(write_found(found, arguments));
-  tell_found(found, common, report);
-  if (!are_all_seen) {
+  report_calibration(summary, report);
+  fmt::print("{}{}", common.quiet ? std::string() : found_table(summary.found),
+             found_line(summary.found));
+  if (!summary.are_all_seen) {
     fmt::print(stderr,
                "lights that were not seen are left out of the lists\n  cure: look at their "
                "pictures, or leave these out: --exclude\n");
   }
   fmt::print("{}\n", arguments.out);
-  return found.is_good && are_all_seen ? ExitCode::done : ExitCode::target_missed;
-}
-
-void add_options(Command verb, FindLightsArguments& a) {
-  verb.option("INPUT", &a.input,
-              "Session, or folder with one picture per light, sorted by name",
-              {.type = "SESSION|DIR", .is_required = true});
-  verb.option("-o,--output", &a.out,
-              "Folder to write; or one list: FILE.json (for import), FILE.lp, FILE.csv",
-              {.type = "FOLDER|FILE", .is_required = true});
-  verb.option("--target", &a.target,
-              "What the pictures show (default: a rig's session shows a sheet, --ball a ball)",
-              {.choices = {"ball", "sheet"}});
-  verb.option("--exclude", &a.exclude,
-              "Leave out pictures whose names contain this; may be repeated", {.type = "TEXT"});
-  verb.option("--transfer", &a.transfer,
-              "What integer pictures hold; file: as the file says (display pictures: srgb)",
-              {.choices = {"file", "srgb", "linear"}, .shows_default = true});
-  verb.option("--width-mm", &a.width_mm, "What the picture shows across, on the sheet",
-              {.type = "MM", .bounds = Bounds{0.0, 1e6}});
-  verb.option("--camera-mm", &a.camera_mm,
-              "From the lens to the sheet, or to what the balls lie on; the camera looks "
-              "straight at it",
-              {.type = "MM", .bounds = Bounds{0.0, 1e6}});
-  verb.option(
-      "--focal-px", &a.focal_px,
-      "The lens' focal length, pixels: in mm, times the picture's width over the sensor's",
-      {.type = "PIXELS", .bounds = Bounds{0.0, 1e7}});
-  verb.option("--rig", &a.rig,
-              "The rig file: of a sheet's session, its measured values are written too; of "
-              "balls, whose camera saw them",
-              {.type = "RIG.toml"});
-}
-
-void add_ball_options(Command verb, FindLightsArguments& a) {
-  verb.option("--ball", &a.masks,
-              "ball: white on a ball, black around it; may be repeated (default: balls are "
-              "looked for)",
-              {.type = "MASK"});
-  verb.option("--balls", &a.n_balls, "ball: how many to look for",
-              {.bounds = Bounds{1, 50}, .shows_default = true});
-  verb.option("--radius-mm", &a.radius_mm,
-              "ball: the balls' radius, for near lights; one for all, or one for each --ball",
-              {.type = "MM", .bounds = Bounds{1e-3, 1e5}, .delimiter = ','});
-  verb.option(
-      "--edge-px", &a.edge_px,
-      "ball: how far its outline as a whole may be off, by a brush or a blur: a standard "
-      "deviation of its middle and its radius",
-      {.type = "PIXELS", .bounds = Bounds{0.0, 100.0}, .shows_default = true});
-}
-
-void add_sheet_options(Command verb, FindLightsArguments& a) {
-  verb.option(
-      "--region", &a.region,
-      "sheet: what of it counts, mm right and up of the picture's middle (default: nine "
-      "tenths of the picture; of a rig along its plane's u and v)",
-      {.type = "U0,U1,V0,V1", .delimiter = ',', .count = 4});
-  verb.option(
-      "--aim", &a.aim,
-      "sheet: where the lights shine: at its middle, straight down, or alike everywhere",
-      {.choices = {"centre", "down", "everywhere"}, .shows_default = true});
-  verb.option("--aim-deg", &a.aim_deg,
-              "sheet: how far a light is off its aim (a standard deviation)",
-              {.type = "DEGREES", .bounds = Bounds{0.0, 45.0}, .shows_default = true});
-  verb.option("--tilt-deg", &a.tilt_deg,
-              "sheet: how far the camera may be from straight above (a standard deviation)",
-              {.type = "DEGREES", .bounds = Bounds{0.0, 20.0}, .shows_default = true});
-  verb.option("--led-mm", &a.led_mm, "sheet: side of the lights' emitters",
-              {.type = "MM", .bounds = Bounds{0.0, 1e4}, .shows_default = true});
-  verb.option("--lobe", &a.lobe,
-              "sheet: one exponent for all lobes is found, or given by --mu (of a rig by its "
-              "file)",
-              {.choices = {"free", "given"}, .shows_default = true});
-  verb.option("--mu", &a.mu, "sheet: the lobes' exponent, where --lobe given",
-              {.bounds = Bounds{0.0, 100.0}, .shows_default = true});
-  verb.option("--bow", &a.bow_mm,
-              "sheet: how far it may be bowed, mm (a standard deviation); 0: it is flat for "
-              "certain",
-              {.bounds = Bounds{0, 20}, .shows_default = true});
-  verb.option("--samples", &a.samples, "sheet: about so many blocks along its longer side",
-              {.bounds = Bounds{8, 200}, .shows_default = true});
-  verb.flag("--bent", &a.is_bent,
-            "sheet: it is not flat; its shape and the lights are found in turn, without +-, "
-            "for lights at their --aim of exponent --mu");
-  verb.option("--grid", &a.grid,
-              "sheet: the lights are a flat array, pictures row by row, first row at the top",
-              {.type = "ROWS,COLUMNS", .delimiter = ',', .count = 2});
-  verb.option("--pitch-mm", &a.pitch_mm, "sheet: from light to light in the --grid",
-              {.type = "MM", .bounds = Bounds{0.0, 1e5}});
-  verb.option("--sheet-mm", &a.sheet_mm, "sheet, of a rig: its thickness over the plane",
-              {.type = "MM", .shows_default = true});
-  verb.option("--page", &a.page,
-              "sheet, with --rig: the page with figures (default: NAME.lights.html)",
-              {.type = "FILE"});
+  return summary.is_usable() ? ExitCode::done : ExitCode::target_missed;
 }
 
 }  // namespace
@@ -178,9 +88,7 @@ void add_calibrate(Command root, Invocation& invocation) {
   auto arguments = std::make_shared<FindLightsArguments>();
   Command verb = root.add_verb(
       "calibrate", "Find where a dome's or free lights are, from a sheet or mirror balls");
-  add_options(verb, *arguments);
-  add_ball_options(verb, *arguments);
-  add_sheet_options(verb, *arguments);
+  add_calibrate_options(verb, *arguments);
   verb.footer(
       "Writes lights.json (places or directions, powers, standard errors; import reads it),\n"
       "lights.lp, lights.csv, and balls.png or sheet.png. Which way to take, and how exact it "
@@ -196,7 +104,7 @@ void add_calibrate(Command root, Invocation& invocation) {
       "    --transfer linear -o dome.lights\n"
       "  haarlight calibrate sheet.session -o rig.lights");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
-    return run_find_lights(*arguments, common, report);
+    return run_calibrate(*arguments, common, report);
   });
 }
 

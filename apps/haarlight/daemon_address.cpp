@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/daemon_address.h"
 
-#include "core/error.h"
 #include "core/files.h"
 
 namespace haarlight {
@@ -20,11 +19,6 @@ DaemonClientConfig client_config(const DaemonAddress& address) {
     config.token.erase(config.token.find_last_not_of(" \t\r\n") + 1);
   }
   return config;
-}
-
-void refuse_answer() {
-  throw Error("the daemon's answer is not JSON", "haarlightd",
-              "is another program listening at this address?", ExitCode::unavailable);
 }
 
 }  // namespace haarlight

@@ -22,7 +22,4 @@ void add_daemon_options(Command verb, DaemonAddress& address);
 /// @throws Error  the token's file cannot be read
 [[nodiscard]] DaemonClientConfig client_config(const DaemonAddress& address);
 
-/// @throws Error(unavailable)  an answer that is no JSON object is not this daemon's
-[[noreturn]] void refuse_answer();
-
 }  // namespace haarlight

@@ -3,7 +3,6 @@
 
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "apps/haarlight/verb.h"
 #include "core/picture/image_io.h"
@@ -25,10 +24,6 @@ void add_transfer_option(Command verb, std::string& transfer);
 [[nodiscard]] DevelopOptions develop_options(const Session& session,
                                              const CommonOptions& common,
                                              const std::string& transfer = {});
-
-/// Where each light's values end, as develop has them, (n_lights), or (channels, n_lights)
-/// where channels have gains; empty where pictures are no integers, or the session is a rig's.
-[[nodiscard]] std::vector<float> clip_levels(const Session& session);
 
 /// Where the picture's reference plane is.
 struct PlaneArguments {

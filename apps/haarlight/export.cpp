@@ -9,14 +9,14 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/develop_options.h"
-#include "apps/haarlight/display_exposure.h"
-#include "apps/haarlight/picture_notes.h"
 #include "apps/haarlight/verb.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/log.h"
 #include "core/picture/image_io.h"
 #include "relight/light/near_light.h"
+#include "relight/pipeline/display_exposure.h"
+#include "relight/pipeline/picture_notes.h"
 #include "session/develop/develop.h"
 
 namespace haarlight {
@@ -40,7 +40,7 @@ struct ExportArguments {
 double choose_exposure(const LightStack& stack) {
   std::vector<float> sample;
   constexpr std::size_t kEvery = 97;  // a prime: no rhythm with pixels or lights
-  for (int i = 0; i < stack.shape().n_bands(); ++i) {
+  for (int i = 0; i < stack.bands().n(); ++i) {
     const std::span<const float> values = stack.band(i);
     for (std::size_t at = 0; at < values.size(); at += kEvery) {
       sample.push_back(values[at]);

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
+#include "apps/program_version.h"
 #include "core/files.h"
 #include "core/log.h"
 #include "core/parallel.h"
@@ -63,8 +64,8 @@ int run_guarded(haarlight::Invocation& invocation) {
 int main(int argc, char** argv) try {
   haarlight::CommandLine line(
       "haarlight", "haarlight: capture an object under every light, and relight it afterwards",
-      std::string(haarlight::kVersion));
-  line.require_verb();
+      haarlight::program_version());
+  line.root().require_verb();
   haarlight::Invocation invocation;
   haarlight::add_all_verbs(line.root(), invocation);
   if (const std::optional<haarlight::ExitCode> end = line.parse(argc, argv)) {

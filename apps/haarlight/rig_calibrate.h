@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <filesystem>
 #include <string>
 #include <vector>
 
 #include "apps/haarlight/verb.h"
-#include "core/rig/measured_rig.h"
-#include "relight/calibration/rig_light_calibration.h"
-#include "session/develop/develop.h"
 
 /// @file
 /// `haarlight rig calibrate camera|plane|lights RIG.toml`: the lens and the plane from pictures
@@ -30,49 +26,12 @@ struct CalibrateArguments {
   std::string camera;  ///< id; empty: the first
 };
 
-/// Puts a calibration's results into NAME.measured.toml, what else it holds untouched.
-class MeasuredFile {
- public:
-  /// @throws Error  a file that cannot be read
-  explicit MeasuredFile(const Rig& written);
-  MeasuredRig values;
-  /// Proves that every program can read it, then writes it. @return  bytes
-  std::size_t write();
-
- private:
-  const Rig& written_;
-  std::filesystem::path file_;
-};
-
 /// The lens: K and dist with uncertainties, a page with every corner's miss.
 ExitCode run_calibrate_camera(const CalibrateArguments& arguments, const CommonOptions& common,
                               Report& report);
 /// The first plane, from one or more pictures of a board that lies on it.
 ExitCode run_calibrate_plane(const CalibrateArguments& arguments, const CommonOptions& common,
                              Report& report);
-
-/// The faces of a rig as a capture of a sheet shows them.
-struct RigFaces {
-  SheetSamples sheet;
-  std::vector<FaceCalibration> faces;
-  bool is_good = true;  ///< every fit ended well and its model was not found wrong
-  bool is_plane_measured = false;
-  bool is_noise_known = false;
-};
-/// @param rig  the session's, or as it is known today
-[[nodiscard]] RigFaces fit_rig_faces(const Session& session, const Rig& rig,
-                                     const CalibrateArguments& arguments,
-                                     const CommonOptions& common);
-/// What the test of the model says, for a person.
-[[nodiscard]] std::string test_text(const ModelTest& test);
-/// Results and notes, for people and the report.
-void tell_faces(const Rig& rig, const RigFaces& fit, const CommonOptions& common,
-                Report& report);
-/// Fits, tells, writes the page and, where all is good, NAME.measured.toml.
-/// @throws Error  a session of another rig, a sheet that is not seen, lights that cannot be
-/// found
-RigFaces store_rig_faces(const CalibrateArguments& arguments, const CommonOptions& common,
-                         Report& report);
 
 /// Writes NAME.measured.toml and a page with pictures.
 /// @throws Error  a session of another rig, a sheet that is not seen, lights that cannot be

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "core/report.h"
+#include "apps/haarlight/verb.h"
 
 /// @file
 /// `haarlight rig predict`: the design tool.

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
@@ -43,9 +42,6 @@ using RunVerb = std::function<ExitCode(const CommonOptions& common, Report& repo
 /// The last step of every add_VERB: adds --report, --quiet, --memory, --threads and --force
 /// after the verb's own options, and has `run` called when the command line names the verb.
 void finish_verb(Command verb, Invocation& invocation, RunVerb run);
-
-/// Of a file, or of all files of a folder.
-[[nodiscard]] std::uintmax_t bytes_on_disk(const std::filesystem::path& path);
 
 /// "next: haarlight view out/cube.hlb" to the standard error, unless --quiet: how to see what a
 /// verb has made, or what it is for.

@@ -114,24 +114,15 @@ void finish_verb(Command verb, Invocation& invocation, RunVerb run) {
   verb.option("--threads", &common.threads, "Threads to use (default: one a core)",
               {.bounds = Bounds{1, 1024}});
   verb.flag("--force", &common.force, "Overwrite an existing output");
-  verb.on_chosen([name = verb.name(), run = std::move(run), &invocation] {
+  // A nested verb reports and complains as the one that holds it: "rig".
+  const std::string words = verb.name();
+  verb.on_chosen([name = words.substr(0, words.find(' ')), run = std::move(run), &invocation] {
     invocation.command = name;
     invocation.run = [run, &invocation](Report& report) {
       limit_picture_memory(invocation.common.memory_bytes);
       return run(invocation.common, report);
     };
   });
-}
-
-std::uintmax_t bytes_on_disk(const std::filesystem::path& path) {
-  if (!std::filesystem::is_directory(path)) {
-    return std::filesystem::file_size(path);
-  }
-  std::uintmax_t sum = 0;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(path)) {
-    sum += entry.is_regular_file() ? entry.file_size() : 0;
-  }
-  return sum;
 }
 
 void tell_next(const CommonOptions& common, const std::vector<std::string>& words) {

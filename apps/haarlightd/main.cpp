@@ -20,6 +20,7 @@
 
 #include "apps/command_line.h"
 #include "apps/page_folder.h"
+#include "apps/program_version.h"
 #include "capture/daemon/daemon.h"
 #include "core/error.h"
 #include "core/files.h"
@@ -148,7 +149,7 @@ ExitCode run(const Options& options) {
 int run_command_line(int argc, char** argv) {
   haarlight::CommandLine line("haarlightd",
                               "haarlightd: captures an object under every light of a rig",
-                              std::string(haarlight::kVersion));
+                              haarlight::program_version());
   haarlight::Command program = line.root();
   Options options;
   program.option("RIG", &options.rig, "Rig file", {.type = "RIG.toml", .is_required = true});

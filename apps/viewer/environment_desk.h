@@ -25,8 +25,8 @@ namespace haarlight {
 
 class EnvironmentDesk {
  public:
-  /// How the weights are found. The page turns an environment by `quick` ones
-  /// and shows the `exact` ones when it rests.
+  /// How the weights are found. The page turns an environment by `quick` ones and shows the
+  /// `exact` ones when it rests.
   enum class Quality {
     exact,  ///< every texel: what `haarlight relight --cubemap` uses
     quick,  ///< the environment reduced to kQuickAcross texels all the way round

@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/viewer/viewer_site.h"
+#include "core/count.h"
 #include "core/error.h"
 #include "core/rig/rig.h"
 #include "core/text_limits.h"
@@ -25,8 +26,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 bool is_lossless(const BasisFile& basis) {
   return basis.header().coding != BasisCoding::quantised;

@@ -12,12 +12,13 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/viewer/reflectance_site.h"
+#include "core/count.h"
 #include "core/error.h"
 #include "core/files.h"
 #include "core/parallel.h"
+#include "core/picture/jpeg.h"
 #include "core/picture/png_tile.h"
 #include "core/text_limits.h"
-#include "relight/reflectance/formats/jpeg.h"
 #include "relight/reflectance/formats/refit.h"
 #include "relight/reflectance/formats/web_folder.h"
 
@@ -31,8 +32,6 @@ using Json = nlohmann::json;
 constexpr std::uint64_t kPageBytes = std::uint64_t{1} << 29U;  ///< of textures
 constexpr int kMostMeasured = 16;  ///< tiles that are decoded again for the error of JPEG
 constexpr int kMeasuredLights = 9;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 int n_pictures(const ReflectanceModel& model) { return (model.n_planes() + 2) / 3; }
 
@@ -152,7 +151,8 @@ class Pyramid {
       }
     };
     return options_.quality
-               ? encode_jpeg({tile.height, tile.width}, 3, *options_.quality, "a tile", give)
+               ? encode_jpeg({tile.height, tile.width},
+                             JpegQuality{.quality = *options_.quality}, "a tile", give)
                : encode_png(tile.height, tile.width, give);
   }
 
@@ -261,7 +261,6 @@ bool has_words(const ReflectanceModel& model) {
 
 /// The model as the page reads it, without its planes.
 Json model_json(const ReflectanceModel& model) {
-  constexpr std::array<const char*, 3> kColours{"rgb", "lrgb", "pca"};
   Json scales = Json::array();
   for (const PlaneScale& scale : model.scales) {
     scales.push_back({scale.scale, scale.offset});
@@ -279,7 +278,7 @@ Json model_json(const ReflectanceModel& model) {
     axes.push_back(numbers);
   }
   return {{"basis", std::string(to_string(model.basis))},
-          {"colour", kColours[static_cast<std::size_t>(model.colour)]},
+          {"colour", to_string(model.colour)},
           {"terms", model.n_terms},
           {"order4", model.order4 == HshOrder4::exact ? "exact" : "rounded"},
           {"least_elevation", model.least_elevation},

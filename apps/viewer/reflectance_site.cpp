@@ -87,7 +87,7 @@ std::string reflectance_description(const ReflectanceModel& model, const std::st
       {"planes", model.n_planes()},
       {"tint",
        model.colour == ReflectanceColour::lrgb ? columns_of(tint_of(model)) : Json(nullptr)},
-      {"transfer", model.transfer == Transfer::linear ? "linear" : "srgb"},
+      {"transfer", to_string(model.transfer)},
       {"texture_bytes", config.texture_bytes},
       {"most_shrink", kMostShrink}};
   return json.dump();

@@ -145,7 +145,7 @@ std::string basis_description(const BasisFile& basis, const ViewerConfig& config
       {"step", header.step},
       {"half_scale", half_scale(header)},
       {"plate",
-       {{"kind", header.plate},
+       {{"kind", to_string(header.plate)},
         {"rank", header.plate_rank},
         {"degree", header.plate_degree},
         {"gain_step", header.gain_step}}},

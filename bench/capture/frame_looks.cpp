@@ -77,8 +77,8 @@ int run(int width, int height) {
              0.5 * copy_ms);
   for (const BayerPattern bayer : {BayerPattern::none, BayerPattern::rggb}) {
     const WordScale scale{.clip_dn = 4095.0, .white_dn = 4095.0, .bayer = bayer};
-    const PixelRegion crop{0, 0, std::min(width, 800), std::min(height, 600)};
-    const PixelRegion all{0, 0, width, height};
+    const PixelRectangle crop{0, 0, std::min(width, 800), std::min(height, 600)};
+    const PixelRectangle all{0, 0, width, height};
     fmt::print("{}\n", bayer == BayerPattern::none ? "grey" : "Bayer");
     fmt::print("  overview      {:8.2f} ms\n", median_ms([&] {
                  sink +=
@@ -90,7 +90,7 @@ int run(int width, int height) {
     fmt::print("  crop          {:8.2f} ms\n", median_ms([&] {
                  sink += encode_preview_png(make_crop_codes(pixels, scale, crop).view()).size();
                }));
-    for (const PixelRegion& region : {crop, all}) {
+    for (const PixelRectangle& region : {crop, all}) {
       fmt::print("  facts of {} x {} {:8.2f} ms\n", region.width, region.height, median_ms([&] {
                    sink += count_words(pixels, scale, region)[0].n;
                    sink += measure_sharpness(pixels, scale, region).value > 1.0 ? 1U : 0U;

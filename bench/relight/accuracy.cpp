@@ -150,7 +150,6 @@ Image<float> render_directly(const bench::Twin& twin, const LightWeights& weight
 /// A capture, what to take off it, and what speaks for its lights.
 struct Capture {
   std::optional<bench::Twin> twin;
-  std::optional<LightStack> file;
   std::optional<MemoryStack> memory;
   std::optional<MemoryStack> clean;  ///< before noise was added
   std::unique_ptr<StackSource> file_source;
@@ -164,8 +163,7 @@ Capture open_capture(const Arguments& arguments) {
     const Session session = Session::open(arguments.session);
     DevelopOptions options;
     options.plate = sharing_plate(session, {});
-    capture.file = develop(session, options);
-    capture.file_source = std::make_unique<LightStackSource>(*capture.file);
+    capture.file_source = std::make_unique<LightStack>(develop(session, options));
     capture.source.stack = capture.file_source.get();
     capture.source.grid = haar_grid(session.info());
     if (!arguments.has_no_plate && session.rig()) {
@@ -193,7 +191,7 @@ Capture open_capture(const Arguments& arguments) {
     capture.source.name = arguments.scene;
   }
   capture.source.plate = capture.plate.get();
-  capture.source.plate_kind = capture.plate ? "computed" : "none";
+  capture.source.plate_origin = capture.plate ? PlateOrigin::computed : PlateOrigin::none;
   capture.source.lights.resize(static_cast<std::size_t>(capture.source.stack->dims().n_lights));
   return capture;
 }

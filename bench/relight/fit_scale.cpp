@@ -105,7 +105,7 @@ class PeriodicRows final : public PictureRows {
       }
     });
   }
-  [[nodiscard]] PictureShape shape() const override { return shape_; }
+  [[nodiscard]] StackDims dims() const override { return shape_; }
   [[nodiscard]] Transfer transfer() const override { return transfer_; }
   void rewind() override { y_ = 0; }
   void skip(int n_rows) override { y_ += static_cast<std::size_t>(n_rows); }
@@ -122,7 +122,7 @@ class PeriodicRows final : public PictureRows {
 
  private:
   static constexpr std::size_t kPeriod = 8;
-  PictureShape shape_;
+  StackDims shape_;
   Transfer transfer_;
   std::vector<std::uint16_t> rows_;
   std::size_t y_ = 0;
@@ -131,7 +131,7 @@ class PeriodicRows final : public PictureRows {
 
 /// Rows as a JPEG of quality 92, 4:2:0, as cameras write them.
 void write_jpeg(const fs::path& path, PeriodicRows& rows) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   jpeg_compress_struct info{};
   jpeg_error_mgr errors{};
   info.err = jpeg_std_error(&errors);
@@ -204,7 +204,7 @@ class JpegFolder {
 /// directions and some pixels, of white.
 double mean_square(const ReflectanceModel& model, PictureRows& rows,
                    const NearGeometry& geometry, const NearFitOptions& options) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   const auto n_lights = static_cast<std::size_t>(shape.n_lights);
   const Eigen::MatrixXd terms = terms_of(options.basis, options.n_terms, places_of(9, false));
   const int n = options.n_terms;

@@ -247,7 +247,7 @@ int run(int argc, char** argv) {
   source.stack = &rows;
   source.rows = &rows;
   source.plate = &plate;
-  source.plate_kind = "computed";
+  source.plate_origin = PlateOrigin::computed;
   source.grid = {rig.faces.front().rows, rig.faces.front().cols};
   source.rig_toml = rig.text;
   source.name = "balls over the plane";

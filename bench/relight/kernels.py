@@ -146,7 +146,7 @@ def main(arguments):
     ratio("NumPy A @ w / dense half", ("NumPy", "A @ w, pixel by pixel"), dense)
     ratio("PyWavelets / Haar transform",
           ("PyWavelets", "wavedec2 haar, all pixels in one call"),
-          ("haarlight", "Haar transform, all pixels"))
+          ("haarlight", "Haar transform, by tiles"))
     if arguments.json:
         with open(arguments.json, "w", encoding="utf-8") as file:
             json.dump(list(records.values()), file, indent=1)

@@ -29,7 +29,7 @@ using Eigen::MatrixXf;
 
 /// (n_lights, 3 * n_pixels), 0..1.
 MatrixXf values_of(PictureRows& rows) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   const Index n_row = Index{3} * shape.width;
   MatrixXf values(shape.n_lights, n_row * shape.height);
   std::vector<std::uint16_t> line(static_cast<std::size_t>(n_row * shape.n_lights));
@@ -57,7 +57,7 @@ ArrayXf squares_of(const MatrixXf& errors) {
 }
 
 /// Sums over windows of (2 * radius + 1)^2 pixels, cut at the border.
-ArrayXf window_sums(const ArrayXf& values, const PictureShape& shape, int radius) {
+ArrayXf window_sums(const ArrayXf& values, const StackDims& shape, int radius) {
   if (radius == 0) {
     return values;
   }
@@ -132,7 +132,7 @@ int run(const std::string& folder) {
     (is_held ? held_files : kept_files).push_back(lp.parent_path() / list.lights[k].name);
   }
   const auto kept_rows = jpeg_rows(kept_files);
-  const PictureShape shape = kept_rows->shape();
+  const StackDims shape = kept_rows->dims();
   const MatrixXf seen = values_of(*kept_rows);
   const MatrixXf unseen = values_of(*jpeg_rows(held_files));
 

@@ -17,6 +17,7 @@
 
 #include "apps/command_line.h"
 #include "core/parallel.h"
+#include "core/plot.h"
 #include "core/random.h"
 #include "core/report.h"
 #include "core/rig/rig.h"
@@ -299,50 +300,14 @@ class Study {
   std::map<std::pair<std::string, std::string>, std::vector<Time>> times_;
 };
 
-/// Two panels with logarithmic axes: seconds over lights, and over receivers.
+/// Seconds over lights, and over receivers.
 void Study::write_plot() const {
-  constexpr double kPanel = 300.0;
-  constexpr double kLeft = 60.0;
-  constexpr double kTop = 30.0;
-  const std::map<std::string, const char*> colours{
-      {"exact", "#444444"}, {"0.1 %", "#1f77b4"}, {"1 %", "#d62728"}};
-  std::string svg = fmt::format(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" "
-      "font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" "
-      "fill=\"white\"/>\n",
-      2 * (kPanel + kLeft) + 130, kPanel + 80);
+  std::vector<PlotPanel> panels;
   for (const bool is_over_lights : {true, false}) {
-    const double left = kLeft + (is_over_lights ? 0.0 : kPanel + kLeft);
-    const double x_low = is_over_lights ? 2.0 : 3.5;
-    const double x_high = is_over_lights ? 4.0 : 6.5;
-    constexpr double kLow = -2.0;
-    constexpr double kHigh = 3.0;
-    const auto x_at = [&](double value) {
-      return left + kPanel * (std::log10(value) - x_low) / (x_high - x_low);
-    };
-    const auto y_at = [&](double value) {
-      return kTop + kPanel * (kHigh - std::log10(value)) / (kHigh - kLow);
-    };
-    for (int decade = static_cast<int>(kLow); decade <= static_cast<int>(kHigh); ++decade) {
-      const double y = y_at(std::pow(10.0, decade));
-      svg += fmt::format(
-          "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2:.1f}\" y2=\"{2:.1f}\" stroke=\"#ddd\"/>"
-          "<text x=\"{3}\" y=\"{4:.1f}\" text-anchor=\"end\">{5:g}</text>\n",
-          left, left + kPanel, y, left - 5, y + 4, std::pow(10.0, decade));
-    }
-    const std::vector<double> ticks = is_over_lights ? std::vector<double>{256, 1024, 4096}
-                                                     : std::vector<double>{1e4, 1e5, 1e6};
-    for (const double tick : ticks) {
-      svg += fmt::format(
-          "<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1}\" y2=\"{2}\" stroke=\"#ddd\"/>"
-          "<text x=\"{0:.1f}\" y=\"{3}\" text-anchor=\"middle\">{4:g}</text>\n",
-          x_at(tick), kTop, kTop + kPanel, kTop + kPanel + 16, tick);
-    }
-    svg += fmt::format(
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>"
-        "<text x=\"{}\" y=\"18\">seconds</text>\n",
-        left + kPanel / 2, kTop + kPanel + 34,
-        is_over_lights ? "lights (10⁵ receivers)" : "receivers (1024 lights)", left);
+    PlotPanel panel;
+    panel.title = is_over_lights ? "100 000 receivers" : "1024 lights";
+    panel.x_name = is_over_lights ? "lights" : "receivers";
+    panel.y_name = "seconds";
     for (const auto& [name, times] : times_) {
       if (name.first != "room") {
         continue;
@@ -353,22 +318,15 @@ void Study::write_plot() const {
           line[is_over_lights ? time.lights : time.points] = time.seconds;
         }
       }
-      std::string points;
+      PlotSeries series{.name = name.second, .look = static_cast<int>(panel.series.size())};
       for (const auto& [x, y] : line) {
-        points += fmt::format("{:.1f},{:.1f} ", x_at(static_cast<double>(x)), y_at(y));
-        svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"3\" fill=\"{}\"/>\n",
-                           x_at(static_cast<double>(x)), y_at(y), colours.at(name.second));
+        series.points.emplace_back(static_cast<double>(x), y);
       }
-      svg += fmt::format("<polyline points=\"{}\" fill=\"none\" stroke=\"{}\"/>\n", points,
-                         colours.at(name.second));
-      if (!is_over_lights && !line.empty()) {
-        svg += fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" fill=\"{}\">{}</text>\n",
-                           left + kPanel + 8, y_at(line.rbegin()->second) + 4,
-                           colours.at(name.second), name.second);
-      }
+      panel.series.push_back(std::move(series));
     }
+    panels.push_back(std::move(panel));
   }
-  std::ofstream(arguments_.plot) << svg << "</svg>\n";
+  std::ofstream(arguments_.plot) << draw_panels("Time of shadows", panels, 2);
 }
 
 /// A half plane at height kEdge whose edge runs along y at x = 0; one light straight above it

@@ -16,7 +16,7 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/report.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/shape/integrate_normals.h"
 #include "relight/shape/near_alternation.h"
 

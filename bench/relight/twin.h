@@ -4,7 +4,7 @@
 #include <string>
 
 #include "core/rig/rig.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "render/scene.h"
 
 /// @file

@@ -65,7 +65,7 @@ Result<Frame> FakeCamera::next(std::chrono::steady_clock::time_point deadline) {
     }
     const std::uint64_t sequence = sequence_++;
     if (hands_->n_held >= kBuffers) {
-      continue;  // lost: nobody gave a buffer back
+      continue;  // lost: all buffers are held
     }
     const auto tag = light_->tag_between(start_ns, end_ns);
     auto words =

@@ -8,17 +8,17 @@
 #include "firmware_iface/fake_light_array.h"
 
 /// @file
-/// A camera without a device that truly looks at a FakeLight: frames on a fixed beat of the
-/// real clock, the lit tag in the tag rows, "mixed" when it changed during the exposure. For
-/// tests.
+/// A camera without a device that really watches a FakeLight: frames at a fixed period of the
+/// real clock, the lit tag in the embedded metadata rows, "mixed" when it changed during the
+/// exposure. For tests.
 
 namespace haarlight {
 
-/// Told by a test, from any thread.
+/// Set by a test, from any thread.
 struct FakeCameraHands {
   std::atomic<bool> is_gone{false};    ///< unplugged
-  std::atomic<bool> is_silent{false};  ///< connected, but no frame comes
-  std::atomic<int> n_held{0};          ///< buffers out
+  std::atomic<bool> is_silent{false};  ///< connected, but delivers no frames
+  std::atomic<int> n_held{0};          ///< buffers held
   /// Frames under this tag are clipped in every other column; 0: none.
   std::atomic<std::uint32_t> clipped_tag{0};
 };

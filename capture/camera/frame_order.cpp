@@ -12,7 +12,7 @@ FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
     const std::uint32_t step = raw - *last_raw_;
     const bool is_forward = step != 0 && step < 0x8000'0000U;
     verdict.is_restart = !is_restarted_ && !is_forward;
-    // One number is left out: nobody knows how many frames are missing.
+    // Skip one number: how many frames are missing is unknown.
     sequence_ += is_restarted_ || !is_forward ? 2 : step;
   }
   last_raw_ = raw;

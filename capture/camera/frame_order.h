@@ -5,30 +5,31 @@
 #include <optional>
 
 /// @file
-/// A driver's frame count and stamps made fit for evidence: the 32-bit count continued over its
-/// wraps and restarts, stamps that cannot be true found out. Pure but for its own memory.
+/// Turns a driver's frame count and timestamps into evidence: continues the 32-bit count across
+/// wraps and restarts, and detects timestamps that cannot be true. Pure apart from its own
+/// state.
 
 namespace haarlight {
 
 class FrameOrder {
  public:
   struct Verdict {
-    std::uint64_t sequence = 0;  ///< grows by at least 1 from frame to frame of one stream
+    std::uint64_t sequence = 0;  ///< strictly increasing within a stream
     bool is_restart = false;     ///< the count went back or stood still: frames may be missing
-    bool is_stamp_jump = false;  ///< before an earlier frame's, after its arrival, or long past
+    bool is_stamp_jump = false;  ///< earlier than the last, after arrival, or far too old
   };
 
-  /// @param patience_ns  a frame older than this when it arrives was stamped wrongly
+  /// @param patience_ns  a frame older than this on arrival has a wrong timestamp
   explicit FrameOrder(std::int64_t patience_ns) : patience_ns_(patience_ns) {}
 
-  /// The next frame, as it comes from the driver.
-  /// @param raw      its count modulo 2^32; a step of 2^31 or more is taken for a step back
-  /// @param arrival_ns  when the driver gave it out, on the stamps' clock: a true stamp lies
-  ///                    before, whichever moment it means
+  /// The next frame, as delivered by the driver.
+  /// @param raw      its count modulo 2^32; a step of 2^31 or more counts as a step back
+  /// @param arrival_ns  when the driver delivered it, on the timestamps' clock: a true
+  /// timestamp is earlier, whichever moment it means
   [[nodiscard]] Verdict judge(std::uint32_t raw, std::int64_t stamp_ns,
                               std::int64_t arrival_ns);
 
-  /// Streaming was begun anew: whatever the driver counts now, the next frame continues the
+  /// Streaming was restarted: whatever the driver counts now, the next frame continues the
   /// sequence after a gap.
   void restart() { is_restarted_ = last_raw_.has_value(); }
 

@@ -9,18 +9,18 @@
 #include "core/image.h"
 
 /// @file
-/// Previews for people: an 8-bit grey picture as JPEG. Only the .cpp sees libjpeg.
+/// Previews for display: an 8-bit grey picture as JPEG. Only the .cpp includes libjpeg.
 
 namespace haarlight {
 
 /// @param quality  1 to 100
-/// @throws Error(internal)  libjpeg refused
+/// @throws Error(internal)  libjpeg failed
 [[nodiscard]] std::string encode_grey_jpeg(ImageView<const std::uint8_t> grey,
                                            int quality = 85);
 
-/// Decodes the grey of a JPEG picture, such as a frame of motion JPEG (whose Huffman tables may
-/// be missing), into words 0..255.
-/// @return  false: no picture, a damaged one, or not of the view's size
+/// Decodes the luma of a JPEG picture, such as a motion JPEG frame (whose Huffman tables may be
+/// missing), into words 0..255.
+/// @return  false: not a JPEG, damaged, or not of the view's size
 [[nodiscard]] bool decode_grey_jpeg(std::span<const std::byte> source,
                                     ImageView<std::uint16_t> words);
 

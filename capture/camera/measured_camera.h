@@ -7,13 +7,13 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// A camera that must be the one whose delays and noise were measured: with another behind the
-/// same address every stamp would be read wrongly, silently.
+/// Insists on the camera whose delays and noise were measured: with a different one at the same
+/// address every timestamp would silently be misread.
 
 namespace haarlight {
 
-/// Passes everything on; `start` answers refused, and stops the camera, when its identity is
-/// not that of rig.measured. The camera itself where nothing was measured.
+/// Forwards every call; `start` faults with refused, and stops the camera, when its identity is
+/// not that of rig.measured. Returns the camera itself where nothing was measured.
 [[nodiscard]] std::unique_ptr<Camera> require_measured_identity(std::unique_ptr<Camera> camera,
                                                                 const Rig& rig);
 

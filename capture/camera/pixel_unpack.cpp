@@ -10,7 +10,7 @@ namespace {
 using Row = const std::byte*;
 using Words = std::span<std::uint16_t>;
 
-/// How many samples share how many bytes.
+/// A group of samples and the bytes they are packed into.
 struct Group {
   std::size_t samples = 1;
   std::size_t bytes = 1;
@@ -47,7 +47,8 @@ unsigned at(Row row, std::size_t i) { return std::to_integer<unsigned>(row[i]); 
 
 std::uint16_t word(unsigned value) { return static_cast<std::uint16_t>(value); }
 
-/// Calls write(i, row of the group, n samples of it) for every group; only the last is cut.
+/// Calls write(i, row of the group, n samples of it) for every group; only the last may be
+/// partial.
 template <std::size_t kSamples, std::size_t kBytes, class Unpack>
 std::uint16_t unpack_groups(Row row, Words words, Unpack unpack) {
   std::uint16_t all = 0;
@@ -77,7 +78,7 @@ std::uint16_t unpack_bytes(Row row, Words words) {
   for (std::size_t x = 0; x < words.size(); ++x) {
     words[x] = word(at(row, kStep * x + kFirst));
   }
-  return 0xFF;  // 8 bits cannot break their format
+  return 0xFF;  // 8-bit samples cannot exceed their format
 }
 
 template <std::size_t kLow, std::size_t kHigh>

@@ -66,8 +66,8 @@ RemoteHeader release_of(std::uint64_t sequence) {
   return header;
 }
 
-/// A file of memory that can never become shorter than it is now: a mapping of it cannot fault.
-/// (Files on disk, on huge pages or behind another program can.)
+/// A memory file that can never become shorter than it is now: a mapping of it cannot fault.
+/// (Files on disk, on huge pages or served by another program can.)
 bool is_safe_to_map(const Fd& fd) {
   const int seals = ::fcntl(fd.get(), F_GET_SEALS);
   struct statfs where {};
@@ -77,7 +77,7 @@ bool is_safe_to_map(const Fd& fd) {
 
 }  // namespace
 
-/// Rows of words mapped read-only, or copied; freed when the last frame that shows them is
+/// Rows of words mapped read-only, or copied; freed when the last frame that uses them is
 /// released.
 class RemoteFrameMemory {
  public:
@@ -89,10 +89,11 @@ class RemoteFrameMemory {
     }
   }
 
-  /// Nothing when the file holds fewer than `height` rows of `stride` bytes.
+  /// Null when the file holds fewer than `height` rows of `stride` bytes.
   static std::shared_ptr<RemoteFrameMemory> open(const Fd& fd, std::size_t stride, int height,
                                                  int width) {
-    // The seal before the length: a file sealed in between could have been shortened first.
+    // Check the seal before the length: a file sealed in between could have been shortened
+    // first.
     const bool is_mappable = is_safe_to_map(fd);
     const std::size_t bytes = stride * static_cast<std::size_t>(height);
     struct stat info {};
@@ -109,7 +110,8 @@ class RemoteFrameMemory {
       memory->size_ = bytes;
       return memory;
     }
-    // Without the padding: what a copy takes is the frame's, not the server's to choose.
+    // Without the padding: the size of a copy depends on the frame, not on what the server
+    // claims.
     const std::size_t row_bytes = 2 * static_cast<std::size_t>(width);
     memory->copy_.resize(static_cast<std::size_t>(height) * static_cast<std::size_t>(width));
     auto* to = reinterpret_cast<char*>(memory->copy_.data());
@@ -317,7 +319,7 @@ void RemoteCamera::stop() noexcept {
     RemoteHeader header;
     header.message = static_cast<std::uint16_t>(RemoteMessage::stop);
     (void)send_packet(socket_->get(), header);
-    // Frames still held keep their memory; their release finds the connection shut.
+    // Frames still held keep their memory; releasing them later finds the connection closed.
     ::shutdown(socket_->get(), SHUT_RDWR);
   }
   socket_.reset();
@@ -371,7 +373,7 @@ Result<RemoteCamera::Packet> RemoteCamera::receive(Clock::time_point deadline) {
     packet.arrival_ns =
         std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
             .count();
-    // Own every descriptor that came, whatever else is wrong with the message.
+    // Take ownership of every descriptor received, whatever else is wrong with the message.
     for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
       if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_RIGHTS) {
         continue;
@@ -457,7 +459,7 @@ Result<Frame> RemoteCamera::make_frame(Packet packet) {
   return Frame(info, pixels,
                [memory, n_held = n_held_, socket = socket_, sequence = h.sequence]() mutable {
                  memory.reset();
-                 --*n_held;  // first: the server may send the next at once
+                 --*n_held;  // first: the server may send the next frame at once
                  (void)send_packet(socket->get(), release_of(sequence));
                });
 }

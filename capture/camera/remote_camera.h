@@ -12,14 +12,14 @@
 
 /// @file
 /// A camera behind a unix SEQPACKET socket: the client of
-/// capture/camera/remote_camera_protocol.h. Frames are mapped read-only where they lie; a file
-/// that its owner could still shrink is copied instead (a shrunken mapping would end the
-/// process). One thread; a Frame may be released from any thread and may outlive the camera.
+/// capture/camera/remote_camera_protocol.h. Frames are mapped read-only in place; a file that
+/// its owner could still shrink is copied instead (a shrunken mapping would kill the process).
+/// One thread; a Frame may be released from any thread and may outlive the camera.
 ///
-/// Limits, whatever the server sends: no more frames are held than it granted buffers nor than
-/// 1 GiB of them (at least 4); more are given back unseen. A mapping ends with its frame; only
-/// a file that comes again stays mapped, and of those no more than the frames that may be held
-/// and kSpareFiles.
+/// Limits, whatever the server sends: at most as many frames are held as it granted buffers,
+/// and at most 1 GiB of them (but at least 4); further frames are returned unread. A mapping
+/// ends with its frame; only a file that is sent again stays mapped, at most as many of those
+/// as frames may be held plus kSpareFiles.
 
 namespace haarlight {
 
@@ -32,43 +32,43 @@ class RemoteCamera final : public Camera {
   RemoteCamera(const RemoteCamera&) = delete;
   RemoteCamera& operator=(const RemoteCamera&) = delete;
 
-  /// Connects to the socket `spec.device`; a running stream is left first. Faults: device_gone
-  /// (no such socket, nobody listens), refused (another size than the rig's), timeout,
+  /// Connects to the socket `spec.device`, closing a running stream first. Faults: device_gone
+  /// (no such socket, or nobody listening), refused (not the rig's frame size), timeout,
   /// protocol.
   [[nodiscard]] Result<CameraSetup> start(const CameraSpec& spec) override;
   [[nodiscard]] Result<Frame> next(std::chrono::steady_clock::time_point deadline) override;
-  /// Frames that come before the answer are kept for next().
+  /// Frames that arrive before the answer are kept for next().
   [[nodiscard]] Result<double> set_exposure(double exposure_us) override;
-  /// Asked of the server by the next start, which faults when it is not granted.
+  /// Requested from the server by the next start, which faults if it is not granted.
   [[nodiscard]] Result<void> set_trigger(TriggerSource source) override;
   [[nodiscard]] Result<void> trigger() override;
   void stop() noexcept override;
 
-  /// A server has some files more than frames that it grants: one is being filled.
+  /// A server has a few more files than the frames it grants: one is being filled.
   static constexpr std::size_t kSpareFiles = 4;
 
  private:
   struct Packet {
     RemoteHeader header;
     Fd memory;
-    std::int64_t arrival_ns = 0;  ///< recvmsg gave it out, CLOCK_MONOTONIC
+    std::int64_t arrival_ns = 0;  ///< recvmsg delivered it, CLOCK_MONOTONIC
   };
   [[nodiscard]] Result<void> send(const RemoteHeader& header);
   [[nodiscard]] Result<Packet> receive(std::chrono::steady_clock::time_point deadline);
-  /// Waits for a kind of answer; frames are queued meanwhile.
+  /// Waits for an answer of this type; frames are queued meanwhile.
   [[nodiscard]] Result<RemoteHeader> answer_to(RemoteMessage message);
   [[nodiscard]] Result<Frame> make_frame(Packet packet);
-  /// True when there is room for one more; else it was given back.
+  /// True when one more frame may be held; otherwise it was returned to the server.
   [[nodiscard]] bool take_or_return(const RemoteHeader& header);
   [[nodiscard]] std::shared_ptr<RemoteFrameMemory> memory_of(const Fd& fd, std::size_t stride);
 
-  /// A file that frames came in. Its identity holds while it is mapped; after that it tells
-  /// only that the server may send its files again.
+  /// A file that delivered frames. Its identity is valid while it is mapped; after that it only
+  /// shows that the server may send its files again.
   struct KnownFile {
     std::uint64_t device = 0;
     std::uint64_t inode = 0;
     std::weak_ptr<RemoteFrameMemory> memory;
-    std::shared_ptr<RemoteFrameMemory> kept;  ///< since it came a second time
+    std::shared_ptr<RemoteFrameMemory> kept;  ///< set when it is sent a second time
   };
 
   std::shared_ptr<Fd> socket_;
@@ -76,8 +76,8 @@ class RemoteCamera final : public Camera {
   std::deque<Packet> queued_;
   TriggerSource trigger_ = TriggerSource::free;
   std::size_t max_held_ = 0;
-  std::shared_ptr<std::atomic<std::size_t>> n_held_;  ///< queued ones included
-  std::deque<KnownFile> files_;                       ///< the latest first
+  std::shared_ptr<std::atomic<std::size_t>> n_held_;  ///< including queued frames
+  std::deque<KnownFile> files_;                       ///< most recent first
 };
 
 }  // namespace haarlight

@@ -4,11 +4,11 @@
 #include <cstdint>
 
 /// @file
-/// The wire of a remote camera: a unix SEQPACKET socket. The camera is the server. One message
-/// a packet, little-endian, first a RemoteHeader. A frame's pixels come as a memfd by
-/// SCM_RIGHTS (rows of `stride` bytes, 16-bit words); the client maps it read-only, and gives
-/// it back by closing it and sending `release` with the frame's sequence. Written down in
-/// docs/reference/remote-camera.md.
+/// Wire protocol of a remote camera: a unix SEQPACKET socket; the camera is the server. One
+/// message per packet, little-endian, beginning with a RemoteHeader. A frame's pixels arrive as
+/// a memfd by SCM_RIGHTS (rows of `stride` bytes, 16-bit words); the client maps it read-only,
+/// and returns it by closing it and sending `release` with the frame's sequence number.
+/// Specified in docs/reference/remote-camera.md.
 
 namespace haarlight {
 
@@ -17,15 +17,15 @@ inline constexpr std::uint16_t kRemoteVersion = 1;
 
 enum class RemoteMessage : std::uint16_t {
   setup =
-      1,  ///< client: width, height, exposure, gain, fps wanted; server answers `setup` as set
+      1,  ///< client: width, height, exposure, gain, fps to set; server answers `setup` as set
   set_exposure =
-      2,        ///< client: exposure wanted; server answers `set_exposure` with the value set
-  start = 3,    ///< client: stream
-  stop = 4,     ///< client: stop
+      2,        ///< client: exposure to set; server answers `set_exposure` with the value set
+  start = 3,    ///< client: start streaming
+  stop = 4,     ///< client: stop streaming
   frame = 5,    ///< server: a frame, with a memfd
-  release = 6,  ///< client: this sequence's memory is free again
+  release = 6,  ///< client: the memory of this sequence number is free again
   error = 7,    ///< server: the request was refused; `flags` holds an errno
-  trigger = 8,  ///< client: expose one frame now; no answer but the frame
+  trigger = 8,  ///< client: expose one frame now; answered only by the frame
 };
 
 /// 64 bytes.
@@ -33,15 +33,15 @@ struct RemoteHeader {
   std::uint32_t magic = kRemoteMagic;
   std::uint16_t version = kRemoteVersion;
   std::uint16_t message = 0;
-  /// Of a frame. In `setup`: who starts an exposure, as asked and as set: 0 the camera itself,
-  /// 1 `trigger` messages, 2 its trigger line.
+  /// Of a frame. In `setup`: what starts an exposure, as requested and as set: 0 the camera
+  /// itself, 1 `trigger` messages, 2 its trigger line.
   std::uint64_t sequence = 0;
   std::int64_t timestamp_ns = 0;  ///< CLOCK_MONOTONIC
   std::uint32_t flags = 0;        ///< FrameFlag
   std::uint32_t width = 0;
-  std::uint32_t height = 0;  ///< tag rows included
+  std::uint32_t height = 0;  ///< including embedded metadata rows
   std::uint32_t fourcc = 0;
-  std::uint32_t stride = 0;  ///< bytes a row
+  std::uint32_t stride = 0;  ///< bytes per row
   std::uint32_t bytes = 0;   ///< of the memfd
   float exposure_us = 0.0F;
   float gain_db = 0.0F;

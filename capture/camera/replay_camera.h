@@ -8,21 +8,21 @@
 #include "session/session.h"
 
 /// @file
-/// A finished session as a camera: its frames in the order they were exposed, each once, with
-/// the stamps, sequence numbers and flags they were captured with. Lets the sequencer judge an
-/// old capture again (tests/capture/replay_test.cpp). Pictures without measured times are
-/// refused: they have nothing to judge.
+/// A finished session as a camera: its frames in order of exposure, each once, with the
+/// timestamps, sequence numbers and flags they were captured with. Lets the sequencer validate
+/// an old capture again (tests/capture/replay_test.cpp). Pictures without measured times are
+/// refused: they hold nothing to validate.
 
 namespace haarlight {
 
 class ReplayCamera final : public Camera {
  public:
-  /// `spec.device` is the session's folder. Faults: unsupported (an import: asserted evidence;
-  /// no 16-bit frames), io (not a session).
+  /// `spec.device` is the session's folder. Faults: unsupported (an import: evidence is only
+  /// asserted; no 16-bit frames), io (not a session).
   [[nodiscard]] Result<CameraSetup> start(const CameraSpec& spec) override;
   /// Never waits. Fault device_gone after the last frame.
   [[nodiscard]] Result<Frame> next(std::chrono::steady_clock::time_point deadline) override;
-  /// The exposures are history: the value that the next frame has.
+  /// Exposures are already fixed: returns the value that the next frame has.
   [[nodiscard]] Result<double> set_exposure(double exposure_us) override;
   void stop() noexcept override;
 
@@ -31,7 +31,7 @@ class ReplayCamera final : public Camera {
 
  private:
   std::optional<Session> session_;
-  std::vector<FrameRecord> frames_;  ///< by stamp
+  std::vector<FrameRecord> frames_;  ///< by timestamp
   std::size_t next_ = 0;
 };
 

@@ -30,7 +30,7 @@ std::uint32_t get_bits(const BitField& bits, std::size_t first, std::size_t coun
   return value;
 }
 
-/// CRC-16/CCITT-FALSE (x^16 + x^12 + x^5 + 1, start 0xFFFF) of tag's 4 bytes and the flags'
+/// CRC-16/CCITT-FALSE (x^16 + x^12 + x^5 + 1, init 0xFFFF) of the tag's 4 bytes and the flags
 /// byte.
 std::uint32_t crc16(std::uint32_t tag, std::uint32_t flags) {
   std::uint32_t crc = 0xFFFF;

@@ -19,14 +19,14 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-// Drivers without control events are asked this often: so long may a drifting control go
-// unnoticed.
+// Polling interval for drivers without control events: a drifting control may go unnoticed for
+// this long.
 constexpr milliseconds kControlPeriod{250};
 constexpr int kMaxRestarts = 3;       // without a good frame in between
-constexpr int kMaxEvents = 64;        // taken at once
-constexpr double kFpsTol = 0.01;      // 59.94 is taken for 60
-constexpr double kPatienceNs = 10e9;  // a frame that comes later than this is stamped wrongly
-constexpr std::size_t kWordsBytes = std::size_t{256} << 20U;  // for frames held outside
+constexpr int kMaxEvents = 64;        // taken per call
+constexpr double kFpsTol = 0.01;      // 59.94 counts as 60
+constexpr double kPatienceNs = 10e9;  // older on arrival: a wrong timestamp
+constexpr std::size_t kWordsBytes = std::size_t{256} << 20U;  // for frames held by callers
 constexpr std::size_t kMinFrames = 6;
 constexpr std::size_t kMaxFrames = 32;
 
@@ -37,7 +37,7 @@ std::int64_t now_ns() {
 
 }  // namespace
 
-/// Memory for frames outside; allocated as it is first needed. Thread-safe.
+/// Pool of frame memory held by callers; allocated on first need. Thread-safe.
 class V4l2Camera::Words {
  public:
   Words(int height, int width)
@@ -49,7 +49,7 @@ class V4l2Camera::Words {
 
   [[nodiscard]] std::size_t max() const { return max_; }
 
-  /// Null when all of it is held.
+  /// Null when the pool is exhausted.
   std::unique_ptr<Image<std::uint16_t>> take() {
     const std::lock_guard lock(mutex_);
     if (!free_.empty()) {
@@ -77,7 +77,7 @@ class V4l2Camera::Words {
   std::size_t n_made_ = 0;
 };
 
-/// All that lives from a start to its stop.
+/// Everything that lives from a start to its stop.
 struct V4l2Camera::Stream {
   CameraSpec spec;
   const PixelFormat* format = nullptr;
@@ -89,13 +89,13 @@ struct V4l2Camera::Stream {
   FrameOrder order;
   Clock::time_point next_check;
   int restarts_in_a_row = 0;
-  int n_unknown = 0;                  ///< frames whose exposure is not known
+  int n_unknown = 0;                  ///< frames whose exposure is unknown
   std::int64_t exposed_after_ns = 0;  ///< of the last change of exposure
 };
 
 namespace {
 
-/// What is wrong with a format as set, with what the device offers instead.
+/// What is wrong with the format as set, and what the device offers instead.
 Fault not_offered(const CameraSpec& spec, const V4l2Device& device, const std::string& found) {
   const auto formats = device.formats();
   return {Errc::unsupported,
@@ -133,8 +133,8 @@ Result<V4l2StreamFormat> choose_format(V4l2Device& device, const CameraSpec& spe
   return set;
 }
 
-/// Region and format. Which of the two keeps the other depends on the driver: both orders are
-/// tried, and what stands in the end is read back.
+/// Region and format. Which of the two survives setting the other depends on the driver: both
+/// orders are tried, and the final values are read back.
 Result<V4l2StreamFormat> choose_region(V4l2Device& device, const CameraSpec& spec,
                                        const PixelFormat& format) {
   const auto offered = device.crop();
@@ -142,8 +142,8 @@ Result<V4l2StreamFormat> choose_region(V4l2Device& device, const CameraSpec& spe
     return tl::unexpected<Fault>(offered.error());
   }
   if (!spec.v4l2.crop) {
-    // An earlier program's region would be kept. A driver that only tells of its region has
-    // had no other.
+    // An earlier program's region would persist. A driver whose region is read-only has had no
+    // other.
     if (*offered && (*offered)->now != (*offered)->usual) {
       const auto reset = device.set_crop((*offered)->usual);
       if (!reset && reset.error().code != Errc::unsupported) {
@@ -171,7 +171,7 @@ Result<V4l2StreamFormat> choose_region(V4l2Device& device, const CameraSpec& spe
   V4l2Rect found = wanted;
   for (const bool is_region_first : {true, false}) {
     if (is_region_first) {
-      // What stands of it is seen below; a refusal may depend on the format of before.
+      // What took effect is checked below; a refusal may depend on the previous format.
       if (auto set = device.set_crop(wanted); !set && set.error().code == Errc::device_gone) {
         return tl::unexpected<Fault>(set.error());
       }
@@ -265,7 +265,7 @@ Result<V4l2Camera::Stream> V4l2Camera::open_stream(const CameraSpec& spec) {
   if (auto on = device->stream_on(); !on) {
     return tl::unexpected<Fault>(on.error());
   }
-  // Some cameras set their controls anew when the stream begins.
+  // Some cameras reset their controls when streaming starts.
   if (auto kept = controls->verify(*device); !kept) {
     auto again = kept.error().code == Errc::io ? controls->apply(*device) : kept;
     again = again ? controls->verify(*device) : again;
@@ -318,7 +318,7 @@ Result<void> V4l2Camera::trigger() {
     return fail(Errc::device_gone, "V4L2 camera: not started");
   }
   auto fired = stream_->controls.fire(stream_->device);
-  if (!fired && fired.error().code != Errc::device_busy) {  // busy: at the frame before
+  if (!fired && fired.error().code != Errc::device_busy) {  // busy: with the previous frame
     return give_up(fired.error());
   }
   return {};
@@ -350,7 +350,7 @@ Result<Frame> V4l2Camera::next(Clock::time_point deadline) {
     if (!ready) {
       return give_up(ready.error());
     }
-    if (ready->has_event) {  // before the frames: those behind the change are not used
+    if (ready->has_event) {  // before the frames: those after the change are not used
       if (auto good = take_events(); !good) {
         return give_up(good.error());
       }
@@ -422,7 +422,7 @@ Result<std::optional<Frame>> V4l2Camera::house(const V4l2Filled& filled) {
   FrameInfo info = describe(filled);
   auto words = stream_->words->take();
   if (words == nullptr) {
-    ++counters_.unhoused;  // the next frame's number tells of the gap
+    ++counters_.unhoused;  // the next frame's number reveals the gap
     return std::optional<Frame>();
   }
   const ImageView<std::uint16_t> view = words->view();
@@ -435,7 +435,7 @@ Result<std::optional<Frame>> V4l2Camera::house(const V4l2Filled& filled) {
     const std::uint16_t all = unpack_pixels(packing, filled.bytes, stream_->set.stride, view);
     const unsigned white = (1U << static_cast<unsigned>(stream_->spec.bits)) - 1U;
     if (all > white && is_depth_proven_) {
-      info.flags |= kFrameError;  // no wrong setting then, but a frame that is none
+      info.flags |= kFrameError;  // not a wrong setting then, but an invalid frame
     } else if (all > white) {
       stream_->words->give(std::move(words));
       return fail(Errc::unsupported,
@@ -443,7 +443,7 @@ Result<std::optional<Frame>> V4l2Camera::house(const V4l2Filled& filled) {
                               "them into the high bits; write bits = 16, or another format",
                               stream_->device.node(), all, stream_->spec.bits, white));
     }
-    // Words in the high bits would have none here.
+    // Bits in the high part of a word would be lost here.
     const unsigned low_bits = (1U << static_cast<unsigned>(16 - stream_->spec.bits)) - 1U;
     is_depth_proven_ = is_depth_proven_ || (all <= white && (all & low_bits) != 0);
     has_pixels = true;
@@ -520,7 +520,7 @@ Result<double> V4l2Camera::set_exposure(double exposure_us) {
   }
   if (stream_->controls.can_set_exposure()) {
     stream_->exposed_after_ns = now_ns();
-    // The frame that was being exposed, and those that still have the old value.
+    // The frame being exposed, and those that still have the old value.
     stream_->n_unknown = stream_->spec.exposure_delay_frames + 1;
   }
   return set;

@@ -14,7 +14,7 @@ namespace haarlight {
 
 namespace {
 
-/// Names that a control had or has in Linux, so that a rig file outlives a kernel.
+/// Old and new Linux names of a control, so that a rig file outlives a kernel version.
 struct Alias {
   std::string_view name;
   std::uint32_t id;
@@ -50,7 +50,7 @@ constexpr std::array kModes{
     Mode{control_id::kPowerLineFrequency, 0},
 };
 
-constexpr std::int64_t kFired = 1;             // a button takes any value
+constexpr std::int64_t kFired = 1;             // a button accepts any value
 constexpr double kExposureAbsoluteUs = 100.0;  // V4L2's unit of exposure_time_absolute
 
 bool is_entry(const V4l2Control& control, std::int64_t value) {
@@ -91,7 +91,7 @@ class V4l2Controls::Chooser {
   Result<V4l2Controls> run() {
     chosen_.fixed_exposure_us_ = spec_.exposure_us;
     chosen_.noted_gain_db_ = spec_.gain_db;
-    // In two rounds, so that "modes first" holds for the rig file's own modes too.
+    // In two passes, so that "modes first" holds for the rig file's own modes too.
     if (auto done = read_settings(spec_.v4l2.controls); !done) {
       return tl::unexpected<Fault>(done.error());
     }
@@ -275,7 +275,7 @@ class V4l2Controls::Chooser {
     } else {
       control = by_id(control_id::kExposureAbsolute);
       control = control != nullptr ? control : by_id(control_id::kExposure);
-      // Some drivers have one of their own under that name (Tegra: 64 bits, microseconds).
+      // Some drivers have a control of their own by that name (Tegra: 64 bits, microseconds).
       control = control != nullptr ? control : by_name("exposure");
     }
     if (control == nullptr) {
@@ -323,7 +323,7 @@ class V4l2Controls::Chooser {
     control = control != nullptr ? control : by_name("gain");
     if (asked(control_id::kGain) != nullptr ||
         (control != nullptr && asked(control->id) != nullptr)) {
-      return {};  // in the device's own units; gain_db is noted
+      return {};  // in the device's own units; gain_db is informational
     }
     const double unit = spec_.v4l2.gain_unit_db;
     if (unit == 0.0 && spec_.gain_db != 0.0) {
@@ -370,7 +370,7 @@ std::int64_t V4l2Controls::exposure_steps(double exposure_us) const {
   if (!is_in_range(control, steps)) {
     return steps;  // refused by its caller or by the device
   }
-  // Without a sign: between two numbers of 64 bits lie more than one of them holds.
+  // Unsigned: the difference of two 64-bit numbers may not fit in a signed one.
   const std::uint64_t above =
       static_cast<std::uint64_t>(steps) - static_cast<std::uint64_t>(control.min);
   return steps - static_cast<std::int64_t>(above % static_cast<std::uint64_t>(control.step));

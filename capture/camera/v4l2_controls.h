@@ -9,7 +9,7 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// Manual everything: which controls of a V4L2 camera are set, in which order, and what they
+/// Fully manual control: which controls of a V4L2 camera are set, in which order, and what they
 /// must stay. Every value set is read back; one that differs later has changed by itself.
 
 namespace haarlight {
@@ -22,35 +22,35 @@ struct SetControl {
 
 class V4l2Controls {
  public:
-  /// What is to be set, in order: exposure mode, exposure priority, white balance, gain and
-  /// focus modes to manual and power-line frequency to off, where the device has them and the
-  /// rig file says nothing else; then exposure, gain, the other values of the rig file, and
-  /// those that say who starts an exposure. Only asks.
+  /// What to set, in order: exposure mode, exposure priority, white balance, gain and focus
+  /// modes to manual and power-line frequency to off, where the device has them and the rig
+  /// file says nothing else; then exposure, gain, the other values of the rig file, and those
+  /// that select what starts an exposure. Only queries the device.
   /// @param offered  V4l2Device::controls()
-  /// Fault unsupported: a name, value or menu entry that the device does not have (with those
-  /// that it has); an exposure or gain that cannot be said in its units; a trigger that the rig
+  /// Fault unsupported: a name, value or menu entry that the device does not have (lists those
+  /// it has); an exposure or gain that cannot be expressed in its units; a trigger that the rig
   /// file does not describe.
   [[nodiscard]] static Result<V4l2Controls> choose(const std::vector<V4l2Control>& offered,
                                                    const CameraSpec& spec,
                                                    TriggerSource trigger);
 
-  /// Sets and reads back each in order, and asks to be told of changes. Fault refused: the
-  /// device set another value than the rig file's (exposure: any it has is taken).
+  /// Sets each in order, reads it back, and subscribes to changes. Fault refused: the device
+  /// set a value other than the rig file's (exposure: whatever it set is accepted).
   [[nodiscard]] Result<void> apply(V4l2Device& device);
 
   /// Reads every control back. Fault io: one changed by itself.
   [[nodiscard]] Result<void> verify(const V4l2Device& device) const;
-  /// The same for a change that the driver told of.
+  /// The same for a change reported by the driver.
   [[nodiscard]] Result<void> judge(const V4l2Event& event) const;
 
-  /// Fault unsupported when the rig file says exposure_control = "none" and another time.
+  /// Fault unsupported when the rig file says exposure_control = "none" and the time differs.
   [[nodiscard]] Result<double> set_exposure(V4l2Device& device, double exposure_us);
 
-  /// Starts an exposure. Fault device_busy: the camera is at one. Fault unsupported: it was not
-  /// chosen for TriggerSource::software.
+  /// Starts an exposure. Fault device_busy: the camera is already exposing. Fault unsupported:
+  /// not set up for TriggerSource::software.
   [[nodiscard]] Result<void> fire(V4l2Device& device) const;
 
-  /// In force, as read back; the rig file's where no control has it.
+  /// In force, as read back; the rig file's value where no control sets it.
   [[nodiscard]] double exposure_us() const;
   [[nodiscard]] double gain_db() const;
   [[nodiscard]] bool can_set_exposure() const { return exposure_.has_value(); }

@@ -37,7 +37,7 @@ static_assert(control_id::kExposurePriority == V4L2_CID_EXPOSURE_AUTO_PRIORITY);
 static_assert(control_id::kFocusAuto == V4L2_CID_FOCUS_AUTO);
 static_assert(control_id::kAnalogueGain == V4L2_CID_ANALOGUE_GAIN);
 
-// A list that does not end is a broken driver's: no device has as many.
+// A longer list comes from a broken driver: no device has this many.
 constexpr std::uint32_t kMaxListed = 256;
 constexpr std::uint32_t kMaxControls = 1024;
 constexpr int kMaxPollMs = 60'000;
@@ -101,8 +101,8 @@ void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2P
                                     [](unsigned char c) { return std::isdigit(c) != 0; })) {
     identity.index = std::atoi(index.c_str());
   }
-  // The node hangs on a USB interface, that on the USB device. A device without a serial number
-  // must not be given its hub's.
+  // The node's parent is a USB interface, whose parent is the USB device. A device without a
+  // serial number must not be given its hub's.
   fs::path up = fs::canonical(folder / "device", ec);
   for (int depth = 0; !ec && depth < 8 && up.has_relative_path(); ++depth) {
     if (fs::exists(up / "idVendor", ec)) {
@@ -182,8 +182,7 @@ bool V4l2Size::holds(int w, int h) const {
          (h - height) % std::max(1, step_height) == 0;
 }
 
-// ---- opening
-// ----------------------------------------------------------------------------------
+// ---- opening ----
 
 Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Places& places) {
   Fd fd;
@@ -269,8 +268,7 @@ Result<void> V4l2Device::check_presence() const {
   return call(VIDIOC_QUERYCAP, &capability, "VIDIOC_QUERYCAP");
 }
 
-// ---- what it offers
-// ---------------------------------------------------------------------------
+// ---- what it offers ----
 
 Result<V4l2Size> V4l2Device::describe_size(V4l2Size size, std::uint32_t fourcc) const {
   for (std::uint32_t i = 0; i < kMaxListed; ++i) {
@@ -401,8 +399,8 @@ Result<std::optional<V4l2Control>> V4l2Device::next_control(std::uint32_t id) co
   V4l2Control control;
   control.id = query.id;
   control.name = control_key({query.name, ::strnlen(query.name, sizeof query.name)});
-  // A heading of the list and what the driver switched off are no controls; what has more than
-  // one value is listed only.
+  // Headings of the list and what the driver disabled are not controls; compound controls are
+  // listed only.
   const bool is_array = has(V4L2_CTRL_FLAG_HAS_PAYLOAD) || query.nr_of_dims > 0;
   control.kind = is_array ? V4l2ControlKind::other : kind_of(query.type);
   control.is_inactive = has(V4L2_CTRL_FLAG_INACTIVE);
@@ -461,8 +459,7 @@ Result<std::vector<V4l2Control>> V4l2Device::controls() const {
   return controls;
 }
 
-// ---- setting
-// ----------------------------------------------------------------------------------
+// ---- setting ----
 
 namespace {
 
@@ -486,7 +483,7 @@ V4l2StreamFormat stream_format(const v4l2_format& format) {
 
 Result<V4l2StreamFormat> V4l2Device::set_format(const std::string& fourcc, int width,
                                                 int height) {
-  // All zero: a stale bytesperline of an earlier program would be kept by some drivers.
+  // All zero: some drivers would keep a stale bytesperline of an earlier program.
   auto format = zeroed<v4l2_format>();
   const auto fill = [&](auto& pix) {
     pix.pixelformat = fourcc_of(fourcc);
@@ -549,7 +546,7 @@ Result<std::optional<V4l2Crop>> V4l2Device::crop() const {
   if (now) {
     return std::optional(V4l2Crop{*now, *usual, *whole});
   }
-  // ENODATA: none with this input.
+  // ENODATA: not for this input.
   if (now.error().code == Errc::unsupported || now.error().sys_errno == ENODATA) {
     return std::optional<V4l2Crop>();
   }
@@ -595,7 +592,7 @@ Result<double> V4l2Device::set_fps(double fps) {
 
 namespace {
 
-/// One control of the calls that take several.
+/// One control for the calls that take several.
 struct ControlCall {
   explicit ControlCall(const V4l2Control& of)
       : control(zeroed<v4l2_ext_control>()), list(zeroed<v4l2_ext_controls>()) {
@@ -612,7 +609,8 @@ struct ControlCall {
   v4l2_ext_controls list;
 };
 
-/// ENOTTY: the driver has older calls only; EINVAL: some have these for a few controls only.
+/// ENOTTY: the driver has only the older calls; EINVAL: some support these for a few controls
+/// only.
 bool has_older_call(const V4l2Control& control, const Fault& fault) {
   return !control.is_wide && (fault.sys_errno == ENOTTY || fault.sys_errno == EINVAL);
 }
@@ -623,7 +621,7 @@ Result<std::int64_t> V4l2Device::control(const V4l2Control& control) const {
   ControlCall get(control);
   auto asked = call(VIDIOC_G_EXT_CTRLS, &get.list, "VIDIOC_G_EXT_CTRLS");
   if (asked) {
-    // The fields of the union: other controls fill 32 bits of it.
+    // Members of a union: other controls fill only 32 bits of it.
     const std::int64_t wide = get.control.value64;
     const std::int32_t narrow = get.control.value;
     return control.is_wide ? wide : narrow;
@@ -690,12 +688,11 @@ Result<V4l2Event> V4l2Device::take_event() {
       0, 0};
 }
 
-// ---- streaming
-// --------------------------------------------------------------------------------
+// ---- streaming ----
 
 namespace {
 
-/// A buffer argument, with the array of planes that the multi-planar calls want.
+/// A buffer argument, with the array of planes that the multi-planar calls require.
 struct BufferCall {
   BufferCall(bool is_multiplanar, std::uint32_t n_planes, std::uint32_t index)
       : buffer(zeroed<v4l2_buffer>()) {
@@ -724,7 +721,7 @@ Result<void> V4l2Device::map_buffer(int index) {
   if (auto asked = call(VIDIOC_QUERYBUF, &ask.buffer, "VIDIOC_QUERYBUF"); !asked) {
     return asked;
   }
-  // Grey lies in the first plane of every format that haarlight reads.
+  // Luma is in the first plane of every format that haarlight reads.
   const std::size_t size = is_multiplanar_ ? ask.planes[0].length : ask.buffer.length;
   const std::uint32_t offset =
       is_multiplanar_ ? ask.planes[0].m.mem_offset : ask.buffer.m.offset;
@@ -791,7 +788,7 @@ Result<void> V4l2Device::stream_on() {
   int type = is_multiplanar_ ? V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE : V4L2_BUF_TYPE_VIDEO_CAPTURE;
   auto on = call(VIDIOC_STREAMON, &type, "VIDIOC_STREAMON");
   if (!on && on.error().sys_errno == ENOSPC) {
-    // The kernel's word for "no bandwidth left on the bus".
+    // The kernel's way of saying "no bandwidth left on the bus".
     return fail(Errc::device_busy,
                 fmt::format("VIDIOC_STREAMON {}: not enough USB bandwidth (this is not about "
                             "the disk); put the camera on a bus of its own, or lower its size, "

@@ -14,9 +14,9 @@
 #include "core/files.h"
 
 /// @file
-/// A V4L2 node as typed calls: the only file that knows linux/videodev2.h. What is decided with
-/// them is v4l2_camera's. Every call is one ioctl (repeated on EINTR) on a non-blocking
-/// descriptor; its fault names the ioctl and the node.
+/// A V4L2 node as typed calls: the only file that includes linux/videodev2.h. Policy is in
+/// v4l2_camera. Every call is one ioctl (repeated on EINTR) on a non-blocking descriptor; its
+/// fault names the ioctl and the node.
 
 namespace haarlight {
 
@@ -26,24 +26,24 @@ struct V4l2Places {
   std::filesystem::path sysfs = "/sys";
 };
 
-/// Who a device is. Two nodes of one device differ by index.
+/// Identifies a device. Two nodes of one device differ by index.
 struct V4l2Identity {
-  std::string card;  ///< model, as the driver says
+  std::string card;  ///< model, as the driver reports it
   std::string driver;
-  std::string bus_info;  ///< where it is plugged in
+  std::string bus_info;  ///< the port it is plugged in to
   std::string serial;    ///< of the USB device; empty where it has none
-  int index = 0;         ///< of the node among its device's
+  int index = 0;         ///< of the node among those of its device
   friend bool operator==(const V4l2Identity&, const V4l2Identity&) = default;
 };
 
 struct V4l2Size {
-  int width = 0;  ///< the least one where max_width is larger
+  int width = 0;  ///< the smallest where max_width is larger
   int height = 0;
   int max_width = 0;
   int max_height = 0;
   int step_width = 1;
   int step_height = 1;
-  std::vector<double> fps;    ///< offered, or empty: the driver does not tell
+  std::vector<double> fps;    ///< as offered; empty: the driver does not say
   bool is_fps_range = false;  ///< any rate between the two in `fps`
   [[nodiscard]] bool holds(int w, int h) const;
 };
@@ -51,10 +51,10 @@ struct V4l2Size {
 struct V4l2Format {
   std::string fourcc;
   std::string description;
-  std::vector<V4l2Size> sizes;  ///< empty: the driver does not tell
+  std::vector<V4l2Size> sizes;  ///< empty: the driver does not say
 };
 
-/// `other`: an array, a text or a struct, which haarlight lists and does not set.
+/// `other`: an array, a string or a compound, which haarlight lists and does not set.
 enum class V4l2ControlKind { integer, boolean, menu, button, other };
 
 struct V4l2MenuEntry {
@@ -70,10 +70,10 @@ struct V4l2Control {
   std::int64_t max = 0;
   std::int64_t step = 1;
   std::int64_t default_value = 0;
-  std::int64_t value = 0;   ///< when it was listed
-  bool is_settable = true;  ///< and can be read back, a button excepted
+  std::int64_t value = 0;   ///< at the time of listing
+  bool is_settable = true;  ///< and readable, except for buttons
   bool is_inactive = false;
-  bool is_wide = false;  ///< of 64 bits
+  bool is_wide = false;  ///< 64-bit
   std::vector<V4l2MenuEntry> entries;
 };
 
@@ -89,8 +89,8 @@ struct V4l2Rect {
 /// The region of the sensor that frames are taken from.
 struct V4l2Crop {
   V4l2Rect now;
-  V4l2Rect usual;  ///< the driver's own
-  V4l2Rect whole;  ///< that regions lie in
+  V4l2Rect usual;  ///< the driver's default
+  V4l2Rect whole;  ///< the bounds of all regions
 };
 
 /// What the driver set for S_FMT.
@@ -98,8 +98,8 @@ struct V4l2StreamFormat {
   std::string fourcc;
   int width = 0;
   int height = 0;
-  std::size_t stride = 0;  ///< bytes a row, padding included
-  std::size_t size = 0;    ///< bytes a buffer
+  std::size_t stride = 0;  ///< bytes per row, including padding
+  std::size_t size = 0;    ///< bytes per buffer
   bool is_progressive = true;
   friend bool operator==(const V4l2StreamFormat&, const V4l2StreamFormat&) = default;
 };
@@ -107,16 +107,16 @@ struct V4l2StreamFormat {
 /// A filled buffer.
 struct V4l2Filled {
   int index = 0;
-  std::span<const std::byte> bytes;  ///< what the driver says it filled
+  std::span<const std::byte> bytes;  ///< the bytes the driver reports as filled
   std::uint32_t sequence = 0;
   std::int64_t timestamp_ns = 0;
-  std::int64_t arrival_ns = 0;  ///< DQBUF gave it out, CLOCK_MONOTONIC
+  std::int64_t arrival_ns = 0;  ///< DQBUF delivered it, CLOCK_MONOTONIC
   bool is_error = false;
-  bool is_monotonic = false;         ///< the stamp is CLOCK_MONOTONIC
+  bool is_monotonic = false;         ///< the timestamp is CLOCK_MONOTONIC
   bool is_stamped_at_start = false;  ///< else at the end of the frame
 };
 
-/// A change that the driver told of.
+/// A change reported by the driver.
 struct V4l2Event {
   enum class Kind { none, control, source, other };
   Kind kind = Kind::none;
@@ -124,18 +124,18 @@ struct V4l2Event {
   std::int64_t value = 0;
 };
 
-/// What a wait ended with.
+/// What a wait returned.
 struct V4l2Ready {
   bool has_frame = false;
   bool has_event = false;
-  bool has_error = false;  ///< not streaming any more, broken, or gone
+  bool has_error = false;  ///< no longer streaming, broken, or gone
 };
 
 /// An open capture node. Move-only; closing unmaps. One thread.
 class V4l2Device {
  public:
-  /// Faults: device_gone (no such node), device_busy, refused (no right to open it),
-  /// unsupported (no capture by memory-mapped streaming).
+  /// Faults: device_gone (no such node), device_busy, refused (no permission to open it),
+  /// unsupported (no memory-mapped streaming capture).
   [[nodiscard]] static Result<V4l2Device> open(const std::filesystem::path& node,
                                                const V4l2Places& places);
   ~V4l2Device();
@@ -147,40 +147,40 @@ class V4l2Device {
   [[nodiscard]] const std::string& node() const noexcept { return node_; }
   [[nodiscard]] const V4l2Identity& identity() const noexcept { return identity_; }
 
-  /// Everything the device lists; a driver that lists nothing gives an empty list.
+  /// Everything the device lists; a driver that lists nothing yields an empty list.
   [[nodiscard]] Result<std::vector<V4l2Format>> formats() const;
   [[nodiscard]] Result<std::vector<V4l2Control>> controls() const;
   /// Fault device_gone when it is.
   [[nodiscard]] Result<void> check_presence() const;
 
-  /// Sets the format, bytes a row left to the driver; what it set.
+  /// Sets the format, leaving bytes per row to the driver; returns what it set.
   [[nodiscard]] Result<V4l2StreamFormat> set_format(const std::string& fourcc, int width,
                                                     int height);
   [[nodiscard]] Result<V4l2StreamFormat> format() const;
-  /// Nothing where the driver knows no regions.
+  /// Nothing where the driver has no cropping.
   [[nodiscard]] Result<std::optional<V4l2Crop>> crop() const;
-  /// The region set, which may be another one.
+  /// Returns the region set, which may differ.
   [[nodiscard]] Result<V4l2Rect> set_crop(const V4l2Rect& region);
-  /// Asks for a rate; the rate set, or 0 where the driver knows none.
+  /// Requests a rate; returns the rate set, or 0 where the driver has none.
   [[nodiscard]] Result<double> set_fps(double fps);
-  /// By the calls that know 64 bits, or by the older ones where the driver has no others.
+  /// By the 64-bit calls, or by the older ones where the driver has no others.
   [[nodiscard]] Result<std::int64_t> control(const V4l2Control& control) const;
   [[nodiscard]] Result<void> set_control(const V4l2Control& control, std::int64_t value);
-  /// Asks to be told of changes; false where the driver cannot tell.
+  /// Subscribes to changes; false where the driver cannot report them.
   [[nodiscard]] Result<bool> watch_control(std::uint32_t id);
   [[nodiscard]] Result<bool> watch_source();
-  /// The oldest untold change, kind none when there is none.
+  /// The oldest pending change, kind none when there is none.
   [[nodiscard]] Result<V4l2Event> take_event();
 
-  /// Asks for buffers, maps what the driver gives and queues all of them; how many.
+  /// Requests buffers, maps what the driver grants and queues all of them; returns how many.
   [[nodiscard]] Result<int> make_buffers(int n);
-  [[nodiscard]] std::size_t buffer_bytes() const noexcept;  ///< of the smallest
+  [[nodiscard]] std::size_t buffer_bytes() const noexcept;  ///< of the smallest buffer
   [[nodiscard]] Result<void> stream_on();
-  /// Leaves streaming; every buffer comes back unfilled. Fault ignored by callers that close.
+  /// Stops streaming; every buffer comes back unfilled. Callers that close ignore a fault.
   [[nodiscard]] Result<void> stream_off();
   [[nodiscard]] Result<void> queue(int index);
   [[nodiscard]] Result<void> queue_all();
-  /// Until `deadline` at most. Fault timeout, io.
+  /// Waits until `deadline` at most. Fault timeout, io.
   [[nodiscard]] Result<V4l2Ready> wait(std::chrono::steady_clock::time_point deadline) const;
   /// A filled buffer, without waiting: fault timeout when there is none.
   [[nodiscard]] Result<V4l2Filled> dequeue();
@@ -218,7 +218,7 @@ class V4l2Device {
 /// A control's name as `v4l2-ctl -L` spells it. Pure.
 [[nodiscard]] std::string control_key(std::string_view driver_name);
 
-// Control ids that decisions are made about, as in linux/v4l2-controls.h.
+// Control ids that need special treatment, as in linux/v4l2-controls.h.
 namespace control_id {
 inline constexpr std::uint32_t kAutoWhiteBalance = 0x0098090c;
 inline constexpr std::uint32_t kExposure = 0x00980911;

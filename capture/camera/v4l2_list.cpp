@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// videoN under the devices' folder, by N.
+/// The videoN nodes of the device folder, by N.
 std::vector<fs::path> video_nodes(const V4l2Places& places) {
   std::vector<std::pair<int, fs::path>> found;
   std::error_code ec;
@@ -190,7 +190,7 @@ std::vector<V4l2Description> list_v4l2_cameras(const V4l2Places& places) {
     auto camera = describe_v4l2_camera(node, places);
     if (camera) {
       cameras.push_back(*std::move(camera));
-    } else if (camera.error().code != Errc::unsupported) {  // metadata, output: no camera
+    } else if (camera.error().code != Errc::unsupported) {  // metadata, output: not a camera
       V4l2Description broken;
       broken.node = node.string();
       broken.problem = camera.error().what;

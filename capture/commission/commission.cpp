@@ -12,7 +12,7 @@ namespace haarlight {
 
 namespace {
 
-/// A skew below this, or below 8 sigma, is none: 1 % of a slow readout.
+/// A skew below this, or below 8 sigma, counts as none: 1 % of a slow readout.
 constexpr double kNoSkewUs = 100.0;
 
 std::int64_t steps_of(const TimingResult& timing) { return timing.fit.n_steps; }
@@ -87,7 +87,7 @@ std::string in_runs(const std::vector<int>& numbers) {
   return text;
 }
 
-/// Lights whose cables may be swapped without its being seen.
+/// Lights whose cables could be swapped unnoticed.
 void add_open_wiring(const LightSurvey& survey, int n_lights, std::vector<std::string>& notes) {
   if (!survey.alike.empty()) {
     notes.push_back(fmt::format(

@@ -15,9 +15,9 @@
 #include "core/rig/measured_rig.h"
 
 /// @file
-/// Commissioning: measures a rig's delays, its camera's stamps and noise, and its LEDs, by
-/// stepped light. docs/reference/commissioning.md is for the person who does it, docs/numerics/
-/// commissioning.md for the estimators and their measured errors.
+/// Commissioning: measures a rig's delays, its camera's timestamps and noise, and its LEDs, by
+/// stepped light. docs/reference/commissioning.md is for the operator,
+/// docs/numerics/commissioning.md for the estimators and their measured errors.
 ///
 ///     timing   the light is switched at chosen moments of the exposure; step_response.h
 ///     control  the exposure is switched under steady light; stamp_meaning.h
@@ -34,13 +34,13 @@ struct CommissionOptions {
   bool measures_lights = true;
   std::string date;                   ///< ISO 8601, into the measured file
   std::string written_hash;           ///< of the rig file's own text
-  std::function<bool()> should_stop;  ///< asked between frames
+  std::function<bool()> should_stop;  ///< polled between frames
   std::function<void(std::string_view stage, double share)> progress;
 };
 
 struct TimingResult {
   std::vector<StepSample> samples;
-  StepFit fit;  ///< D tied to the slope found
+  StepFit fit;  ///< D constrained to the fitted slope
   OffsetLine line;
   StampEvidence evidence;
   StampVerdict verdict;
@@ -48,11 +48,11 @@ struct TimingResult {
   double long_us = 0.0;  ///< the exposures used
   double short_us = 0.0;
   int n_lights = 0;  ///< lit together at the longer exposure
-  /// The latest that the light began to change after the moment from which captures count its
-  /// settling, over all steps, plus 2.33 standard errors of the ramp's end.
+  /// The latest the light began to change after the instant from which captures count settling,
+  /// over all steps, plus 2.33 standard errors of the ramp's end.
   Measured latch_most_us;
-  double linear_dn = 0.0;     ///< signal up to which the sensor was seen to follow the light
-  double count_per_us = 0.0;  ///< bright pixels' signal a light and microsecond of exposure
+  double linear_dn = 0.0;     ///< signal up to which the sensor response was seen to be linear
+  double count_per_us = 0.0;  ///< bright pixels' signal per light and microsecond of exposure
 };
 
 struct NoiseResult {
@@ -66,18 +66,19 @@ struct CommissionResult {
   TimingResult timing;
   std::optional<NoiseResult> noise;
   std::optional<LightSurvey> survey;
-  /// The rig file says something that the measurement excludes; the measured file must not be
-  /// used before it is corrected.
+  /// The rig file contradicts the measurement here; the measured file must not be used before
+  /// it is corrected.
   std::vector<std::string> contradictions;
-  /// Lights that need hands: dead, dim or wired to another's place. What was measured holds.
+  /// Lights that need repair: dead, dim or wired to another's position. What was measured
+  /// holds.
   std::vector<std::string> faults;
   std::vector<std::string> notes;
 };
 
 /// @param rig  as written, without an older measured file
-/// @throws Error(unavailable)  a device failed or is in use; (interrupted) stopped;
-///         (bad_input) the picture shows too little: no light in view, no step seen, a stamp
-///         that fits none of the three meanings. The lights are off in every case.
+/// @throws Error(unavailable)  a device failed or is in use; (interrupted) stopped; (bad_input)
+///         the picture shows too little: no light in view, no step seen, a timestamp that fits
+///         none of the three meanings. The lights are off in every case.
 [[nodiscard]] CommissionResult commission(const Rig& rig, Camera& camera, LightArray& lights,
                                           const CommissionOptions& options,
                                           CommissionClock clock = monotonic_clock());

@@ -10,6 +10,7 @@
 
 #include "capture/commission/light_survey.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -20,8 +21,8 @@ constexpr int kMaxBandRows = 4;    // thin: a band's own skew must not blur a st
 constexpr int kPeriodFrames = 24;  // to measure the frame period from
 constexpr std::uint32_t kFirstTag = 0x43000000;
 constexpr std::int64_t kQuietNs =
-    2'000'000;  // before a step: a wait for frames ends late by a ms
-constexpr std::int64_t kPatience = 2'000'000'000;  // without a frame, beside 10 periods
+    2'000'000;  // before a step: waiting for frames can overrun by a ms
+constexpr std::int64_t kPatience = 2'000'000'000;  // without a frame, in addition to 10 periods
 
 std::chrono::steady_clock::time_point time_point(std::int64_t t_ns) {
   return std::chrono::steady_clock::time_point(std::chrono::nanoseconds(t_ns));
@@ -43,13 +44,6 @@ std::vector<RowBand> make_bands(int rows) {
     bands.push_back(band);
   }
   return bands;
-}
-
-double quantile(std::vector<std::uint16_t>& values, double q) {
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return static_cast<double>(*at);
 }
 
 }  // namespace
@@ -78,7 +72,8 @@ CommissionBench::CommissionBench(const Rig& rig, int camera, Camera& device, Lig
 }
 
 CommissionBench::~CommissionBench() {
-  // Whatever happened before: dark. When this fails too, the controller's lease does it.
+  // Dark, whatever happened before. If this fails too, the controller's lease turns the lights
+  // off.
   if (!lights_.all_off()) {
     static_cast<void>(lights_.all_off());
   }
@@ -202,9 +197,7 @@ void CommissionBench::measure_period() {
     throw Error("the camera's sequence numbers stand still", spec_.device,
                 "haarlight rig doctor tells what is wrong", ExitCode::unavailable);
   }
-  const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
-  std::nth_element(periods.begin(), middle, periods.end());
-  period_us_ = *middle;
+  period_us_ = upper_median(periods);
 }
 
 LatchReceipt CommissionBench::show(const LightPattern& pattern) {
@@ -229,9 +222,7 @@ std::int64_t CommissionBench::lead_ns() const {
     return 0;
   }
   std::vector<std::int64_t> leads = leads_;
-  const auto middle = leads.begin() + static_cast<std::ptrdiff_t>(leads.size() / 2);
-  std::nth_element(leads.begin(), middle, leads.end());
-  return *middle;
+  return upper_median(leads);
 }
 
 ArrivedFrame CommissionBench::next_frame() {

@@ -13,10 +13,10 @@
 #include "firmware_iface/light_array.h"
 
 /// @file
-/// One camera and one light array in the hands of a commissioning run: keeps the lease, notes
-/// when frames arrive, and leaves the rig dark on every way out. Devices are used directly, not
-/// through the daemon: it throws away the frames that saw the light change, and those are what
-/// is needed here.
+/// One camera and one light array under a commissioning run's control: keeps the lease, records
+/// when frames arrive, and leaves the rig dark on every exit path. Uses the devices directly,
+/// not through the daemon: that discards the frames that saw the light change, which are the
+/// ones needed here.
 
 namespace haarlight {
 
@@ -27,7 +27,7 @@ struct CommissionClock {
 };
 [[nodiscard]] CommissionClock monotonic_clock();
 
-/// From where a capture counts the settling of its light: the read-back that shows the pattern.
+/// From when a capture counts its light's settling: the read-back that shows the pattern.
 [[nodiscard]] inline std::int64_t settle_reference_ns(const LatchReceipt& receipt) {
   return receipt.t_shown_ns != 0 ? receipt.t_shown_ns : receipt.t_ack_ns;
 }
@@ -50,16 +50,16 @@ using LightPattern = std::vector<ElementLevel>;
 struct SteadyLevel {
   std::vector<double> bands;   ///< counts
   double frame_scatter = 0.0;  ///< rms over frames of a band's mean, pooled
-  double low_share = 0.0;      ///< a quarter of the pixels is darker than this, counts
+  double low_share = 0.0;      ///< a quarter of the pixels are darker than this, counts
   double median = 0.0;
-  double high_share = 0.0;  ///< 1 % of the pixels is brighter than this
+  double high_share = 0.0;  ///< 1 % of the pixels are brighter than this
 };
 
-/// One thread. Every device fault becomes an Error(unavailable) that names its cure; a stop
-/// that was asked for becomes Error(interrupted).
+/// One thread. Every device fault becomes an Error(unavailable) with a hint; a requested stop
+/// becomes Error(interrupted).
 class CommissionBench {
  public:
-  /// Borrows everything. @param should_stop  asked between frames; may be empty
+  /// Borrows everything. @param should_stop  polled between frames; may be empty
   CommissionBench(const Rig& rig, int camera, Camera& device, LightArray& lights,
                   CommissionClock clock, std::function<bool()> should_stop);
   /// Lights off, camera stopped; never throws.
@@ -76,12 +76,12 @@ class CommissionBench {
   [[nodiscard]] ArrivedFrame next_frame();
   /// Takes frames until that moment, then sleeps up to it.
   void drain_until(std::int64_t t_ns);
-  /// @return  as read back; `before` and `after` bracket the moment of setting
+  /// @return  as read back; `before` and `after` bracket the instant of setting
   double set_exposure(double exposure_us, std::int64_t* before_ns = nullptr,
                       std::int64_t* after_ns = nullptr);
-  /// Lets frames pass until exposure and light are surely the new ones.
+  /// Lets frames pass until exposure and light have certainly taken effect.
   void settle();
-  /// Shows a pattern, settles, and looks at `n` frames.
+  /// Shows a pattern, settles, and measures `n` frames.
   [[nodiscard]] SteadyLevel look_steady(const LightPattern& pattern, int n_frames);
 
   [[nodiscard]] std::vector<double> band_means(const Frame& frame) const;
@@ -97,8 +97,8 @@ class CommissionBench {
   [[nodiscard]] int white() const { return (1 << spec_.bits) - 1; }
   /// Frames to let pass after a change of exposure; grows once the delay is known.
   void set_settle_frames(int n) { settle_frames_ = n; }
-  /// The lights in the order in which they are used: those that give the picture most first, as
-  /// many together as the rig's power allows.
+  /// The lights in order of use: those that contribute most first, as many together as the
+  /// rig's power budget allows.
   [[nodiscard]] LightPattern brightest(int n) const;
   [[nodiscard]] int n_allowed() const { return n_allowed_; }
   [[nodiscard]] std::int64_t last_stamp_ns() const { return last_stamp_ns_; }

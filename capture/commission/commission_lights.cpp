@@ -8,13 +8,14 @@
 
 #include "capture/commission/commission.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
 namespace {
 
 constexpr double kLongest = 0.9;  // of the frame period
-constexpr double kTop = 0.5;      // of white: what the brightest light may reach
+constexpr double kTop = 0.5;      // of white: the most the brightest light may give
 constexpr double kLinear = 0.8;   // of the level up to which the sensor was seen to be linear
 constexpr double kHigh = 0.85;    // of white: no bright pixel above
 constexpr int kAttempts = 4;
@@ -75,7 +76,7 @@ LightResponse respond(ImageView<const std::uint16_t> picture, ImageView<const fl
   return r;
 }
 
-/// Counts above the dark of which 1 % of the pixels have more.
+/// The counts above dark that 1 % of the pixels exceed.
 double bright_share(ImageView<const std::uint16_t> picture, ImageView<const float> dark) {
   std::vector<float> values;
   const int stride = std::max(1, dark.height() * dark.width() / 200000);
@@ -87,10 +88,7 @@ double bright_share(ImageView<const std::uint16_t> picture, ImageView<const floa
       values.push_back(static_cast<float>(words[x]) - base[x]);
     }
   }
-  const auto at = values.begin() +
-                  static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return static_cast<double>(*at);
+  return static_cast<double>(quantile(values, 0.99));
 }
 
 /// Each light's response at one exposure.
@@ -99,7 +97,7 @@ struct Responses {
   double brightest = 0.0;  ///< counts above the dark, bright_share() of the brightest picture
 };
 
-/// @param most  counts above the dark; ends early with a light brighter than that
+/// @param most  counts above dark; ends early at a light brighter than that
 Responses look_at_lights(CommissionBench& bench, const TimingResult& timing, double exposure,
                          double most, double gain_e_per_dn, const CommissionOptions& options) {
   bench.settle();
@@ -121,7 +119,8 @@ Responses look_at_lights(CommissionBench& bench, const TimingResult& timing, dou
   const StepModel& m = timing.fit.model;
   const double slope = std::round(timing.line.slope);
   const double offset = m.offset_us.front() + slope * (exposure - m.exposures_us.front());
-  // First row's exposure begins when the light of this step, and the last one's end, is done.
+  // First row's exposure begins when the light of this step, and the last one's end, has
+  // settled.
   const double spread_us =
       std::max(0.0, timing.latch_most_us.value - timing.verdict.latch_us.value);
   const double wait_us = offset + spread_us + std::max(m.rise_us, m.fall_us) + kGuardUs +
@@ -155,12 +154,12 @@ Responses look_at_lights(CommissionBench& bench, const TimingResult& timing, dou
 
 LightSurvey measure_lights(CommissionBench& bench, const TimingResult& timing,
                            double gain_e_per_dn, const CommissionOptions& options) {
-  // The sensor may be full below white.
+  // The sensor may saturate below white.
   const double top = std::min(kTop * bench.white(), kLinear * timing.linear_dn);
   const double wanted = top / std::max(timing.count_per_us, 1e-12);
   double exposure = bench.set_exposure(std::clamp(wanted, 20.0, kLongest * bench.period_us()));
-  // The lamp that `wanted` is from may have been a dim or a dead light: then the others are
-  // brighter than thought, and a full sensor would look like lights in the wrong place.
+  // The light that `wanted` is derived from may have been dim or dead: then the others are
+  // brighter than expected, and a saturated sensor would look like misplaced lights.
   const double most = std::min(kHigh * bench.white(), timing.linear_dn);
   for (int attempt = 1;; ++attempt) {
     const double limit = attempt < kAttempts ? most : std::numeric_limits<double>::max();

@@ -12,8 +12,8 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kLongest = 0.9;         // of the frame period: the rate stays what it is
-constexpr double kPixelPairs = 60000.0;  // a level: 0.6 % of its variance
+constexpr double kLongest = 0.9;         // of the frame period: keeps the frame rate
+constexpr double kPixelPairs = 60000.0;  // per level: 0.6 % of its variance
 constexpr std::size_t kMaxLinearityPixels = 65536;
 /// Of the exposure that brings the median pixel to saturation.
 constexpr std::array kLevels{0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9};
@@ -72,20 +72,20 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
   }
   progress(0.1);
 
-  // So many lights that twice saturation lies within reach.
+  // As many lights as put twice saturation within reach.
   const double per_light = std::max(timing.count_per_us, 1e-12);
   const double needed = kFarOver * 1.5 * bench.white() / (per_light * longest);
   int n = static_cast<int>(
       std::clamp(std::ceil(needed), 1.0, static_cast<double>(bench.n_allowed())));
   const double safe_dn = std::min(0.3 * bench.white(), kSafe * timing.linear_dn);
   LightPattern pattern;
-  double rate = 0.0;  // of the median pixel, counts a us
+  double rate = 0.0;  // of the median pixel, counts per us
   for (;;) {
     pattern = bench.brightest(n);
     (void)bench.set_exposure(std::min(timing.long_us, safe_dn / (per_light * n)));
     const SteadyLevel lit = bench.look_steady(pattern, 4);
     rate = (lit.median - dark.mean_dn) / bench.exposure_us();
-    // Those that should be brightest may be dead: then more.
+    // Those expected to be brightest may be dead: then use more.
     if (rate >= kNearlyDark * per_light * n || n >= bench.n_allowed()) {
       break;
     }
@@ -95,8 +95,8 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
     throw Error("the picture's median pixel sees no light", bench.rig().file.string(),
                 "let the camera look at a white card or the empty plane");
   }
-  // Beyond saturation, where that can be reached; the levels then end below it: a sensor may be
-  // full far below white.
+  // Beyond saturation, where that is attainable; the levels then stop below it: a sensor may
+  // saturate far below white.
   std::optional<double> saturation;
   const double far = std::min(kFarOver * (bench.white() - dark.mean_dn) / rate, longest);
   (void)bench.set_exposure(far * kOver / kFarOver);
@@ -134,7 +134,7 @@ NoiseResult measure_noise(CommissionBench& bench, const TimingResult& timing,
     progress(0.1 + 0.75 * (static_cast<double>(i) + 1.0) / static_cast<double>(kLevels.size()));
   }
 
-  // Linearity by the pixels that no level of the series brings near saturation.
+  // Linearity from the pixels that no level of the series brings near saturation.
   const double top = dark.mean_dn + 0.9 * (saturation.value_or(bench.white()) - dark.mean_dn);
   std::vector<std::size_t> kept;
   std::size_t last = sampled.size();

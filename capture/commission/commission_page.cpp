@@ -7,96 +7,25 @@
 #include <fmt/format.h>
 
 #include "core/markup.h"
+#include "core/plot.h"
 #include "core/report.h"
 
 namespace haarlight {
 
 namespace {
 
-constexpr double kWidth = 640.0;
-constexpr double kHeight = 300.0;
-constexpr double kLeft = 64.0;
-constexpr double kRight = 16.0;
-constexpr double kTop = 12.0;
-constexpr double kBottom = 44.0;
 constexpr std::size_t kMaxDots = 1200;
 
-/// Axes with ticks; maps data to the picture.
-class Plot {
- public:
-  Plot(double x0, double x1, double y0, double y1, bool is_log)
-      : x0_(is_log ? std::log10(x0) : x0),
-        x1_(is_log ? std::log10(x1) : x1),
-        y0_(is_log ? std::log10(y0) : y0),
-        y1_(is_log ? std::log10(y1) : y1),
-        is_log_(is_log) {}
-
-  [[nodiscard]] double px(double x) const {
-    const double v = is_log_ ? std::log10(x) : x;
-    return kLeft + (v - x0_) / (x1_ - x0_) * (kWidth - kLeft - kRight);
-  }
-  [[nodiscard]] double py(double y) const {
-    const double v = is_log_ ? std::log10(y) : y;
-    return kHeight - kBottom - (v - y0_) / (y1_ - y0_) * (kHeight - kTop - kBottom);
-  }
-  void dot(double x, double y, const char* colour) {
-    if (inside(x, y)) {
-      body_ += fmt::format("<circle cx='{:.1f}' cy='{:.1f}' r='1.7' fill='{}'/>", px(x), py(y),
-                           colour);
-    }
-  }
-  void curve(const std::vector<std::pair<double, double>>& points, const char* colour) {
-    std::string path;
-    for (const auto& [x, y] : points) {
-      if (inside(x, y)) {
-        path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : " L", px(x), py(y));
-      }
-    }
-    body_ +=
-        fmt::format("<path d='{}' fill='none' stroke='{}' stroke-width='1.5'/>", path, colour);
-  }
-  [[nodiscard]] std::string svg(std::string_view title, std::string_view x_name,
-                                std::string_view y_name) const {
-    std::string out = fmt::format(
-        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {:.0f} {:.0f}' role='img' "
-        "font-family='sans-serif' font-size='12' aria-label='{}'>"
-        "<rect x='{}' y='{}' width='{}' height='{}' fill='none' stroke='#888'/>",
-        kWidth, kHeight, escaped(title), kLeft, kTop, kWidth - kLeft - kRight,
-        kHeight - kTop - kBottom);
-    for (int i = 0; i <= 4; ++i) {
-      const double fx = x0_ + (x1_ - x0_) * i / 4.0;
-      const double fy = y0_ + (y1_ - y0_) * i / 4.0;
-      const double at_x = kLeft + (kWidth - kLeft - kRight) * i / 4.0;
-      const double at_y = kHeight - kBottom - (kHeight - kTop - kBottom) * i / 4.0;
-      out += fmt::format(
-          "<text x='{:.1f}' y='{:.1f}' text-anchor='middle'>{:.3g}</text>"
-          "<text x='{:.1f}' y='{:.1f}' text-anchor='end'>{:.3g}</text>",
-          at_x, kHeight - kBottom + 16.0, is_log_ ? std::pow(10.0, fx) : fx, kLeft - 6.0,
-          at_y + 4.0, is_log_ ? std::pow(10.0, fy) : fy);
-    }
-    out += fmt::format(
-        "<text x='{:.1f}' y='{:.1f}' text-anchor='middle'>{}</text>"
-        "<text x='14' y='{:.1f}' text-anchor='middle' transform='rotate(-90 14 "
-        "{:.1f})'>{}</text>",
-        0.5 * (kLeft + kWidth - kRight), kHeight - 8.0, escaped(x_name),
-        0.5 * (kTop + kHeight - kBottom), 0.5 * (kTop + kHeight - kBottom), escaped(y_name));
-    return out + body_ + "</svg>";
-  }
-
- private:
-  [[nodiscard]] bool inside(double x, double y) const {
-    if (is_log_ && (x <= 0.0 || y <= 0.0)) {
-      return false;
-    }
-    const double u = is_log_ ? std::log10(x) : x;
-    const double v = is_log_ ? std::log10(y) : y;
-    return u >= x0_ && u <= x1_ && v >= y0_ && v <= y1_;
-  }
-
-  double x0_, x1_, y0_, y1_;
-  bool is_log_;
-  std::string body_;
-};
+/// What was measured as dots, the model as a line.
+std::string figure(PlotPanel panel, std::vector<std::pair<double, double>> measured,
+                   std::vector<std::pair<double, double>> model) {
+  const std::string title = panel.title;
+  panel.series.push_back(
+      {.name = "measured", .points = std::move(measured), .look = 0, .style = PlotStyle::dots});
+  panel.series.push_back(
+      {.name = "model", .points = std::move(model), .look = 1, .style = PlotStyle::line});
+  return draw_panels(title, {panel}, 1);
+}
 
 std::string step_figure(const TimingResult& timing, bool rises) {
   const StepModel& m = timing.fit.model;
@@ -104,7 +33,7 @@ std::string step_figure(const TimingResult& timing, bool rises) {
   const double e = timing.short_us;
   const double ramp = rises ? m.rise_us : m.fall_us;
   const double offset = m.offset_us.front() + slope * (e - m.exposures_us.front());
-  Plot plot(-0.3 * e, 1.3 * e + ramp, -0.05, 1.05, false);
+  std::vector<std::pair<double, double>> dots;
   std::vector<const StepSample*> shown;
   for (const StepSample& s : timing.samples) {
     if (s.rises == rises && s.exposure_us == e) {
@@ -114,7 +43,7 @@ std::string step_figure(const TimingResult& timing, bool rises) {
   const std::size_t stride = std::max<std::size_t>(1, shown.size() / kMaxDots);
   for (std::size_t i = 0; i < shown.size(); i += stride) {
     const StepSample& s = *shown[i];
-    plot.dot(s.after_us + s.row * m.skew_us + e - offset, s.level, "#2a7fb8");
+    dots.emplace_back(s.after_us + s.row * m.skew_us + e - offset, s.level);
   }
   std::vector<std::pair<double, double>> curve;
   for (int i = 0; i <= 200; ++i) {
@@ -122,10 +51,13 @@ std::string step_figure(const TimingResult& timing, bool rises) {
     const double share = lit_share(x, e, ramp);
     curve.emplace_back(x, rises ? share : 1.0 - share);
   }
-  plot.curve(curve, "#d2572b");
-  return plot.svg(rises ? "light switched on" : "light switched off",
-                  "from the LED's first change to the end of a row's exposure, us",
-                  "share of the lit level");
+  return figure({.title = rises ? "light switched on" : "light switched off",
+                 .x_name = "from the LED's first change to the end of a row's exposure, us",
+                 .y_name = "share of the lit level",
+                 .scale = PlotScale::linear,
+                 .x_range = PlotRange{-0.3 * e, 1.3 * e + ramp},
+                 .y_range = PlotRange{-0.05, 1.05}},
+                std::move(dots), std::move(curve));
 }
 
 std::string transfer_figure(const NoiseResult& noise) {
@@ -139,11 +71,10 @@ std::string transfer_figure(const NoiseResult& noise) {
     }
   }
   const double y_min = std::max(0.3 * noise.sensor.dark_variance_dn2, 0.01);
-  Plot plot(std::max(1.0, x_max / 1e4), 1.3 * x_max, y_min, 2.0 * std::max(y_max, 2.0 * y_min),
-            true);
+  std::vector<std::pair<double, double>> dots;
   for (const TransferBin& bin : noise.bins) {
     if (bin.degrees > 0.0) {
-      plot.dot(bin.level() - black, bin.variance(), "#2a7fb8");
+      dots.emplace_back(bin.level() - black, bin.variance());
     }
   }
   std::vector<std::pair<double, double>> curve;
@@ -152,9 +83,12 @@ std::string transfer_figure(const NoiseResult& noise) {
     curve.emplace_back(x,
                        noise.sensor.dark_variance_dn2 + x / noise.sensor.gain_e_per_dn.value);
   }
-  plot.curve(curve, "#d2572b");
-  return plot.svg("photon transfer curve", "signal above black, counts",
-                  "temporal variance, counts squared");
+  return figure({.title = "photon transfer curve",
+                 .x_name = "signal above black, counts",
+                 .y_name = "temporal variance, counts squared",
+                 .x_range = PlotRange{std::max(1.0, x_max / 1e4), 1.3 * x_max},
+                 .y_range = PlotRange{y_min, 2.0 * std::max(y_max, 2.0 * y_min)}},
+                std::move(dots), std::move(curve));
 }
 
 std::string linearity_figure(const NoiseResult& noise) {
@@ -163,12 +97,17 @@ std::string linearity_figure(const NoiseResult& noise) {
   }
   const double black = noise.sensor.black_dn.value;
   const ExposureLevel& last = noise.levels.back();
-  Plot plot(0.0, 1.05 * last.exposure_us, 0.0, 1.05 * (last.mean_dn - black), false);
+  std::vector<std::pair<double, double>> dots;
   for (const ExposureLevel& l : noise.levels) {
-    plot.dot(l.exposure_us, l.mean_dn - black, "#2a7fb8");
+    dots.emplace_back(l.exposure_us, l.mean_dn - black);
   }
-  plot.curve({{0.0, 0.0}, {last.exposure_us, last.mean_dn - black}}, "#d2572b");
-  return plot.svg("linearity", "exposure, us", "mean signal above black, counts");
+  return figure({.title = "linearity",
+                 .x_name = "exposure, us",
+                 .y_name = "mean signal above black, counts",
+                 .scale = PlotScale::linear,
+                 .x_range = PlotRange{0.0, 1.05 * last.exposure_us},
+                 .y_range = PlotRange{0.0, 1.05 * (last.mean_dn - black)}},
+                std::move(dots), {{0.0, 0.0}, {last.exposure_us, last.mean_dn - black}});
 }
 
 std::string light_map(const Rig& rig, const LightSurvey& survey) {

@@ -7,17 +7,17 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// A commissioning on one page for a person: what was measured with its uncertainty, the step
-/// response, the photon transfer curve, the linearity, and a map of the lights. One HTML file
-/// with its figures inside, nothing loaded from elsewhere.
+/// A commissioning on one page: what was measured with its uncertainty, the step response, the
+/// photon transfer curve, the linearity, and a map of the lights. One HTML file with embedded
+/// figures that loads nothing from elsewhere.
 
 namespace haarlight {
 
-/// @param rig  as written: its values stand beside the measured ones
+/// @param rig  as written: its values are shown next to the measured ones
 [[nodiscard]] std::string commission_page(const Rig& rig, int camera,
                                           const CommissionResult& result);
 
-/// One measured quantity beside what the rig file says.
+/// One measured quantity next to the rig file's value.
 struct CommissionRow {
   std::string name;
   std::string measured;  ///< "812 us"

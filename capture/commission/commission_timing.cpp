@@ -9,26 +9,26 @@
 #include "capture/commission/commission.h"
 #include "capture/commission/exposure_verdict.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
 namespace {
 
-constexpr double kGolden =
-    0.6180339887498949;  // steps of it spread evenly, whatever their number
+constexpr double kGolden = 0.6180339887498949;  // distributes any number of steps evenly
 constexpr int kReferenceFrames = 12;
-constexpr double kMinLevelSigma = 1e-3;  // the lamp's own steadiness is no better
+constexpr double kMinLevelSigma = 1e-3;  // the light source itself is no steadier
 constexpr double kUsable = 0.2;          // of the brightest band: darker ones are left out
 constexpr double kHigh = 0.85;           // of white: no bright pixel above
 constexpr double kShortShare = 0.125;    // the short exposure, of the long one
 constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
-constexpr double kLinearTol = 0.01;      // of the signal: less than twice at twice the exposure
-constexpr double kBackOff = 0.6;         // of a level that was not linear: try this one
-constexpr double kNearlyDark = 0.2;      // of what is wanted, after half of the lights left
+constexpr double kLinearTol = 0.01;      // of the signal: shortfall when the exposure doubles
+constexpr double kBackOff = 0.6;         // of a level that was not linear: try this one next
+constexpr double kNearlyDark = 0.2;      // of what is required, with half of the lights left
 constexpr int kLinearAttempts = 8;
 constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
 constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
-constexpr double kSlowAck = 4.0;        // times the median until shown: such a step is left out
+constexpr double kSlowAck = 4.0;        // times the median until shown: such a step is dropped
 
 double us_between(std::int64_t later, std::int64_t earlier) {
   return static_cast<double>(later - earlier) / 1e3;
@@ -43,7 +43,7 @@ struct Lamp {
   SteadyLevel dark;
   SteadyLevel lit;
   std::vector<std::size_t> usable;  // bands
-  double sigma = kMinLevelSigma;    // of a band's share
+  double sigma = kMinLevelSigma;    // of a band's fraction
   double dark_mean = 0.0;           // over the usable bands
   double lit_mean = 0.0;
 };
@@ -81,8 +81,8 @@ void take_references(CommissionBench& bench, Lamp& lamp) {
   lamp.sigma = std::max(kMinLevelSigma, noise / (signal / n));
 }
 
-/// As many lights as light the picture well at the bench's exposure, begun with `n`; 1 % of the
-/// pixels may be brighter than `high` counts.
+/// As many lights as expose the picture well at the bench's exposure, starting with `n`; 1 % of
+/// the pixels may be brighter than `high` counts.
 Lamp find_lamp(CommissionBench& bench, int n, double high) {
   Lamp lamp;
   lamp.n = std::clamp(n, 1, bench.n_allowed());
@@ -107,7 +107,7 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
         level /= 2;
       }
     } else if (above > lamp.n && share < kNearlyDark) {
-      // Those that are left are dead or dim: the light came from the others.
+      // The remaining ones are dead or dim: the light came from the others.
       lamp.n = least = above;
       level /= 2;
     } else if (!went_down && lamp.n < bench.n_allowed() && share < 0.4) {
@@ -119,7 +119,7 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
 }
 
 /// How much the brightest of the bands with signal falls short of twice its level at half the
-/// exposure, in excess of noise: a sensor that is full gives less.
+/// exposure, in excess of noise: a saturated sensor gives less.
 double shortfall(CommissionBench& bench, const Lamp& lamp) {
   const auto signals = [&](double* exposure_us, double* scatter) {
     const SteadyLevel dark = bench.look_steady({}, kReferenceFrames);
@@ -144,7 +144,7 @@ double shortfall(CommissionBench& bench, const Lamp& lamp) {
   if (top < 3.0 || top < kSureSigmas * half_scatter) {
     return 0.0;  // no light at all: take_references() says so
   }
-  // The mean over bands decides too: its noise is far smaller than one band's.
+  // The mean over bands counts too: its noise is far below one band's.
   double worst = 0.0;
   double sum_whole = 0.0;
   double sum_half = 0.0;
@@ -161,7 +161,7 @@ double shortfall(CommissionBench& bench, const Lamp& lamp) {
   return std::max(worst, sum_half > 0.0 ? 1.0 - sum_whole / sum_half : 0.0);
 }
 
-/// A lamp whose light the sensor follows in proportion: it may be full far below white.
+/// A set of lights to which the sensor responds linearly: it may saturate far below white.
 Lamp find_linear_lamp(CommissionBench& bench) {
   double high = kHigh * bench.white();
   for (int attempt = 0; attempt < kLinearAttempts; ++attempt) {
@@ -178,13 +178,13 @@ Lamp find_linear_lamp(CommissionBench& bench) {
               "light fills the sensor?");
 }
 
-/// Switches the lamp at asked moments and keeps what the frames show.
+/// Switches the lights at requested moments and records what the frames show.
 class StepRun {
  public:
   StepRun(CommissionBench& bench, std::vector<StepSample>& samples)
       : bench_(bench), samples_(samples) {}
 
-  /// Dark, with nothing of an earlier light under way.
+  /// Dark, with no earlier light change pending.
   void begin(const Lamp& lamp) {
     lamp_ = &lamp;
     is_on_ = false;
@@ -192,8 +192,8 @@ class StepRun {
     bench_.settle();
   }
 
-  /// @param t_light_ns   wanted middle of the latch request
-  /// @param horizon_us   frames whose stamp is later than this after it end the step
+  /// @param t_light_ns   requested middle of the latch request
+  /// @param horizon_us   frames timestamped later than this after it end the step
   void step(std::int64_t t_light_ns, double horizon_us) {
     bench_.drain_until(t_light_ns - bench_.lead_ns());
     is_on_ = !is_on_;
@@ -229,8 +229,9 @@ class StepRun {
     ++n_steps_;
   }
 
-  /// Steps spread evenly over the frame period, each followed far enough for any stamp.
-  /// @param first  number of the first, where an earlier scan goes on
+  /// Steps spread evenly over the frame period, each observed long enough for any timestamp
+  /// meaning.
+  /// @param first  number of the first, when continuing an earlier scan
   void scan(const Lamp& lamp, int n, int first = 0) {
     begin(lamp);
     const double period = bench_.period_us();
@@ -244,11 +245,11 @@ class StepRun {
   }
 
   [[nodiscard]] const std::vector<double>& round_trips() const { return round_trips_; }
-  /// Of each step: from sending to the read-back that shows it; the light is switched between.
+  /// Per step: from sending to the read-back that shows it; the light switches in between.
   [[nodiscard]] const std::vector<double>& shown() const { return shown_; }
-  /// Of each step: the moment that captures count from, after t_l.
+  /// Per step: the moment that captures count from, after t_l.
   [[nodiscard]] const std::vector<double>& references() const { return references_; }
-  /// Times from a stamp to the host at the exposure of the lamp in use.
+  /// Times from timestamp to host at the current exposure.
   [[nodiscard]] const std::vector<double>& arrivals() const { return arrivals_; }
   void forget_arrivals() { arrivals_.clear(); }
 
@@ -264,17 +265,11 @@ class StepRun {
   std::vector<double> shown_;
 };
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// Without the steps that were slow to show: they say little, a delay of the way back alone
 /// would shift them, and a gateway may have acted long after its acknowledgement.
 std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
                                      const std::vector<double>& shown) {
-  const double limit = kSlowAck * median(shown);
+  const double limit = kSlowAck * upper_median(shown);
   std::vector<StepSample> kept;
   for (const StepSample& s : samples) {
     if (shown[static_cast<std::size_t>(s.step)] <= limit) {
@@ -291,14 +286,14 @@ std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
               "docs/reference/cameras.md)?");
 }
 
-/// Exposure switched between two values under steady light; when does it take hold?
+/// Exposure switched between two values under steady light; when does it take effect?
 class ControlRun {
  public:
   ControlRun(CommissionBench& bench, double slope, const Lamp& one, const Lamp& two)
       : bench_(bench), slope_(slope), one_(one), two_(two) {}
 
-  /// @param n  at least so many trials; four times that while the moment is known worse than
-  ///           kGoodPhaseUs and matters
+  /// @param n  at least this many trials; up to four times as many while the moment matters and
+  /// is known no better than kGoodPhaseUs
   std::vector<ControlTrial> run(int n) {
     (void)bench_.show(one_.pattern);
     (void)bench_.set_exposure(one_.exposure_us);
@@ -316,7 +311,7 @@ class ControlRun {
       double wanted = std::fmod(i * kGolden, 1.0) * period;  // reference - moment of setting
       if (i >= 6) {
         if (const auto phase = control_phase(trials, period, period)) {
-          // Around the middle: the shortest request on either side is what narrows it.
+          // Around the middle: the shortest request on either side narrows it most.
           const double spread = std::max(phase->high_us - phase->low_us, 50.0);
           wanted = phase->value_us() + (std::fmod(i * kGolden, 1.0) - 0.5) * spread;
         }
@@ -389,7 +384,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   };
   const double period = bench.period_us();
   TimingResult result;
-  // Long: the rig's own exposure, as far as two of them fit with a step between.
+  // Long: the rig's own exposure, as far as two of them and a step fit.
   const double wanted = std::min(bench.exposure_us(), kLongShare * period);
   if (wanted != bench.exposure_us()) {
     (void)bench.set_exposure(wanted);
@@ -419,7 +414,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   take_references(bench, half);
   run.scan(half, scan_steps(half.exposure_us));
   const auto prompt = [&] { return prompt_steps(samples, run.shown()); };
-  // The fine steps tell more anyway: only what may be sure already is looked into here.
+  // The fine steps tell more anyway: here, only check what may be certain already.
   require_true_exposure({full.exposure_us, half.exposure_us, kSureSigmas, bench.spec().device},
                         prompt, [&](int round) {
                           for (const Lamp* lamp : {&full, &half}) {
@@ -447,10 +442,10 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   }
   progress(0.55);
 
-  // Fine: steps at chosen places of a short and of the long exposure.
+  // Fine: steps at chosen phases of a short and of the long exposure.
   (void)bench.set_exposure(std::max(20.0, kShortShare * full.exposure_us));
   bench.settle();
-  // Not brighter than what was seen to be linear.
+  // No brighter than what was seen to be linear.
   Lamp brief = find_lamp(bench, static_cast<int>(std::ceil(full.n / kShortShare)),
                          std::max(full.lit.high_share, full.dark.high_share + 3.0));
   take_references(bench, brief);
@@ -508,14 +503,14 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   if (const std::optional<StepFit> own = fit_steps(result.samples, fit_options)) {
     result.fit.model.skew_us = own->model.skew_us;
     // The bands' dark and lit levels are means of kReferenceFrames and the same for every step,
-    // so that the jackknife cannot see their error: half of each on average, as a slope over
-    // rows of standard deviation 1 / sqrt(12).
+    // so the jackknife cannot see their error: half of each on average, as a slope over rows of
+    // standard deviation 1 / sqrt(12).
     const auto n_bands = static_cast<double>(full.usable.size());
     const double of_levels = full.exposure_us * full.sigma / std::sqrt(2.0 * kReferenceFrames) *
                              std::sqrt(12.0 / n_bands);
     result.fit.skew_sigma_us = std::hypot(own->skew_sigma_us, of_levels);
   }
-  const double ack = median(run.round_trips());
+  const double ack = upper_median(run.round_trips());
   result.ack_us = {ack, 0.0, static_cast<std::int64_t>(run.round_trips().size())};
   StampEvidence& e = result.evidence;
   e.slope = result.line.slope;
@@ -543,16 +538,16 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
                 "readout or end of frame");
   }
   result.verdict = *verdict;
-  // The latest change of light, counted from where captures count; with the latch of this
-  // verdict, so that it goes with the read_us of the same file.
+  // The latest light change, counted from where captures count; with this verdict's latch, so
+  // that it matches the read_us of the same file.
   double latest = -std::numeric_limits<double>::infinity();
   const std::vector<StepDelay> delays = step_delays(result.samples, tied->model);
   for (const StepDelay& delay : delays) {
     latest = std::max(latest,
                       delay.late_us - run.references()[static_cast<std::size_t>(delay.step)]);
   }
-  // A delay shows half of what a ramp alone is longer. Even ramps of width w scatter the delays
-  // by w / (4 sqrt 3), and their end comes w / 4 later than the latest delay says.
+  // A delay shows half of any extra ramp length. Uniform ramps of width w scatter the delays by
+  // w / (4 sqrt 3), and end w / 4 later than the latest delay suggests.
   latest += std::sqrt(3.0) * fit_options.scatter_us;
   const double latch_mean = result.verdict.latch_us.value;
   result.latch_most_us = {std::max(0.0, latch_mean + (delays.empty() ? 0.0 : latest) +

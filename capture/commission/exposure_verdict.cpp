@@ -14,10 +14,10 @@ namespace haarlight {
 namespace {
 
 constexpr double kExposureTol = 0.04;  // of an exposure: a wrong unit is further off
-constexpr double kLargeFactor = 1.5;   // of an exposure: never by a jackknife's luck
+constexpr double kLargeFactor = 1.5;   // of an exposure: no lucky jackknife reaches this
 
-/// Of an estimate whose sigma comes from `n` steps: what kSureSigmas are of one whose sigma is
-/// known (Student's t with n - 3 degrees of freedom, a slope and two offsets; Gaver & Kafadar
+/// The equivalent, for an estimate whose sigma comes from `n` steps, of kSureSigmas at known
+/// sigma (Student's t with n - 3 degrees of freedom, a slope and two offsets; Gaver & Kafadar
 /// 1984). 18 at 7 steps, 6.6 at 13, 4.3 at 60.
 double sure_sigmas(int n) {
   const double dof = std::max(2.0, n - 3.0);

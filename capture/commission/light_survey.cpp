@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "core/linear_algebra.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -20,31 +21,27 @@ namespace {
 constexpr int kGrid = 3 * kSurveyAcross;  // picture points across and down
 constexpr double kTukey = 4.685;          // 95 % efficiency for normal errors
 constexpr double kMinLogSigma = 1e-3;     // no LED's neighbour is known better
-constexpr double kSeen = 10.0;            // sigmas of a block's signal: it counts
-// Sums of squared normalised residuals of a light's blocks: some 64 in its own place.
-constexpr double kMisfit = 100.0;  // above the lights' median: not in its place
-constexpr double kBetter = 60.0;   // another place fits better by so much
-constexpr double kFits = 3.0;      // of the median: that place fits
-// Where no place fits so well, shadows rule the misfits and scale all of a light's alike. Of
-// 12 800 lights before rendered stairs, 7 of 10 swapped pairs among their neighbours, the own
-// place's misfit was at most 0.45 of the next best place's for lights in their place, at least
-// 6.2 of the true place's for swapped ones (docs/numerics/commissioning.md).
-constexpr double kClear = 3.0;      // times better: in that place
-constexpr double kSettled = 1.5;    // times better than any other place: in its own
-constexpr double kAlike = 200.0;    // two places that differ less look alike
-constexpr double kNotThere = 25.0;  // for a block that another place does not light
+constexpr double kSeen = 10.0;            // sigmas of a block's signal: such a block counts
+// Sums of squared normalised residuals of a light's blocks: about 64 at its own position.
+constexpr double kMisfit = 100.0;  // above the lights' median: not at its position
+constexpr double kBetter = 60.0;   // another position fits better by this much
+constexpr double kFits = 3.0;      // of the median: that position fits
+// Where no position fits that well, shadows dominate the misfits and scale all of a light's
+// alike. Of 12 800 lights in front of rendered stairs, 7 of 10 swapped pairs being neighbours,
+// the own position's misfit was at most 0.45 of the next best position's for correctly wired
+// lights, and at least 6.2 of the true position's for swapped ones
+// (docs/numerics/commissioning.md).
+constexpr double kClear = 3.0;      // times better: at that position
+constexpr double kSettled = 1.5;    // times better than any other position: at its own
+constexpr double kAlike = 200.0;    // two positions that differ less look alike
+constexpr double kNotThere = 25.0;  // for a block that another position does not light
 constexpr int kMinForSurface = 12;  // lights of a face to fit a quadratic surface
 
-double median(std::vector<double> values) {
-  if (values.empty()) {
-    return 0.0;
-  }
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+double median_or_0(std::vector<double> values) {
+  return values.empty() ? 0.0 : upper_median(values);
 }
 
-/// 1, u, v, u^2, u v, v^2 of a light's place in its face, u and v in -1 .. 1.
+/// 1, u, v, u^2, u v, v^2 of a light's position in its face, u and v in -1 .. 1.
 Eigen::Matrix<double, 6, 1> place_terms(const Face& face, const LightElement& light) {
   const double u = face.cols > 1 ? 2.0 * light.col / (face.cols - 1) - 1.0 : 0.0;
   const double v = face.rows > 1 ? 2.0 * light.row / (face.rows - 1) - 1.0 : 0.0;
@@ -70,7 +67,7 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
     return surface;
   }
   const Eigen::Index n_terms = values.size() >= kMinForSurface ? 6 : 1;
-  surface.coefficients[0] = median(values);
+  surface.coefficients[0] = median_or_0(values);
   std::vector<double> residuals(values.size());
   for (int iteration = 0; iteration < 30; ++iteration) {
     for (std::size_t i = 0; i < values.size(); ++i) {
@@ -79,7 +76,7 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
     std::vector<double> sizes(residuals.size());
     std::transform(residuals.begin(), residuals.end(), sizes.begin(),
                    [](double r) { return std::abs(r); });
-    surface.spread = std::max(1.4826 * median(sizes), floor);
+    surface.spread = std::max(kSigmaPerMad * median_or_0(sizes), floor);
     Eigen::MatrixXd normal = 1e-12 * Eigen::MatrixXd::Identity(n_terms, n_terms);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(n_terms);
     for (std::size_t i = 0; i < values.size(); ++i) {
@@ -97,14 +94,14 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
   return surface;
 }
 
-/// The logarithms of what a light at each place gives in each block of the picture.
+/// The logarithms of what a light at each position contributes to each block of the picture.
 class Places {
  public:
   Places(const std::vector<std::array<double, kSurveyBlocks>>& geometry, std::size_t n)
       : geometry_(geometry), logs_(n), spread_(n) {}
 
-  /// From those lights of one face that shine: by geometry or without it, as fits better (a
-  /// diffuser, or a rig file whose camera stands elsewhere).
+  /// From the lit lights of one face: with geometry or without, whichever fits better (a
+  /// diffuser, or a rig file whose camera is not where it says).
   void fit(const Face& face, std::size_t offset, const std::vector<LightElement>& lights,
            const std::vector<std::size_t>& shining, std::span<const LightResponse> responses) {
     Logs best;
@@ -122,7 +119,7 @@ class Places {
                 best.spread);
   }
 
-  /// Sum of squared normalised residuals of a light's blocks at a place, its power free.
+  /// Sum of squared normalised residuals of a light's blocks at a position, its power free.
   [[nodiscard]] double misfit(const LightResponse& r, std::size_t place) const {
     return distance(place, [&](std::size_t b) {
       return r.blocks[b] > kSeen * r.block_sigma[b]
@@ -131,7 +128,7 @@ class Places {
                  : Block{};
     });
   }
-  /// How far two places lie apart, in the same measure, to a light seen so well.
+  /// The distance between two positions, in the same measure, for a light seen this well.
   [[nodiscard]] double apart(const LightResponse& r, std::size_t a, std::size_t b) const {
     return distance(b, [&](std::size_t i) {
       return r.blocks[i] > kSeen * r.block_sigma[i]
@@ -147,7 +144,7 @@ class Places {
   };
 
   struct Logs {
-    std::vector<std::array<double, kSurveyBlocks>> logs;  // of the face's places
+    std::vector<std::array<double, kSurveyBlocks>> logs;  // per position of the face
     std::array<double, kSurveyBlocks> spread{};
     double roughness = 0.0;  // sum of the spreads' logarithms
   };
@@ -212,12 +209,12 @@ class Places {
 
   const std::vector<std::array<double, kSurveyBlocks>>& geometry_;
   std::vector<std::array<double, kSurveyBlocks>> logs_;
-  std::vector<std::array<double, kSurveyBlocks>> spread_;  // of one light about its face's
+  std::vector<std::array<double, kSurveyBlocks>> spread_;  // of one light about its face's mean
 };
 
-/// Two lights cannot stand in one place: where one was found in another's, and that one fits
-/// the first one's place better than its own, it is the other half of the swap, even where
-/// neither place fits it well (things in view throw shadows that no smooth surface has).
+/// Two lights cannot be at one position: where one was found at another's, and that one fits
+/// the first one's position better than its own, it is the other half of the swap, even where
+/// neither position fits it well (objects in view throw shadows that no smooth surface has).
 void complete_swaps(const Places& places, std::span<const LightResponse> responses,
                     const std::vector<double>& own, LightSurvey& survey,
                     const std::vector<double>& expected) {
@@ -245,17 +242,17 @@ void complete_swaps(const Places& places, std::span<const LightResponse> respons
   }
 }
 
-/// How well a light fits its own place, and which other one fits best.
+/// How well a light fits its own position, and which other one fits best.
 struct PlaceFit {
   double own = 0.0;
-  double least = std::numeric_limits<double>::infinity();  ///< of all other places
+  double least = std::numeric_limits<double>::infinity();  ///< of all other positions
   std::size_t best = 0;
 };
 
 enum class Placed { own, other, nowhere };
 
 /// @param typical  the lights' median misfit
-/// @param is_free  of the other place: its own light fits it badly, too, or does not shine
+/// @param is_free  of the other position: its own light fits it badly, too, or does not shine
 Placed judge_place(const PlaceFit& fit, double typical, bool is_free) {
   if (fit.own <= typical + kMisfit) {
     return Placed::own;
@@ -279,7 +276,7 @@ std::vector<PlaceFit> fit_places(const Places& places, std::span<const LightResp
     fits[k].own = places.misfit(responses[k], k);
     misfits.push_back(fits[k].own);
   }
-  typical = std::max(median(misfits), 1.0);
+  typical = std::max(median_or_0(misfits), 1.0);
   for (const std::size_t k : seen) {
     for (std::size_t j = 0; j < responses.size() && fits[k].own > typical + kMisfit; ++j) {
       const double there = j == k ? fits[k].least : places.misfit(responses[k], j);
@@ -317,7 +314,7 @@ void find_miswired(const Places& places, std::span<const LightResponse> response
   }
   double typical = 1.0;
   const std::vector<PlaceFit> fits = fit_places(places, responses, seen, typical);
-  // Before any power is corrected below: which lights shine, and which leave their place.
+  // Before any power is corrected below: which lights shine, and which leave their position.
   const auto leaves = [&](std::size_t k) {
     return fits[k].own > typical + kMisfit && fits[k].own > kClear * fits[k].least;
   };
@@ -401,7 +398,7 @@ std::vector<double> expected_signals(const Rig& rig, int camera) {
     expected.push_back(std::accumulate(blocks.begin(), blocks.end(), 0.0));
   }
   if (*std::max_element(expected.begin(), expected.end()) <= 0.0) {
-    std::fill(expected.begin(), expected.end(), 1.0);  // no plane in view: neighbours only
+    std::fill(expected.begin(), expected.end(), 1.0);  // no plane in view: use neighbours only
   }
   return expected;
 }
@@ -431,7 +428,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
         ratios.push_back(responses[k].signal / geometry[k]);
       }
     }
-    const double typical = median(ratios);
+    const double typical = median_or_0(ratios);
     for (std::size_t k = offset; k < offset + of_face; ++k) {
       const LightResponse& r = responses[k];
       const bool shines = geometry[k] > 0.0 && typical > 0.0 &&
@@ -459,14 +456,14 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
         continue;
       }
       survey.power[k] = power;
-      // Six coefficients from so many lights: what the surface itself is uncertain by.
+      // Six coefficients from this many lights: the uncertainty of the surface itself.
       sigmas.push_back(
           std::hypot(r.sigma / expected[k],
                      level.spread * std::sqrt(6.0 / static_cast<double>(terms.size()))));
     }
     offset += of_face;
   }
-  survey.power_sigma = median(sigmas);
+  survey.power_sigma = median_or_0(sigmas);
   find_miswired(places, responses, expected, survey);
   for (std::size_t k = 0; k < n; ++k) {
     if (survey.power[k] > 0.0 && survey.power[k] < options.dim_below) {

@@ -9,21 +9,21 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// Which LEDs are dead, dim or wired to another's place, from one picture under each alone.
-/// Pure. Notes and measured errors: docs/numerics/commissioning.md.
+/// Which LEDs are dead, dim or wired to another's position, from one picture under each light
+/// alone. Pure. Notes and measured errors: docs/numerics/commissioning.md.
 ///
-/// What a light should give is the Lambertian point source's irradiance of the shadow plane as
+/// A light's expected signal is the Lambertian point source's irradiance of the shadow plane as
 /// the camera sees it, times a quadratic surface over (row, column) of its face fitted to the
 /// good lights: so a floor that is not matt, or a light box near one wall, is not mistaken for
-/// dim LEDs. A power that varies smoothly over the face is therefore taken for optics.
+/// dim LEDs. A power that varies smoothly over the face is therefore attributed to optics.
 ///
-/// Where a light stands is told by how its light spreads over the picture: 8 x 8 blocks, each
-/// against what geometry and the face's other lights let expect of it (a quadratic surface a
-/// block over the logarithms: what lies in view cancels), up to the light's power. A light
-/// whose blocks fit another place clearly better than its own is miswired. Lights whose places
-/// look alike, as under a diffuser, are named instead of guessed. What stands in view throws
-/// shadows that no smooth surface has, and then no place fits well: how many times better one
-/// fits than another still tells them apart; a light that this does not place either is named.
+/// A light's position shows in how its light spreads over the picture: 8 x 8 blocks, each
+/// against what geometry and the face's other lights predict for it (a quadratic surface per
+/// block over the logarithms: the scene in view cancels), up to the light's power. A light
+/// whose blocks fit another position clearly better than its own is miswired. Lights whose
+/// positions look alike, as under a diffuser, are named instead of guessed. Objects in view
+/// throw shadows that no smooth surface has, and then no position fits well: the ratio of two
+/// misfits still separates them; a light that this does not place either is named.
 
 namespace haarlight {
 
@@ -47,20 +47,20 @@ struct LightSurvey {
   std::vector<int> dead;
   std::vector<int> dim;          ///< dim, not dead
   std::vector<int> unseen;       ///< expected signal below 10 sigma: no verdict
-  std::vector<int> miswired;     ///< shines from the place of ...
+  std::vector<int> miswired;     ///< shines from the position of ...
   std::vector<int> miswired_to;  ///< ... this light
   std::vector<double> power;     ///< relative; 0 = dead or unseen
   double power_sigma = 0.0;      ///< median over the good lights: counting noise and fit
-  /// Lights whose place looks like a neighbour's: swapped with it they would not be found.
+  /// Lights whose position looks like a neighbour's: a swap with it would go undetected.
   std::vector<int> alike;
-  /// Lights that fit neither their own place nor another's clearly better: nothing is known of
+  /// Lights that fit neither their own position nor another clearly better: nothing is known of
   /// their wiring.
   std::vector<int> unplaced;
-  bool can_see_wiring = false;  ///< lights were seen, and none of them is alike or unplaced
+  bool can_see_wiring = false;  ///< lights were seen, and none is alike or unplaced
 };
 
-/// @param responses  one a light of the rig
-/// @param camera     index of the camera that looked
+/// @param responses  one per light of the rig
+/// @param camera     index of the camera used
 [[nodiscard]] LightSurvey survey_lights(const Rig& rig, int camera,
                                         std::span<const LightResponse> responses,
                                         const SurveyOptions& options = {});

@@ -5,20 +5,21 @@
 #include <cmath>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
 namespace {
 
 constexpr int kBins = 128;
-constexpr double kMinPairs = 30.0;        // in one picture pair, below it a bin says nothing
-constexpr double kMinDegrees = 100.0;     // of a bin to enter the fit: 14 % of its variance
+constexpr double kMinPairs = 30.0;        // per picture pair: below it a bin says nothing
+constexpr double kMinDegrees = 100.0;     // a bin needs to enter the fit: 14 % of its variance
 constexpr double kFitTop = 0.7;           // of saturation [Emva21]
 constexpr double kRounding = 1.0 / 12.0;  // variance of rounding to whole counts
-constexpr double kLeastFull = 8.0;        // counts: below them nothing can be told
+constexpr double kLeastFull = 8.0;        // counts: below this, saturation cannot be detected
 constexpr double kBeyond = 0.05;       // of the saturation level: a pixel is brighter than it
-constexpr double kBeyondShare = 0.01;  // of the pixels: more of them, and it is no saturation
-constexpr double kStill = 0.1;         // of the growth expected: this pixel is full
+constexpr double kBeyondShare = 0.01;  // of the pixels: with more of them it is not saturation
+constexpr double kStill = 0.1;         // of the expected growth: this pixel is saturated
 
 /// How far the points depart from the straight line through the middle 90 % of the range, in
 /// percent of the signal [Emva21].
@@ -100,7 +101,7 @@ void TransferCurve::add_pair(ImageView<const std::uint16_t> first,
     if (sums[0] < kMinPairs) {
       continue;
     }
-    // The mean difference is the light's change from one picture to the next, not noise.
+    // The mean difference is the light's change between the pictures, not noise.
     TransferBin& bin = bins_[i];
     bin.degrees += sums[0] - 1.0;
     bin.sum_square += 0.5 * (sums[3] - sums[2] * sums[2] / sums[0]);
@@ -154,7 +155,8 @@ std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
       top = std::max(top, word);
     }
   }
-  // Below half of the brightest signal nothing is full, and noise alone may keep a pixel still.
+  // Below half of the brightest signal nothing is saturated, and noise alone may keep a pixel
+  // constant.
   const double least = 0.5 * (static_cast<double>(top) - black_dn);
   for (int y = 0; y < rows; ++y) {
     const auto a = shorter.row(y);
@@ -171,16 +173,15 @@ std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
   if (full.size() < 50) {
     return std::nullopt;
   }
-  const auto middle = full.begin() + static_cast<std::ptrdiff_t>(full.size() / 2);
-  std::nth_element(full.begin(), middle, full.end());
+  const auto middle = upper_median(full);
   // Where the signal ends no pixel goes beyond: else these were still by their noise.
-  const double limit = *middle + kBeyond * (static_cast<double>(*middle) - black_dn);
+  const double limit = middle + kBeyond * (static_cast<double>(middle) - black_dn);
   const auto beyond = std::count_if(all.begin(), all.end(),
                                     [limit](std::uint16_t word) { return word > limit; });
   if (static_cast<double>(beyond) > kBeyondShare * static_cast<double>(all.size())) {
     return std::nullopt;
   }
-  return static_cast<double>(*middle);
+  return static_cast<double>(middle);
 }
 
 std::optional<SensorMeasurement> measure_sensor(const TransferCurve& curve,

@@ -12,16 +12,16 @@
 /// @file
 /// A camera's noise from pairs of pictures of the same light: the photon transfer method as
 /// [Emva21] describes it, with the pixels sorted by their level, so that the light need not be
-/// even. Pure. Notes and measured errors: docs/numerics/commissioning.md.
+/// uniform. Pure. Notes and measured errors: docs/numerics/commissioning.md.
 ///
-///     variance(level) = variance(dark) + (level - black) / K        K: electrons a count
+///     variance(level) = variance(dark) + (level - black) / K        K: electrons per count
 ///
-/// The difference of two pictures in a row has twice the temporal variance and none of the
-/// fixed pattern. Rounding adds 1/12 count^2, which is taken out of the read noise.
+/// The difference of two consecutive pictures has twice the temporal variance and none of the
+/// fixed pattern. Rounding adds 1/12 count^2, which is subtracted from the read noise.
 
 namespace haarlight {
 
-/// Pixel pairs of alike level. Merges: sums only.
+/// Pixel pairs of similar level. Mergeable: sums only.
 struct TransferBin {
   double degrees = 0.0;     ///< of freedom of the variance
   double sum_square = 0.0;  ///< degrees * variance, counts^2
@@ -36,7 +36,7 @@ class TransferCurve {
  public:
   /// @param white  2^bits - 1; pairs that touch 0 or white are left out
   explicit TransferCurve(int white);
-  /// Two pictures in a row of the same light and exposure, `rows` rows of each.
+  /// Two consecutive pictures of the same light and exposure, `rows` rows of each.
   void add_pair(ImageView<const std::uint16_t> first, ImageView<const std::uint16_t> second,
                 int rows);
   [[nodiscard]] const std::vector<TransferBin>& bins() const { return bins_; }
@@ -60,7 +60,7 @@ void add_dark_pair(ImageView<const std::uint16_t> first, ImageView<const std::ui
 
 /// Where the signal stops growing: two pictures far beyond it, the second exposed longer.
 /// @param ratio  of the exposures, above 1.2
-/// @return  the level in counts; nothing when fewer than 50 pixels stand still
+/// @return  the level in counts; nothing when fewer than 50 pixels stay constant
 [[nodiscard]] std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
                                                     ImageView<const std::uint16_t> longer,
                                                     int rows, double ratio, double black_dn);
@@ -75,10 +75,10 @@ struct SensorMeasurement {
   Measured gain_e_per_dn;
   Measured read_e;
   Measured black_dn;
-  std::optional<Measured> full_well_e;  ///< nothing: not saturated within reach
+  std::optional<Measured> full_well_e;  ///< nothing: saturation out of reach
   std::optional<Measured> linearity_percent;
-  bool is_converter_limited = false;  ///< white came before the full well
-  bool is_read_from_curve = false;    ///< dark pixels clip at 0: read noise from the fit
+  bool is_converter_limited = false;  ///< white was reached before the full well
+  bool is_read_from_curve = false;    ///< dark pixels clip at 0: read noise taken from the fit
   double dark_variance_dn2 = 0.0;     ///< the fit's value at black
   double reduced_chi2 = 0.0;          ///< of the fit, 1 = only counting noise
 };

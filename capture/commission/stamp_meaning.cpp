@@ -13,8 +13,8 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kSlopeTol = 0.1;  // a stamp in the middle of an exposure would give 0.5
-constexpr double kOnFrame = 0.05;  // of a period: an exposure taken at the frame's start
+constexpr double kSlopeTol = 0.1;  // a timestamp in the middle of an exposure would give 0.5
+constexpr double kOnFrame = 0.05;  // of a period: the exposure is fixed at the frame's start
 constexpr double kSkewTol = 0.95;  // of the skew: a frame cannot arrive before its last row
 
 /// The distance to the nearest whole number.
@@ -40,7 +40,7 @@ std::optional<ControlPhase> control_phase(std::span<const ControlTrial> trials,
     return std::nullopt;
   }
   if (phase.low_us > phase.high_us) {
-    std::swap(phase.low_us, phase.high_us);  // by less than the tolerance: jitter of the stamp
+    std::swap(phase.low_us, phase.high_us);  // by less than the tolerance: timestamp jitter
   }
   return phase;
 }
@@ -58,7 +58,7 @@ std::optional<StampVerdict> judge_stamp(const StampEvidence& e) {
     v.meaning = TimestampMeaning::start_exposure;
     v.evidence = slope;
   } else {
-    // From the stamp to the host: all of the readout, or only what comes after it.
+    // From the timestamp to the host: all of the readout, or only what comes after it.
     const bool too_soon = e.arrival_us < kSkewTol * e.skew_us;
     const bool too_late = e.offset_us < kSkewTol * e.skew_us;
     const bool is_end = too_soon || (!too_late && e.arrival_us < e.offset_us);
@@ -78,7 +78,7 @@ std::optional<StampVerdict> judge_stamp(const StampEvidence& e) {
       delay = std::floor(frames + 1e-3);
       read = e.control->value_us() - delay * e.period_us;
       read_sigma = e.control->sigma_us();
-      // The light's delay cannot be negative: then the exposure is not taken at the frame's
+      // The light's delay cannot be negative: then the exposure is not fixed at the frame's
       // start.
       v.is_divided = delay >= 0.0 && read <= e.offset_us + 3.0 * e.offset_sigma_us;
     } else if (!on_frame) {

@@ -9,24 +9,24 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// What a camera's time stamp means, and how the measured offset divides into the light's delay
+/// What a camera's timestamp means, and how the measured offset divides into the light's delay
 /// and the camera's readout. Pure. Notes: docs/numerics/commissioning.md.
 ///
-/// The offset D = d + latch of step_response.h moves with the exposure E by a slope:
+/// The offset D = d + latch of step_response.h depends on the exposure E with a slope:
 ///
 ///     start of exposure   d = 0            slope 0      D0 = latch
 ///     start of readout    d = E            slope 1      D0 = latch
 ///     end of frame        d = E + t_read   slope 1      D0 = latch + t_read
 ///
-/// The last two are told apart by the shortest way of a frame from its stamp to the host: it
-/// contains the readout when the stamp is at its start. Light alone gives only the sum
+/// The last two are distinguished by a frame's shortest time from its timestamp to the host: it
+/// contains the readout when the timestamp is at its start. Light alone gives only the sum
 /// latch + t_read, which is all that the rule for clean frames needs (session/clean_rule.h);
-/// the two parts come from the moment at which an exposure that is set takes hold.
+/// the two parts come from the moment at which a newly set exposure takes effect.
 
 namespace haarlight {
 
-/// One change of exposure: set between `before` and `after`, first seen in a frame whose stamp
-/// less slope * E is `reference`. Microseconds of one clock.
+/// One change of exposure: set between `before` and `after`, first seen in a frame whose
+/// timestamp less slope * E is `reference`. Microseconds of one clock.
 struct ControlTrial {
   double before_us = 0.0;
   double after_us = 0.0;
@@ -40,12 +40,12 @@ struct ControlPhase {
   double high_us = 0.0;
   int n = 0;
   [[nodiscard]] double value_us() const { return 0.5 * (low_us + high_us); }
-  /// Standard uncertainty of an even distribution between both ends.
+  /// Standard uncertainty of a uniform distribution between the two ends.
   [[nodiscard]] double sigma_us() const;
 };
 
 /// @return  nothing when the trials contradict each other by more than `tolerance_us`: the
-///          camera does not take an exposure at a fixed moment of its frame
+///          camera does not latch its exposure at a fixed moment of the frame
 [[nodiscard]] std::optional<ControlPhase> control_phase(std::span<const ControlTrial> trials,
                                                         double period_us, double tolerance_us);
 
@@ -56,11 +56,11 @@ struct StampEvidence {
   double offset_sigma_us = 0.0;
   double skew_us = 0.0;
   double exposure_us = 0.0;  ///< of the arrivals
-  double arrival_us = 0.0;   ///< shortest time from a stamp to the host
+  double arrival_us = 0.0;   ///< shortest time from a timestamp to the host
   double arrival_sigma_us = 0.0;
   double period_us = 0.0;
   std::optional<ControlPhase> control;
-  double written_latch_us = 0.0;  ///< of the rig file: the last resort for the division
+  double written_latch_us = 0.0;  ///< from the rig file: the last resort for the division
 };
 
 struct StampVerdict {

@@ -12,13 +12,14 @@
 
 #include "core/error.h"
 #include "core/linear_algebra.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
 namespace {
 
 constexpr double kHuber = 2.0;    // in sigmas: 95 % of clean samples stay quadratic
-constexpr double kMinRamp = 1.0;  // us: below it a ramp cannot be told from a jump
+constexpr double kMinRamp = 1.0;  // us: below it a ramp is indistinguishable from a jump
 constexpr double kMaxRamp = 1e6;  // us
 constexpr int kGroups = 20;       // of the jackknife
 constexpr int kMaxIterations = 60;
@@ -48,13 +49,6 @@ double ramp_integral_slope(double u, double ramp) {
   return u < ramp ? -u * u / (2.0 * ramp * ramp) : -0.5;
 }
 
-double median(std::vector<double> values) {
-  HAARLIGHT_EXPECTS(!values.empty(), "values to take the median of");
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// Which parameter of the vector is what: offsets first, then skew, rise, fall.
 struct Layout {
   std::vector<double> exposures;
@@ -82,13 +76,13 @@ struct Point {
   std::size_t step = 0;  ///< of Fitted::late
 };
 
-/// What the minimisation moves.
+/// The variables of the minimisation.
 struct Fitted {
   Eigen::VectorXd p;
   std::vector<double> late;  ///< each step's own delay, us; empty: steps have none
 };
 
-/// Samples, and how far each step's own delay may stray.
+/// Samples, and how far each step's own delay may deviate.
 struct Problem {
   Layout layout;
   std::vector<Point> points;
@@ -136,14 +130,14 @@ bool is_skipped(const Point& point, int skip_group) {
   return skip_group >= 0 && point.sample.step % kGroups == skip_group;
 }
 
-/// Of each step that has a delay of its own; else of all samples together.
+/// Per step that has a delay of its own; else of all samples together.
 std::vector<double> costs(const Problem& problem, const Fitted& at, int skip_group) {
   std::vector<double> cost(std::max<std::size_t>(at.late.size(), 1), 0.0);
   for (const Point& point : problem.points) {
     if (is_skipped(point, skip_group)) {
       continue;
     }
-    // The sigma follows the parameters, so its logarithm belongs to the cost.
+    // The sigma depends on the parameters, so its logarithm belongs to the cost.
     const Linear l = linearise(problem, at, point);
     cost[at.late.empty() ? 0 : point.step] +=
         huber_cost(l.residual / l.sigma) + std::log(l.sigma);
@@ -160,7 +154,8 @@ double sum_of(const std::vector<double>& values) {
 }
 
 /// Cost of `next`. A step whose delay, moved as the linear model says, fits worse than moved by
-/// half or not at all keeps the better one: its bend must not hold up what all have in common.
+/// half or not at all keeps the better one: its nonlinearity must not stall the common
+/// parameters.
 double settle_delays(const Problem& problem, const Fitted& before, Fitted& next,
                      int skip_group) {
   std::vector<double> best = costs(problem, next, skip_group);
@@ -190,7 +185,7 @@ void clamp_ramps(Eigen::VectorXd& p) {
   p[n - 1] = std::clamp(p[n - 1], kMinRamp, kMaxRamp);
 }
 
-/// What the samples say about one step's own delay, beside the common parameters.
+/// What the samples say about one step's own delay, given the common parameters.
 struct OwnDelay {
   double normal = 0.0;
   double gradient = 0.0;
@@ -253,7 +248,7 @@ Fitted minimise(const Problem& problem, Fitted at, int skip_group) {
         d.cross.noalias() -= weight * l.slope_x * row;
       }
     }
-    // A parameter that no sample touches stays where it is.
+    // A parameter that no sample depends on stays where it is.
     for (Eigen::Index i = 0; i < n; ++i) {
       if (normal(i, i) <= 0.0) {
         normal(i, i) = 1.0;
@@ -290,8 +285,8 @@ Fitted minimise(const Problem& problem, Fitted at, int skip_group) {
   return at;
 }
 
-/// Where to begin: in the linear part D = (ts - t_l) + E - x + row skew with x = E times the
-/// share seen. The median over samples of each exposure; the skew from pairs of rows of one
+/// Initial guess: in the linear part D = (ts - t_l) + E - x + row skew with x = E times the
+/// fraction seen. The median over samples of each exposure; the skew from pairs of rows of one
 /// frame.
 std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Point>& points) {
   struct Seen {
@@ -318,7 +313,7 @@ std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Poi
       skews.push_back(-(high->z - low->z) / (high->row - low->row));
     }
   }
-  const double skew = skews.empty() ? 0.0 : median(skews);
+  const double skew = skews.empty() ? 0.0 : upper_median(skews);
   Eigen::VectorXd p = Eigen::VectorXd::Zero(layout.size());
   std::vector<double> tied;
   for (std::size_t j = 0; j < of_exposure.size(); ++j) {
@@ -329,7 +324,7 @@ std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Poi
     if (offsets.empty()) {
       return std::nullopt;
     }
-    const double offset = median(offsets);
+    const double offset = upper_median(offsets);
     if (layout.slope) {
       tied.push_back(offset - *layout.slope * layout.exposures[j]);
     } else {
@@ -337,7 +332,7 @@ std::optional<Eigen::VectorXd> guess(const Layout& layout, const std::vector<Poi
     }
   }
   if (layout.slope) {
-    p[0] = median(tied);
+    p[0] = upper_median(tied);
   }
   p[layout.n_offsets()] = skew;
   p[layout.n_offsets() + 1] = p[layout.n_offsets() + 2] = 0.02 * layout.exposures.front();
@@ -432,7 +427,7 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
       normalised.push_back(std::abs(l.residual / l.sigma));
     }
   }
-  fit.scatter = normalised.empty() ? 0.0 : 1.4826 * median(normalised);
+  fit.scatter = normalised.empty() ? 0.0 : kSigmaPerMad * upper_median(normalised);
   // Delete-a-group jackknife: var = (g - 1) / g  sum (p_i - mean)^2 over the groups that exist.
   std::vector<StepModel> parts;
   for (int group = 0; group < kGroups; ++group) {
@@ -462,13 +457,13 @@ std::optional<StepFit> fit_steps(std::span<const StepSample> samples,
   fit.fall_sigma_us = spread([](const StepModel& m) { return m.fall_us; });
   fit.settle_sigma_us = spread(
       [](const StepModel& m) { return m.offset_us[0] + std::max(m.rise_us, m.fall_us); });
-  // Jitter of the steps rounds the corners as a longer ramp would, and shifts their middle.
+  // Jitter of the steps rounds the corners like a longer ramp, and shifts their middle.
   std::vector<double> jitters;
   jitters.reserve(points.size());
   for (const Point& point : points) {
     jitters.push_back(point.sample.jitter_us);
   }
-  const double jitter = std::max(median(jitters), options.scatter_us);
+  const double jitter = std::max(upper_median(jitters), options.scatter_us);
   const auto blur = [jitter](double ramp) {
     const double rounding = 12.0 * jitter * jitter;
     return std::max(std::sqrt(ramp * ramp + rounding) - ramp,
@@ -500,7 +495,7 @@ std::vector<StepDelay> step_delays(std::span<const StepSample> samples,
     if (exposure >= layout.exposures.size()) {
       continue;
     }
-    // A change that comes late by t shows as the model at x - t.
+    // A change that is late by t shows as the model at x - t.
     const Linear l = linearise(layout, p, {s, exposure, 0});
     const double w = l.slope_x / (s.sigma * s.sigma);
     of_step[s.step].weight += w * l.slope_x;
@@ -534,8 +529,8 @@ double delay_scatter(std::span<const StepDelay> delays) {
 namespace {
 
 /// E_true / E by the pooled slope, without one step (-1: with all). 0: no slope. Time over
-/// share, not share over time: samples are chosen by their share, in which the light's own
-/// jitter shows; over time the slope would be too flat by it.
+/// fraction, not fraction over time: samples are selected by their fraction, which contains the
+/// light's own jitter; over time it would make the slope too flat.
 double pooled_scale(std::span<const StepSample> partial, int without) {
   struct Sums {
     double n = 0.0;
@@ -600,7 +595,7 @@ std::optional<ExposureScale> exposure_scale(std::span<const StepSample> samples,
 OffsetLine offset_line(const StepFit& fit) {
   const std::vector<double>& e = fit.model.exposures_us;
   HAARLIGHT_EXPECTS(e.size() >= 2, "two exposures or more");
-  // Weighted least squares; a floor of 1 us keeps a lucky sigma from ruling.
+  // Weighted least squares; a floor of 1 us keeps a lucky sigma from dominating.
   double sw = 0.0;
   double sx = 0.0;
   double sy = 0.0;

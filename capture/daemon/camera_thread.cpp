@@ -17,8 +17,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kSlice{20};  // how long a command waits at most for a silent camera
-constexpr std::int64_t kSilenceNs = 500'000'000;  // beside exposure and frames: then it is lost
+constexpr milliseconds kSlice{20};                // longest a command waits for a silent camera
+constexpr std::int64_t kSilenceNs = 500'000'000;  // beyond exposure and frames: it is lost
 
 TriggerSource trigger_source(SyncMode sync) {
   switch (sync) {
@@ -141,7 +141,7 @@ void CameraThread::do_command(const Command& command) {
       return;
     }
     if (!is_frame_due_) {
-      last_frame_ns_ = steady_now_ns();  // its silence is counted from here
+      last_frame_ns_ = steady_now_ns();  // silence is counted from here
     }
     is_frame_due_ = true;
     if (const auto done = camera_->trigger(); !done) {

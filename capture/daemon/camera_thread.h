@@ -15,16 +15,16 @@
 #include "core/thread_pulse.h"
 
 /// @file
-/// The thread that owns the camera: drains every frame at once, looks at it, and tells the
+/// The thread that owns the camera: drains every frame at once, inspects it, and notifies the
 /// control thread. Buffers stay with the FrameStore until they are dropped.
 
 namespace haarlight {
 
-/// The frames that are out of the camera's hands. Thread-safe.
+/// The frames held outside the camera. Thread-safe.
 class FrameStore {
  public:
   std::uint64_t put(Frame frame);
-  /// Nothing when it was dropped.
+  /// Null when it was dropped.
   [[nodiscard]] std::shared_ptr<const Frame> get(std::uint64_t id) const;
   void drop(std::uint64_t id);
   [[nodiscard]] std::size_t size() const;
@@ -48,7 +48,7 @@ class CameraThread {
   void post(const action::SetExposure& command);
   void post(const action::TriggerCamera& command);
 
-  /// The newest frame for people who look, see capture/daemon/frame_tap.h. Thread-safe.
+  /// The newest frame for live viewers, see capture/daemon/frame_tap.h. Thread-safe.
   [[nodiscard]] FrameTap& tap() noexcept { return tap_; }
   [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
 
@@ -59,7 +59,7 @@ class CameraThread {
   void run(const std::stop_token& stop);
   void do_command(const Command& command);
   void take_frame();
-  /// No frame comes before our trigger: the command is waited for, not the camera.
+  /// No frame comes before our trigger: wait for the command, not for the camera.
   [[nodiscard]] bool is_idle() const;
   void fault(const Fault& fault);
 
@@ -71,13 +71,13 @@ class CameraThread {
   WorkQueue<Command> commands_{64};
   ThreadPulse pulse_{"camera"};
   FrameTap tap_;
-  // Of the thread alone.
+  // Used by this thread only.
   bool is_streaming_ = false;
   std::uint64_t stream_ = 0;
   std::int64_t last_frame_ns_ = 0;
-  bool is_frame_due_ = false;  ///< by itself, or by a trigger of ours
+  bool is_frame_due_ = false;  ///< from the free-running camera, or after our trigger
   SyncMode sync_ = SyncMode::free_run;
-  std::jthread thread_;  // last: stops first
+  std::jthread thread_;  // last member: stops first
 };
 
 }  // namespace haarlight

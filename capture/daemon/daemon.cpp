@@ -36,11 +36,11 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr std::size_t kMaxLines = 8192;  // of the event stream, kept for replay
-constexpr std::int64_t kRowBits = 24;    // of an event id; above them the session's second
+constexpr std::int64_t kRowBits = 24;    // of an event id; above: the session's second
 constexpr milliseconds kControlTick{100};
 constexpr std::size_t kNameLength = 6;    // of the plan's hash, in a session's name
-constexpr std::size_t kMaxDeferred = 16;  // requests of people while a session is opened
-constexpr std::int64_t kReopenNs = 2'000'000'000;  // a full disk at the start: tried again
+constexpr std::size_t kMaxDeferred = 16;  // user requests while a session is being opened
+constexpr std::int64_t kReopenNs = 2'000'000'000;  // disk full at the start: retry after this
 
 std::string second_name() {
   const std::time_t now = std::time(nullptr);
@@ -94,7 +94,7 @@ std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig, const Plan& 
     out->trigger_delay_ns = std::chrono::nanoseconds(trigger_delay(rig)).count();
   }
   out->strobe_every = rig.strobe_every;
-  // An upload is one call of the light thread: on a serial line not more than some seconds.
+  // An upload is one call of the light thread: a few seconds at most on a serial line.
   out->table_depth = rig.controller.kind == ControllerKind::modbus_rtu ? 128 : 1024;
   return out;
 }
@@ -144,7 +144,7 @@ class Daemon::Impl {
     recover();
   }
 
-  /// HTTP last: everything it asks is there.
+  /// HTTP last: everything it queries exists.
   void serve(Daemon& daemon) {
     if (!config_.has_http) {
       return;
@@ -161,7 +161,7 @@ class Daemon::Impl {
   ~Impl() {
     server_.reset();
     stream_->close();
-    // The control thread goes first, so that nothing new is lit; the light thread darkens.
+    // The control thread goes first, so that nothing new is lit; the light thread goes dark.
     control_.request_stop();
     if (control_.joinable()) {
       control_.join();
@@ -208,7 +208,7 @@ class Daemon::Impl {
     return plan;
   }
 
-  /// Lossy pictures are shown, not stored.
+  /// Lossy pictures may be viewed, not stored.
   void require_raw_frames() const {
     const CameraSpec& camera = config_.rig.cameras.front();
     if (pixel_use(camera) == PixelUse::preview) {
@@ -278,14 +278,14 @@ class Daemon::Impl {
   struct PreviewOrder {
     std::shared_ptr<const Plan> plan;
   };
-  /// What grows with a plan, made before the control thread gets it.
+  /// What grows with a plan, built before the control thread receives it.
   struct ReadySession {
     OpenSession session;
     std::shared_ptr<const SequencerPlan> plan;
     std::shared_ptr<const std::vector<std::vector<ElementLevel>>> patterns;
     std::shared_ptr<FrameChecker> checker;
     std::vector<ShotKind> kinds;
-    std::vector<int> doubted;  ///< a crash came between their doubt and their withdrawal
+    std::vector<int> doubted;  ///< a crash came between their being doubted and being withdrawn
   };
   using Message = std::variant<EventBody, SessionOrder, Result<ReadySession>, PreviewOrder>;
 
@@ -322,8 +322,8 @@ class Daemon::Impl {
   void take_turn() {
     const std::lock_guard lock(mutex_);
     const Phase phase = published_.phase;
-    // The steps out of these two are in the inbox before anybody can ask: an order comes
-    // behind.
+    // The steps out of these two phases are in the inbox before any request can be: an order
+    // comes behind them.
     const bool is_starting = phase == Phase::boot || phase == Phase::recover;
     if (!(is_free(phase) || is_starting) || published_.is_opening) {
       throw Error(fmt::format("the daemon is busy: {}{}", to_string(phase),
@@ -346,8 +346,8 @@ class Daemon::Impl {
     return name;
   }
 
-  /// Of the sessions that were begun, not finished and not aborted the one written last goes
-  /// on; the others are told of. What a making that was stopped has left is cleared away.
+  /// Of the sessions begun but neither finished nor aborted, resumes the one written last and
+  /// reports the others. Cleans up what an interrupted creation left behind.
   void recover() {
     std::vector<std::pair<fs::file_time_type, std::string>> unfinished;
     std::error_code error;
@@ -388,7 +388,7 @@ class Daemon::Impl {
     }
   }
 
-  /// A name says when a session was begun, not which one was at work last.
+  /// A name says when a session was begun, not which one was active last.
   [[nodiscard]] static fs::file_time_type last_written(const fs::path& folder) {
     fs::file_time_type last = fs::file_time_type::min();
     for (const char* part :
@@ -404,8 +404,7 @@ class Daemon::Impl {
     return phase == Phase::idle || phase == Phase::done;
   }
 
-  // ---- the control thread
-  // ----------------------------------------------------------------------
+  // ---- the control thread ----
 
   void control(const std::stop_token& stop) {
     SequencerState state;
@@ -439,13 +438,13 @@ class Daemon::Impl {
         }
       } catch (const std::exception& error) {
         log_error(std::string("our own bug in the control thread: ") + error.what());
-        std::abort();  // the lease and the service's stop action put the lights out
+        std::abort();  // the lease and the service's stop action turn the lights off
       }
     }
     control_stop_.request_stop();
   }
 
-  /// The writer opens one session at a time, and none while the sequencer works on another.
+  /// The writer opens one session at a time, and none while the sequencer is busy with another.
   void open(const SequencerState& state, SessionOrder order) {
     if (!is_free(state.phase)) {
       refuse_order(fmt::format("the daemon is busy: {}", to_string(state.phase)));
@@ -468,8 +467,8 @@ class Daemon::Impl {
     stream_->publish(0, "error", fmt::format(R"({{"text": {}}})", json_quote(why)));
   }
 
-  /// While a session is opened, which takes seconds where space is reserved, people's requests
-  /// are meant for it: they wait for its Run. All-off does not wait.
+  /// While a session is being opened, which takes seconds where space is reserved, user
+  /// requests are meant for it: they wait for its Run. All-off does not wait.
   void take_event(SequencerState& state, EventBody body) {
     const bool is_for_later = std::holds_alternative<event::Pause>(body) ||
                               std::holds_alternative<event::Resume>(body) ||
@@ -479,7 +478,7 @@ class Daemon::Impl {
         deferred_.push_back(std::move(body));
       }
       if (reopen_ns_ != kNever) {
-        reopen_ns_ = 0;  // an answer at once: opened now, or not at all
+        reopen_ns_ = 0;  // answers at once: the session opens now, or not at all
       }
     } else if (is_opening_ && std::holds_alternative<event::Reshoot>(body)) {
       log_warning("nothing is taken again while another session is opened");
@@ -528,7 +527,7 @@ class Daemon::Impl {
       do_step(state, event::Reshoot{std::move(ready->doubted)});
     }
     {
-      // After the step: the new session's name never stands beside the old one's "done".
+      // After the step: the new session's name must never appear with the old one's "done".
       const std::lock_guard lock(mutex_);
       published_.session = opened.id;
       published_.folder = opened.folder;
@@ -616,7 +615,7 @@ class Daemon::Impl {
             store_.drop(a.frame);
           } else if constexpr (std::is_same_v<T, action::CheckFrame>) {
             if (!checks_.try_push(Check{std::move(a), checker_of_session_})) {
-              log_error("the queue of checks is full");  // more than max_held: our own bug
+              log_error("the queue of checks is full");  // more than max_held: an internal bug
               std::abort();
             }
           } else {
@@ -629,7 +628,7 @@ class Daemon::Impl {
         action);
   }
 
-  /// The service's log: what happened, with the session and the shot it happened to.
+  /// The service's log: what happened, with the session and the shot it concerns.
   void log_line(const action::LogEvent& line) const {
     std::string text = line.kind + ": " + line.text;
     if (line.shot >= 0) {
@@ -658,7 +657,7 @@ class Daemon::Impl {
     }
     published_.is_preview = state.plan != nullptr && state.plan->is_preview;
     if (state.plan != nullptr &&
-        !published_.is_preview) {  // after an abort the last picture stays
+        !published_.is_preview) {  // after an abort the last state stays published
       shot_states_ = state.shots;
       published_.n_shots = static_cast<int>(state.shots.size());
       published_.n_committed = state.n_committed;
@@ -675,8 +674,7 @@ class Daemon::Impl {
                   : static_cast<double>(run_ns_) * 1e-9 * n_left / static_cast<double>(n_new);
   }
 
-  // ---- the checking worker
-  // ---------------------------------------------------------------------
+  // ---- the checking worker ----
 
   struct Check {
     action::CheckFrame frame;
@@ -715,8 +713,7 @@ class Daemon::Impl {
     }
   }
 
-  // ---- the event stream
-  // ------------------------------------------------------------------------
+  // ---- the event stream ----
 
   /// Called by the writer thread.
   void publish(const JournalLine& line) {
@@ -760,7 +757,7 @@ class Daemon::Impl {
   FrameStore store_;
   WorkQueue<Message> inbox_{4096};
   WorkQueue<Check> checks_{256};
-  std::stop_source control_stop_;  ///< nobody reads the inbox any more
+  std::stop_source control_stop_;  ///< the inbox is no longer read
   ThreadPulse control_pulse_{"control"};
   ThreadPulse checker_pulse_{"checks"};
   RunObserver observer_;
@@ -777,14 +774,14 @@ class Daemon::Impl {
   std::int64_t session_second_ = 0;
   std::shared_ptr<EventStream> stream_;
 
-  // Of the control thread.
+  // Used by the control thread only.
   std::shared_ptr<FrameChecker> checker_of_session_;
   bool is_opening_ = false;  ///< the writer has an order and has not answered
   std::vector<EventBody> deferred_;
-  std::optional<SessionOrder> recovery_;  ///< to be opened again while the disk refuses
+  std::optional<SessionOrder> recovery_;  ///< to be reopened once the disk accepts it
   std::int64_t reopen_ns_ = kNever;
   std::int64_t stepped_ns_ = 0;
-  std::int64_t run_ns_ = 0;  ///< spent running since the session was begun
+  std::int64_t run_ns_ = 0;  ///< time spent running since the session was begun
   std::uint64_t n_commits_before_ = 0;
 
   std::unique_ptr<WriterThread> writer_;

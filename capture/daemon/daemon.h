@@ -21,33 +21,33 @@
 
 /// @file
 /// The capture daemon without its process: threads, devices, session and HTTP around the
-/// sequencer. apps/haarlightd is its main(); tests run it with their own devices. Threads:
+/// sequencer. apps/haarlightd is its main(); tests run it with devices of their own. Threads:
 /// control, camera, light, one checking worker, writer, http; see docs/architecture.md.
 
 namespace haarlight {
 
 struct DaemonConfig {
   Rig rig;
-  std::filesystem::path sessions;  ///< folder of session folders; made when missing
+  std::filesystem::path sessions;  ///< folder of session folders; created when missing
   std::function<Result<std::unique_ptr<LightArray>>()> make_light;
   std::function<Result<std::unique_ptr<Camera>>()> make_camera;
   Storage* storage = nullptr;  ///< outlives the daemon
   bool has_http = true;
   std::string token;
   std::filesystem::path web_folder;  ///< static page; empty: none
-  bool resumes = true;               ///< an unfinished session goes on at the start
-  /// How long one call of a thread may last before hanging_thread() names it; the writer's four
-  /// times as long, since disks sleep.
+  bool resumes = true;               ///< resume an unfinished session at startup
+  /// How long one call of a thread may last before hanging_thread() names it; four times as
+  /// long for the writer, since disks may spin up.
   std::chrono::milliseconds hang_limit{15000};
-  /// Called within each turn of the threads "control" and "checks", which hold no device that
+  /// Called in each iteration of the threads "control" and "checks", which own no device that
   /// could hang. For tests of the watchdog.
   std::function<void(std::string_view thread)> on_turn = {};
 };
 
-/// What the controller last said of the lights.
+/// The controller's last report of the lights.
 enum class LightsKnown { unknown, off, on };
 
-/// A moment of the daemon, as GET /v1/state tells it.
+/// A snapshot of the daemon, as served by GET /v1/state.
 struct DaemonState {
   Phase phase = Phase::boot;
   ShotStep step = ShotStep::none;
@@ -60,17 +60,17 @@ struct DaemonState {
   int n_committed = 0;
   int current = -1;
   LightsKnown lights = LightsKnown::unknown;
-  double seconds_left = -1.0;  ///< from measured shots; negative: not known yet
-  bool is_preview = false;     ///< lights are shown to a person, nothing is captured
-  bool is_opening = false;     ///< a session is being made or recovered
+  double seconds_left = -1.0;  ///< estimated from measured shots; negative: not known yet
+  bool is_preview = false;     ///< lights are on for the operator, nothing is captured
+  bool is_opening = false;     ///< a session is being created or recovered
   std::shared_ptr<const RecoveryReport> recovery;  ///< of the session, when it was reopened
-  /// Sessions that were begun, neither finished nor aborted, and not gone on with at the start:
-  /// that is done with the one written last.
+  /// Sessions begun, but neither finished nor aborted, and not resumed at startup: that happens
+  /// only to the one written last.
   std::vector<std::string> unfinished;
   SequencerCounters counters;
 };
 
-/// What POST /v1/run answers.
+/// The reply to POST /v1/run.
 struct RunReceipt {
   std::string session;
   std::filesystem::path folder;
@@ -81,18 +81,17 @@ struct RunReceipt {
 class Daemon {
  public:
   /// Starts every thread; nothing is lit before a run.
-  /// @throws Error  devices that the rig names and we have not, a sync mode that the camera
-  /// cannot
-  ///                do, address in use
+  /// @throws Error  devices in the rig file that are not available, a sync mode that the camera
+  ///                does not support, address in use
   explicit Daemon(DaemonConfig config);
-  /// All lights off; frames that wait for their commit are finished first.
+  /// All lights off; frames awaiting their commit are finished first.
   ~Daemon();
   Daemon(const Daemon&) = delete;
   Daemon& operator=(const Daemon&) = delete;
 
-  // Thread-safe, none waits for a device.
+  // Thread-safe; none of these waits for a device.
   [[nodiscard]] DaemonState state() const;
-  /// Of each shot of state().session; as long as its plan.
+  /// For each shot of state().session; as many as in its plan.
   [[nodiscard]] std::vector<ShotState> shot_states() const;
   /// 0 without HTTP.
   [[nodiscard]] int http_port() const;
@@ -100,37 +99,37 @@ class Daemon {
   /// @param plan_text  a plan file's TOML, or a plan.json
   /// @throws Error  the plan's problems; interrupted: a run is in progress
   [[nodiscard]] RunReceipt run(const std::string& plan_text, const std::string& name);
-  /// Goes on with an unfinished session of the sessions folder.
+  /// Resumes an unfinished session of the sessions folder.
   /// @throws Error  no such session; interrupted: a run is in progress
   [[nodiscard]] RunReceipt resume_session(const std::string& id);
-  /// Lights these and streams, for aiming and focusing: state() says is_preview,
-  /// newest_frame() has the picture. Ends by an abort, by all-off, or by itself after a minute.
+  /// Lights these and streams, for aiming and focusing: state() says is_preview, newest_frame()
+  /// has the picture. Ended by an abort, by all-off, or automatically after a minute.
   /// @param exposure_us  0: the camera's own
-  /// @throws Error  lights that the rig has not, too much power; interrupted: a run is in
-  /// progress
+  /// @throws Error  lights that the rig does not have, too much power; interrupted: a run is in
+  ///     progress
   void show_preview(std::vector<LightLevel> lit, double exposure_us);
   /// One of the sequencer's requests: Pause, Resume, Abort, SafeOff, Reshoot.
   void request(EventBody request);
-  /// The camera's newest frame for people, see capture/daemon/frame_tap.h: nothing before the
-  /// first one that comes after somebody asked, and nothing while the camera rests.
+  /// The camera's newest frame for live viewers, see capture/daemon/frame_tap.h: nothing before
+  /// the first frame that arrives after a request, and nothing while the camera is stopped.
   [[nodiscard]] std::shared_ptr<const TappedFrame> newest_frame() const;
-  /// Frames that were copied for people so far.
+  /// Frames copied for live viewers so far.
   [[nodiscard]] std::uint64_t n_frames_shown() const;
   [[nodiscard]] const Rig& rig() const;
-  /// A plan as run() would take it. @throws Error  the plan's problems
+  /// A plan as run() would accept it. @throws Error  the plan's problems
   [[nodiscard]] Plan expand(const std::string& plan_text, const std::string& name) const;
-  /// What is known of the run's shots.
+  /// The state of the run's shots.
   [[nodiscard]] const RunObserver& observer() const;
-  /// What is known of the devices.
+  /// The state of the devices.
   [[nodiscard]] RigWatch& watch() const;
   /// Prometheus text.
   [[nodiscard]] std::string metrics() const;
 
-  /// The name of a thread that hangs in a call beyond its limit; empty: all is well. For the
-  /// watchdog: a daemon with a hanging thread cannot be repaired from inside.
+  /// The name of a thread stuck in a call beyond its limit; empty: all is well. For the
+  /// watchdog: a daemon with a hanging thread cannot recover from within.
   [[nodiscard]] std::string hanging_thread() const;
-  /// Lights off over a connection of its own, as the light thread may be the one that hangs.
-  /// Waits at most about a second; errors are only logged.
+  /// Lights off over a separate connection, as the light thread may be the one that hangs.
+  /// Waits about a second at most; errors are only logged.
   void put_lights_out() const;
 
  private:
@@ -142,11 +141,11 @@ class Daemon {
 [[nodiscard]] std::shared_ptr<const SequencerPlan> sequencer_plan(const Rig& rig,
                                                                   const Plan& plan);
 
-/// The name of a folder right in the sessions folder, and of nothing outside it.
+/// True for the name of a folder directly in the sessions folder, never of anything outside it.
 [[nodiscard]] bool is_session_name(const std::string& name);
 
-/// All that the constructor would refuse before it reaches for a device or the disk.
-/// @throws Error  a sync mode, controller or camera that this version cannot drive
+/// Everything the constructor would refuse before touching a device or the disk.
+/// @throws Error  a sync mode, controller or camera that this version does not support
 void require_drivers(const DaemonConfig& config);
 
 }  // namespace haarlight

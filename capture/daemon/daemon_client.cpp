@@ -107,7 +107,7 @@ void DaemonClient::require_good(const DaemonReply& reply) {
   nlohmann::json json;
   try {
     json = parse_json<nlohmann::json>(reply.body, "haarlightd");
-  } catch (const Error&) {  // a proxy's page: the status alone is told
+  } catch (const Error&) {  // a proxy's error page: report only the status
   }
   const auto error =
       json.is_object() ? json.value("error", nlohmann::json()) : nlohmann::json();
@@ -123,6 +123,18 @@ void DaemonClient::require_good(const DaemonReply& reply) {
   throw Error(text("what", fmt::format("the daemon answers {}", reply.status)),
               text("where", "haarlightd"), text("cure", "see docs/reference/http-api.md"),
               code);
+}
+
+std::string fetch_local(const std::string& url) {
+  const std::size_t path = url.find('/', url.find("//") + 2);
+  try {
+    DaemonClient client(
+        {.url = url.substr(0, path), .token = {}, .timeout = std::chrono::milliseconds(1500)});
+    const DaemonReply reply = client.get(url.substr(path));
+    return reply.body.empty() ? fmt::format("HTTP {}", reply.status) : reply.body;
+  } catch (const Error&) {
+    return {};
+  }
 }
 
 }  // namespace haarlight

@@ -7,8 +7,8 @@
 #include <string>
 
 /// @file
-/// The daemon's HTTP interface from the other side, for the command and for scripts in C++.
-/// Only the .cpp sees libcurl.
+/// The client side of the daemon's HTTP interface, for the command line and for scripts in C++.
+/// Only the .cpp includes libcurl.
 
 namespace haarlight {
 
@@ -32,7 +32,7 @@ class DaemonClient {
   DaemonClient& operator=(const DaemonClient&) = delete;
 
   /// @param path  "/v1/state"
-  /// @throws Error(unavailable)  nobody answers
+  /// @throws Error(unavailable)  no answer
   [[nodiscard]] DaemonReply get(const std::string& path);
   [[nodiscard]] DaemonReply post(const std::string& path, const std::string& body = {});
 
@@ -46,5 +46,9 @@ class DaemonClient {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// GET of a whole local address, for DoctorOptions::fetch and the like.
+/// @return  the body, or "HTTP 404" where it is empty; empty: nobody answers within 1.5 s
+[[nodiscard]] std::string fetch_local(const std::string& url);
 
 }  // namespace haarlight

@@ -62,7 +62,7 @@ Json body_of(const HttpRequest& request) {
   return json;
 }
 
-/// The state is told on the HTTP thread: no list in it grows with a session.
+/// The state is reported on the HTTP thread: no list in it may grow with a session.
 std::vector<std::string> first_of(const std::vector<std::string>& list) {
   return {list.begin(),
           list.begin() + static_cast<std::ptrdiff_t>(std::min(list.size(), kMaxListed))};
@@ -329,7 +329,7 @@ class Handlers {
     fs::path folder;  ///< of its session
     fs::path file;
   };
-  /// The newest frame of the shot that is asked for.
+  /// The newest frame of the requested shot.
   [[nodiscard]] std::optional<ShotFrame> frame_of(const HttpRequest& request) const {
     const auto folder = folder_of(request);
     const auto shot = whole_number(request.captures.at("shot"));
@@ -373,7 +373,7 @@ HttpSite make_site(Daemon& daemon, std::shared_ptr<EventStream> events,
                    const fs::path& sessions, const fs::path& web_folder) {
   const auto h = std::make_shared<const Handlers>(daemon, sessions);
   HttpSite site;
-  // Lane::here: beside all-off, on the thread that nothing may hold up.
+  // Lane::here: like all-off, on the thread that nothing may block.
   site.get(
       "/v1/state",
       [&daemon](const HttpRequest&) { return json_response(state_json(daemon.state())); },

@@ -8,8 +8,8 @@
 #include "http/site.h"
 
 /// @file
-/// The daemon's HTTP interface; docs/reference/http-api.md lists it for people. Every handler
-/// looks things up or leaves a message; none waits for a device.
+/// The daemon's HTTP interface, documented in docs/reference/http-api.md. Every handler looks
+/// things up or leaves a message; none waits for a device.
 
 namespace haarlight {
 

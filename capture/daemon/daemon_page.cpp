@@ -45,7 +45,7 @@ HttpResponse missing(const std::string& what, const std::string& cure) {
   return error_response(404, what, "the request's path", cure);
 }
 
-/// A session as the page sees it: the running one from memory, another one from its folder.
+/// A session as shown on the page: the running one from memory, any other from its folder.
 struct ShownSession {
   std::shared_ptr<const Plan> plan;  ///< or
   std::shared_ptr<const SessionInfo> info;
@@ -71,7 +71,7 @@ std::string marks_from_info(const SessionInfo& info) {
   return marks;
 }
 
-/// Of a session that was never finished: a frame's file stands for its shot.
+/// Of a session that was never finished: a frame's file marks its shot.
 std::string marks_from_files(const fs::path& folder, std::size_t n_shots) {
   std::string marks(n_shots, static_cast<char>(ShotMark::pending));
   std::error_code error;
@@ -341,8 +341,8 @@ class PageHandlers {
                                               : marks_from_files(folder, info->shots.size())};
   }
 
-  /// The last one read is kept: a page asks for the same one again and again, and parsing
-  /// thousands of frames takes its time. @throws Error
+  /// The last one read is cached: a page requests the same one again and again, and parsing
+  /// thousands of frames takes time. @throws Error
   std::shared_ptr<const SessionInfo> info_of(const fs::path& folder) {
     std::error_code ignored;
     const bool is_finished = fs::exists(folder / "session.json", ignored);
@@ -360,7 +360,7 @@ class PageHandlers {
 
   Daemon& daemon_;
   fs::path sessions_;
-  // Of the one thread of Lane::look.
+  // Used only by the thread of Lane::look.
   std::shared_ptr<const SessionInfo> cached_;
   fs::path cached_file_;
   fs::file_time_type cached_time_;

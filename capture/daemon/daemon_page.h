@@ -6,10 +6,10 @@
 #include "http/site.h"
 
 /// @file
-/// What the page asks beside the daemon's plain interface (capture/daemon/daemon_http.h): the
-/// rig, a session's map of marks, a shot with its evidence in words, pictures with clipping
-/// marked, and the cost of a plan that is being written. All of it is reading;
-/// docs/reference/http-api.md lists it for people.
+/// What the page requests in addition to the daemon's plain interface
+/// (capture/daemon/daemon_http.h): the rig, a session's map of marks, a shot with its evidence
+/// in words, pictures with clipping marked, and the cost of a plan being written. All
+/// read-only; documented in docs/reference/http-api.md.
 
 namespace haarlight {
 

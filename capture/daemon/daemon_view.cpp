@@ -23,7 +23,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kMaxKept = 32;  // answers about one frame
+constexpr std::size_t kMaxKept = 32;  // cached answers about one frame
 
 /// The whole frame as codes.
 Image<std::uint8_t> overview(ImageView<const std::uint16_t> words, const WordScale& scale) {
@@ -31,12 +31,12 @@ Image<std::uint8_t> overview(ImageView<const std::uint16_t> words, const WordSca
                             preview_step(words.width(), words.height(), scale.bayer));
 }
 
-Json region_json(const PixelRegion& region) {
+Json region_json(const PixelRectangle& region) {
   return {{"x", region.x}, {"y", region.y}, {"width", region.width}, {"height", region.height}};
 }
 
-/// The camera's newest frame. What was answered about a frame is answered again from memory:
-/// ten people who look cost no more than one.
+/// The camera's newest frame. Answers about a frame are cached: ten viewers cost no more than
+/// one.
 class LiveView {
  public:
   explicit LiveView(Daemon& daemon)
@@ -86,14 +86,14 @@ class LiveView {
 
   Daemon& daemon_;
   WordScale scale_;
-  // One lane's thread asks.
+  // Used by one lane's thread.
   std::uint64_t number_ = 0;
   std::map<std::string, HttpResponse> answers_;
 };
 
 }  // namespace
 
-std::optional<PixelRegion> region_of(const HttpRequest& request, int width, int height) {
+std::optional<PixelRectangle> region_of(const HttpRequest& request, int width, int height) {
   constexpr std::array<const char*, 4> kNames{"x", "y", "width", "height"};
   std::array<int, 4> values{};
   int n_given = 0;
@@ -118,7 +118,7 @@ std::optional<PixelRegion> region_of(const HttpRequest& request, int width, int 
     throw Error("a region needs x, y, width and height", request.path,
                 "write all four, such as ?x=100&y=80&width=400&height=300, or none");
   }
-  const PixelRegion region{values[0], values[1], values[2], values[3]};
+  const PixelRectangle region{values[0], values[1], values[2], values[3]};
   if (region.x < 0 || region.y < 0 || region.width < 1 || region.height < 1 ||
       region.width > width || region.height > height || region.x > width - region.width ||
       region.y > height - region.height) {
@@ -130,7 +130,7 @@ std::optional<PixelRegion> region_of(const HttpRequest& request, int width, int 
 }
 
 HttpResponse png_response(ImageView<const std::uint16_t> words, const WordScale& scale,
-                          const std::optional<PixelRegion>& region) {
+                          const std::optional<PixelRectangle>& region) {
   if (region && (region->width > kMaxCrop || region->height > kMaxCrop)) {
     throw Error(fmt::format("a crop of {} x {} pixels", region->width, region->height),
                 "width, height", fmt::format("ask for at most {0} x {0}", kMaxCrop));
@@ -161,9 +161,9 @@ HttpResponse jpeg_response(ImageView<const std::uint16_t> words, const WordScale
 }
 
 HttpResponse facts_response(ImageView<const std::uint16_t> words, const WordScale& scale,
-                            const std::optional<PixelRegion>& region) {
-  const PixelRegion all{0, 0, words.width(), words.height()};
-  const PixelRegion& asked = region ? *region : all;
+                            const std::optional<PixelRectangle>& region) {
+  const PixelRectangle all{0, 0, words.width(), words.height()};
+  const PixelRectangle& asked = region ? *region : all;
   Json colours = Json::array();
   for (const ColourCounts& counts : count_words(words, scale, asked)) {
     colours.push_back({{"colour", counts.colour},

@@ -35,7 +35,7 @@ DoctorLine report_controller(const Rig& rig, const DeviceState& state, std::int6
       break;
     case DeviceState::Link::good:
       line.found = "answers, " + since(state, now_ns);
-      if (!state.problem.empty()) {  // it answered, and refused
+      if (!state.problem.empty()) {  // it answered with a refusal
         line.finding = Finding::warning;
         line.found += "; it refused: " + state.problem;
         line.cure =
@@ -65,7 +65,7 @@ DoctorLine report_camera(const CameraSpec& spec, const DeviceState& state, std::
             fmt::format("{} x {} at {:g} fps", spec.frame_width, spec.frame_height, spec.fps),
             "delivers frames, " + since(state, now_ns), ""};
   }
-  // Nobody has it open: whether it is there can be seen from outside.
+  // Nothing has it open: its presence can be checked from outside.
   DoctorLine line = find_camera(spec, options).line;
   if (state.link == DeviceState::Link::lost) {
     const Fault fault{
@@ -111,7 +111,7 @@ std::vector<DoctorLine> report_devices(const Rig& rig, const fs::path& sessions,
                                        std::int64_t now_ns, const DoctorOptions& options) {
   std::vector<DoctorLine> lines{report_controller(rig, controller, now_ns)};
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
-    // The daemon drives the first.
+    // The daemon operates the first.
     lines.push_back(
         report_camera(rig.cameras[i], i == 0 ? camera : DeviceState{}, now_ns, options));
   }

@@ -10,13 +10,13 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// How the rig's devices stand, for the page: from what the daemon saw of them, and from what
-/// can be seen without touching them. A device that a run uses is never asked anything.
+/// The state of the rig's devices, for the page: from what the daemon observed, and from what
+/// can be seen without touching them. A device in use by a run is never queried.
 
 namespace haarlight {
 
-/// Controller, cameras, disk, clock and measured values: found, and the cure where something is
-/// amiss. Reads files; not for the HTTP thread.
+/// Controller, cameras, disk, clock and measured values: what was found, and a hint where
+/// something is wrong. Reads files; not for the HTTP thread.
 /// @param now_ns  CLOCK_MONOTONIC
 [[nodiscard]] std::vector<DoctorLine> report_devices(
     const Rig& rig, const std::filesystem::path& sessions, const DeviceState& controller,

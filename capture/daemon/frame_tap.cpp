@@ -12,9 +12,9 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::int64_t kLookNs = 2'000'000'000;  // a look is good for so long
+constexpr std::int64_t kLookNs = 2'000'000'000;  // how long a request keeps frames being copied
 constexpr std::int64_t kEveryNs = 200'000'000;
-constexpr std::int64_t kPauseACopy = 9;  // nine parts pause to one of copying
+constexpr std::int64_t kPauseACopy = 9;  // idle nine parts for each part of copying
 constexpr std::chrono::seconds kKept{10};
 constexpr std::chrono::milliseconds kFirstWait{300};
 constexpr std::int64_t kNotNow = std::numeric_limits<std::int64_t>::max();
@@ -67,7 +67,7 @@ void FrameTap::run(const std::stop_token& stop) {
       offered_.wait(lock, stop, has_work);
     } else if (!offered_.wait_for(lock, stop, kKept, has_work) &&
                steady_now_ns() >= wanted_until_ns_) {
-      newest_ = nullptr;  // its memory is not kept for those who went away
+      newest_ = nullptr;  // no memory is kept for viewers who left
     }
     std::shared_ptr<const Frame> frame = std::exchange(waiting_, nullptr);
     if (frame == nullptr) {
@@ -88,7 +88,7 @@ void FrameTap::run(const std::stop_token& stop) {
     }
     copy->sequence = frame->info().sequence;
     copy->arrived_ns = arrived_ns;
-    frame.reset();  // the buffer goes back
+    frame.reset();  // the buffer goes back to the camera
     const std::int64_t now_ns = steady_now_ns();
     lock.lock();
     copy->number = ++n_copied_;

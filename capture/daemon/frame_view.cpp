@@ -31,15 +31,15 @@ std::array<int, 4> colours_of(BayerPattern bayer) {
   return {0, 0, 0, 0};
 }
 
-void require_inside(ImageView<const std::uint16_t> words, const PixelRegion& region) {
+void require_inside(ImageView<const std::uint16_t> words, const PixelRectangle& region) {
   HAARLIGHT_EXPECTS(region.x >= 0 && region.y >= 0 && region.width >= 1 && region.height >= 1 &&
                         region.x <= words.width() - region.width &&
                         region.y <= words.height() - region.height,
                     "a region of the frame");
 }
 
-/// Beyond the edge the frame is mirrored about its last pixel, which keeps a Bayer cell's
-/// colours in their places.
+/// Beyond the edge the frame is mirrored about its last pixel, which preserves the Bayer
+/// pattern.
 int mirrored(int i, int n) {
   if (n == 1) {
     return 0;
@@ -64,14 +64,14 @@ int first_word_at(double level) {
   return static_cast<int>(std::clamp(std::ceil(level), 0.0, 65536.0));
 }
 
-/// Sums over the neighbours of one colour plane.
+/// Sums over neighbouring pairs of one colour plane.
 struct PairSums {
   std::uint64_t squares = 0;  ///< of the differences, DN^2
   std::uint64_t words = 0;    ///< both of each pair
   std::uint64_t n = 0;
   std::uint64_t n_all = 0;
 
-  /// Each `step`-th word of two rows, or of one and itself further on.
+  /// Every `step`-th word of two rows, or of one row and the same row shifted.
   void add(const std::uint16_t* a, const std::uint16_t* b, int n_words, int step, int clip) {
     std::uint64_t row_squares = 0;
     std::uint64_t row_words = 0;
@@ -104,7 +104,7 @@ WordScale word_scale(const CameraSpec& camera) {
 }
 
 Image<std::uint8_t> make_crop_codes(ImageView<const std::uint16_t> words,
-                                    const WordScale& scale, const PixelRegion& region) {
+                                    const WordScale& scale, const PixelRectangle& region) {
   require_inside(words, region);
   const GreyCurve curve(scale.black_dn, scale.clip_dn);
   Image<std::uint8_t> codes(region.height, region.width, 1);
@@ -122,7 +122,7 @@ Image<std::uint8_t> make_crop_codes(ImageView<const std::uint16_t> words,
 }
 
 std::vector<ColourCounts> count_words(ImageView<const std::uint16_t> words,
-                                      const WordScale& scale, const PixelRegion& region) {
+                                      const WordScale& scale, const PixelRectangle& region) {
   require_inside(words, region);
   const bool is_bayer = scale.bayer != BayerPattern::none;
   const std::array<int, 4> colours = colours_of(scale.bayer);
@@ -165,7 +165,7 @@ std::vector<ColourCounts> count_words(ImageView<const std::uint16_t> words,
 }
 
 Sharpness measure_sharpness(ImageView<const std::uint16_t> words, const WordScale& scale,
-                            const PixelRegion& region) {
+                            const PixelRectangle& region) {
   require_inside(words, region);
   const int step = scale.bayer == BayerPattern::none ? 1 : 2;  // to the next of this colour
   const int clip = first_word_at(scale.clip_dn);

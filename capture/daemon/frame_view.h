@@ -7,32 +7,25 @@
 #include <vector>
 
 #include "core/image.h"
+#include "core/picture/picture_rectangle.h"
 #include "core/rig/rig.h"
 
 /// @file
-/// What somebody who aims, focuses or exposes wants to see of a frame's words: a crop at the
-/// sensor's own pixels, counts of the words a colour, and how sharp it is. Pure.
+/// What somebody who aims, focuses or sets the exposure needs to see of a frame's words: a crop
+/// at the sensor's own pixels, counts of the words per colour, and how sharp it is. Pure.
 
 namespace haarlight {
 
-/// What the words of a frame stand for.
+/// How to interpret a frame's words.
 struct WordScale {
   double black_dn = 0.0;      ///< words at or below it are black
   double clip_dn = 65535.0;   ///< words at or above it are saturated, see session/clip_level.h
   double white_dn = 65535.0;  ///< the largest word
   BayerPattern bayer = BayerPattern::none;
-  SensorNoise noise = {};  ///< full_well_e and read_e both 0: not known
+  SensorNoise noise = {};  ///< full_well_e and read_e both 0: unknown
 };
 /// Of a camera as its rig file describes it.
 [[nodiscard]] WordScale word_scale(const CameraSpec& camera);
-
-/// A rectangle of pixels: columns x .. x + width - 1, rows y .. y + height - 1.
-struct PixelRegion {
-  int x = 0;
-  int y = 0;
-  int width = 0;
-  int height = 0;
-};
 
 /// The region's pixels one by one as codes of capture/daemon/preview_png.h. A Bayer frame's
 /// greys are smoothed by [1 2 1; 2 4 2; 1 2 1] / 16, which weights its four colours alike at
@@ -40,12 +33,12 @@ struct PixelRegion {
 /// @pre the region lies in the frame and is not empty; scale.black_dn < scale.clip_dn
 [[nodiscard]] Image<std::uint8_t> make_crop_codes(ImageView<const std::uint16_t> words,
                                                   const WordScale& scale,
-                                                  const PixelRegion& region);
+                                                  const PixelRectangle& region);
 
 inline constexpr int kHistogramBins = 256;
 
-/// Counts of the words of one colour. Bin i holds the words with
-/// floor(word * 256 / (white + 1)) = i; larger words are counted in the last one.
+/// Histogram of the words of one colour. Bin i holds the words with floor(word * 256 / (white +
+/// 1)) = i; larger words are counted in the last one.
 struct ColourCounts {
   std::string colour;  ///< "grey", or "red", "green", "blue"
   std::array<std::uint64_t, kHistogramBins> bins{};
@@ -54,22 +47,22 @@ struct ColourCounts {
   std::uint64_t n_saturated = 0;
   double mean_dn = 0.0;  ///< 0 without pixels
 };
-/// One of a grey frame, three of a Bayer one.
+/// One for a grey frame, three for a Bayer frame.
 [[nodiscard]] std::vector<ColourCounts> count_words(ImageView<const std::uint16_t> words,
                                                     const WordScale& scale,
-                                                    const PixelRegion& region);
+                                                    const PixelRectangle& region);
 
 /// How sharp a region is: the root mean square difference of neighbouring pixels of one colour,
-/// as a share of the mean level above black. The part that the camera's noise alone would give
-/// is taken off, where the noise is known: the figure then depends on the picture, not on how
-/// long it was exposed. Pairs with a saturated pixel are left out.
+/// as a fraction of the mean level above black. The part that the camera's noise alone would
+/// produce is subtracted, where the noise is known: the figure then depends on the picture, not
+/// on its exposure. Pairs with a saturated pixel are left out.
 struct Sharpness {
   double value = 0.0;       ///< 0: nothing beyond the noise, or nothing to measure
-  double noise = 0.0;       ///< what noise alone would give; 0 where it is not known
-  double share_used = 0.0;  ///< of the pairs; below 1 where something is saturated
-  double level_dn = 0.0;    ///< mean above black of what is not saturated
+  double noise = 0.0;       ///< what noise alone would produce; 0 where unknown
+  double share_used = 0.0;  ///< of the pairs; below 1 where pixels are saturated
+  double level_dn = 0.0;    ///< mean above black of the unsaturated pixels
 };
 [[nodiscard]] Sharpness measure_sharpness(ImageView<const std::uint16_t> words,
-                                          const WordScale& scale, const PixelRegion& region);
+                                          const WordScale& scale, const PixelRectangle& region);
 
 }  // namespace haarlight

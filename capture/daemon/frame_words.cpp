@@ -11,8 +11,8 @@ namespace haarlight {
 
 namespace {
 
-// Looked at by a person beyond these. Highlights of one pixel in a hundred are usual; develop
-// knows each of them.
+// Worth an operator's look beyond these. Highlights of one pixel in a hundred are usual;
+// develop knows each of them.
 constexpr double kManySaturated = 1e-2;
 constexpr double kAllBlack = 0.995;
 constexpr double kCloseUs = 50.0;  // half of the guard of capture/plan/timing.h is used up

@@ -12,13 +12,13 @@
 
 namespace haarlight {
 
-/// Why a person should look at a committed frame; empty when there is no reason. Nothing here
-/// refuses a frame: that is the clean rule's and frame_checks' work.
+/// Why the operator should look at a committed frame; empty when there is no reason. Nothing
+/// here refuses a frame: that is left to the clean rule and frame_checks.
 /// @param kind  a dark frame may be black
 [[nodiscard]] std::string doubt_of(const FrameEvidence& evidence, const FrameForm& form,
                                    ShotKind kind);
 
-/// One sentence a fact: the light's proof, the times, the camera's number, exposure, pixels.
+/// One sentence per fact: the light's proof, the times, the camera's number, exposure, pixels.
 [[nodiscard]] std::vector<std::string> describe_evidence(const FrameEvidence& evidence,
                                                          const FrameForm& form);
 

@@ -196,7 +196,7 @@ void LightThread::arm(const action::ArmBlock& job) {
 
 void LightThread::extend(const action::ExtendBlock& job) {
   if (job.job != block_) {
-    return;  // of a block that is over
+    return;  // of a block that has ended
   }
   if (const auto done = lights_->extend_strobe(job.count); !done) {
     block_ = 0;

@@ -13,26 +13,26 @@
 #include "firmware_iface/light_array.h"
 
 /// @file
-/// The thread that owns the bus to the lights: does the sequencer's light jobs one after the
-/// other and renews the lease between them, as long as the control thread lives (deadman): when
-/// it has not been heard for the length of a lease, the lights are put out here, and by the
+/// The thread that owns the bus to the lights: runs the sequencer's light jobs in order and
+/// renews the lease between them, as long as the control thread lives (deadman): when that has
+/// been silent for the length of a lease, the lights are turned off here, and by the
 /// controller.
 
 namespace haarlight {
 
 struct LightThreadConfig {
   std::chrono::milliseconds lease{2000};
-  std::chrono::microseconds poll{2000};  ///< between two readings of the step counter
+  std::chrono::microseconds poll{2000};  ///< interval between two readings of the step counter
   std::chrono::microseconds trigger_delay{
       0};  ///< from a latch to the camera's trigger; 0: none
-  /// Patterns by shot; of the run in progress.
+  /// Patterns by shot, of the run in progress.
   std::function<std::shared_ptr<const std::vector<std::vector<ElementLevel>>>()> patterns;
   std::function<void(EventBody)> send;
 };
 
 class LightThread {
  public:
-  /// Starts; nothing is connected before the first ConnectLight.
+  /// Starts; connects to nothing before the first ConnectLight.
   LightThread(std::unique_ptr<LightArray> lights, LightThreadConfig config);
   /// All off, then stops.
   ~LightThread();
@@ -44,7 +44,7 @@ class LightThread {
   void post(const action::UploadTable& job);
   void post(const action::ArmBlock& job);
   void post(const action::ExtendBlock& job);
-  /// Without a confirmation to wait for it goes before all waiting jobs, which are answered by
+  /// With no confirmation to wait for, it goes ahead of all waiting jobs, which are answered by
   /// a fault.
   void post(const action::LightsOff& job);
 
@@ -66,7 +66,7 @@ class LightThread {
   void darken(const action::LightsOff& job);
   /// Reads the step counter while a block is armed.
   void read_steps();
-  /// False when the light is not what it should be, or the controller did not answer.
+  /// False when the light is not as it should be, or the controller did not answer.
   [[nodiscard]] bool confirm(std::uint64_t job, const std::optional<ConfirmRequest>& request);
   void keep_lease();
   void enqueue(const Job& job);
@@ -76,13 +76,13 @@ class LightThread {
   WorkQueue<Job> jobs_{64};
   ThreadPulse pulse_{"light"};
   std::atomic<std::int64_t> fed_ns_;
-  // Of the thread alone.
+  // Used by this thread only.
   bool is_connected_ = false;
   bool is_dark_ = true;
   std::int64_t renewed_ns_ = 0;
   std::uint64_t block_ = 0;  ///< job of the block whose steps are read; 0: none
   std::int64_t next_read_ns_ = 0;
-  std::jthread thread_;  // last: stops first
+  std::jthread thread_;  // last member: stops first
 };
 
 }  // namespace haarlight

@@ -18,7 +18,7 @@ namespace {
 constexpr int kPreviewWidth = 640;
 constexpr int kTableSize = 4096;
 
-/// Codes of kTableSize equal steps from black to white.
+/// Codes for kTableSize equal steps from black to white.
 const std::array<std::uint8_t, kTableSize>& code_table() {
   static const std::array<std::uint8_t, kTableSize> kTable = [] {
     std::array<std::uint8_t, kTableSize> table{};

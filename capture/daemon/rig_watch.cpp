@@ -62,7 +62,7 @@ void RigWatch::see(std::int64_t now_ns, const EventBody& event) {
   } else if (std::holds_alternative<event::LightDark>(event)) {
     show(now_ns, -1);
   } else if (const auto* fault = std::get_if<event::LightFault>(&event)) {
-    if (fault->code != Errc::device_busy) {  // busy: our own order of jobs
+    if (fault->code != Errc::device_busy) {  // busy: the order of our own jobs
       controller_.problem = fault->what;
       controller_.code = fault->code;
     }
@@ -131,7 +131,7 @@ void RigWatch::show(std::int64_t now_ns, int shot) {
   }
   lit_watts_ = 0.0;
   for (const ElementLevel& lit : lit_) {
-    heat_to(now_ns, lit, 0.0);  // what it cooled since it last burnt
+    heat_to(now_ns, lit, 0.0);  // cooling since it was last lit
     const auto k = static_cast<std::size_t>(lit.element);
     if (k < face_of_.size()) {
       lit_watts_ +=
@@ -149,7 +149,7 @@ void RigWatch::add_energy(std::int64_t until_ns) {
 void RigWatch::advance(std::int64_t now_ns) {
   const std::int64_t behind = (now_ns - second_ns_) / kSecondNs;
   if (behind > static_cast<std::int64_t>(kMaxSeconds)) {
-    // Nothing happened for longer than the seconds reach: they are all alike.
+    // Nothing happened for longer than the seconds buffer covers: all its entries are alike.
     close_second();
     const std::int64_t n_alike = behind - 1;
     const int capped = static_cast<int>(

@@ -13,43 +13,43 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// What the daemon has lately seen of its devices: whether controller and camera answer, and
-/// temperature, power and duty over time. Sees every event and action of the sequencer, asks no
-/// device anything, and keeps a bounded past.
+/// What the daemon has recently observed of its devices: whether controller and camera answer,
+/// and temperature, power and duty over time. Sees every event and action of the sequencer,
+/// queries no device, and keeps a bounded history.
 
 namespace haarlight {
 
-/// How a device stands, from what it said last.
+/// The state of a device, from its last report.
 struct DeviceState {
   enum class Link {
-    unused,  ///< nobody needed it yet, or it rests
+    unused,  ///< not needed yet, or idle
     good,
     lost,
   };
   Link link = Link::unused;
   std::int64_t since_ns = 0;  ///< of the link; CLOCK_MONOTONIC
-  std::string problem;        ///< the newest fault since it was good; empty: none
+  std::string problem;        ///< the latest fault since it was last good; empty: none
   Errc code = Errc::io;       ///< of the problem
 };
 
-/// Equal steps of time, oldest first, the newest complete one last.
+/// Equal time steps, oldest first, ending with the latest complete one.
 struct RigHistory {
   double step_s = 1.0;
-  /// Mean of what the controller told; nothing while it was not asked, which is between runs.
+  /// Mean of the controller's reports; nothing while it was not queried, that is between runs.
   std::vector<std::optional<double>> temperature_c;
   std::vector<double> watts;  ///< mean over the step, from the patterns shown
-  /// Highest duty of any light at the step's end, as the controller reckons it: an element's
+  /// Highest duty of any light at the step's end, as the controller computes it: an element's
   /// drive, averaged with its face's heat_tau_s.
   std::vector<double> duty;
-  std::vector<double> frames;  ///< delivered by the camera, a second
+  std::vector<double> frames;  ///< delivered by the camera, per second
 };
 
 enum class HistorySpan {
-  minutes,  ///< the last ten, by the second
-  hours,    ///< the last twelve, by the minute
+  minutes,  ///< the last ten, in seconds
+  hours,    ///< the last twelve, in minutes
 };
 
-/// Thread-safe: the control thread tells, HTTP asks.
+/// Thread-safe: written by the control thread, read by HTTP.
 class RigWatch {
  public:
   RigWatch(const Rig& rig, std::int64_t now_ns);
@@ -92,16 +92,16 @@ class RigWatch {
   DeviceState camera_;
 
   Patterns patterns_;
-  std::uint64_t show_job_ = 0;  ///< whose answer makes show_shot_ burn
+  std::uint64_t show_job_ = 0;  ///< whose answer means show_shot_ is lit
   int show_shot_ = -1;
   std::vector<ElementLevel> lit_;
   int lit_shot_ = -1;
   double lit_watts_ = 0.0;
   bool was_lit_ = false;          ///< since the last whole second
-  std::int64_t reckoned_ns_ = 0;  ///< energy is summed until here
-  std::int64_t second_ns_ = 0;    ///< the present one's begin
+  std::int64_t reckoned_ns_ = 0;  ///< energy is summed up to here
+  std::int64_t second_ns_ = 0;    ///< start of the current one
   std::vector<double> heat_;
-  std::vector<std::int64_t> heat_ns_;  ///< heat_ is of then
+  std::vector<std::int64_t> heat_ns_;  ///< the time heat_ refers to
   std::vector<double> peak_of_face_;   ///< greatest heat, at second_ns_
 
   Point second_;

@@ -73,7 +73,7 @@ void RunObserver::begin(std::vector<ShotKind> kinds, FrameForm form,
     notes[i].attempt = std::max(0, next_attempt[i] - 1);
   }
   const std::lock_guard lock(mutex_);
-  notes_.swap(notes);  // those before are freed behind the lock
+  notes_.swap(notes);  // the old notes are freed outside the lock
   kinds_.swap(kinds);
   form_ = std::move(form);
   commit_begun_ns_.clear();
@@ -133,7 +133,7 @@ void RunObserver::see(std::int64_t now_ns, const Action& action) {
 }
 
 std::string RunObserver::marks(const std::vector<ShotState>& states) const {
-  // In pieces: the control thread does not wait for a whole map.
+  // In pieces: the control thread never waits for a whole map.
   std::string text(states.size(), static_cast<char>(ShotMark::pending));
   const ShotNote none;
   std::unique_lock lock(mutex_);

@@ -12,19 +12,19 @@
 #include "session/session.h"
 
 /// @file
-/// What people want to know of a run beside its state: why a shot was taken again, which frames
-/// look doubtful, and how long things took. Sees every event and action of the sequencer and
-/// changes none.
+/// What the operator wants to know of a run besides its state: why a shot was retaken, which
+/// frames look doubtful, and how long things took. Sees every event and action of the sequencer
+/// and changes none.
 
 namespace haarlight {
 
-/// Counts of a quantity in fixed classes, as Prometheus wants them. Not thread-safe.
+/// Counts of a quantity in fixed bins, in Prometheus form. Not thread-safe.
 class Histogram {
  public:
-  /// @param bounds  upper bounds of the classes, ascending; one more class takes the rest
+  /// @param bounds  upper bounds of the bins, ascending; one more bin takes the rest
   explicit Histogram(std::vector<double> bounds);
   void add(double value);
-  /// The lines of one metric in the text format, HELP and TYPE included.
+  /// The lines of one metric in the text format, including HELP and TYPE.
   [[nodiscard]] std::string text(std::string_view name, std::string_view help) const;
   [[nodiscard]] std::uint64_t count() const noexcept { return count_; }
 
@@ -35,30 +35,30 @@ class Histogram {
   double sum_ = 0.0;
 };
 
-/// How the map shows a shot: one letter each.
+/// The symbol of a shot in the map.
 enum class ShotMark : char {
   pending = '.',
-  lit = '*',       ///< its light burns now
-  checking = '~',  ///< the frame is there, not yet safe on the disk
+  lit = '*',       ///< its light is on now
+  checking = '~',  ///< the frame has arrived but is not yet safe on disk
   committed = 'o',
-  suspect = '?',  ///< committed, but a person should look: ShotNote::doubt says why
-  failed = 'x',   ///< the last try gave no frame; it is tried again
-  waiting = 'w',  ///< to be taken again by request
-  reshot = 'r',   ///< committed, and not with its first frame
+  suspect = '?',  ///< committed, but worth an operator's look: ShotNote::doubt says why
+  failed = 'x',   ///< the last attempt gave no frame; it will be retried
+  waiting = 'w',  ///< to be retaken on request
+  reshot = 'r',   ///< committed, but not with its first frame
 };
 
 /// @param attempt  of the committed frame, from 0
 [[nodiscard]] ShotMark mark_of_committed(int attempt, const std::string& doubt) noexcept;
 
-/// What is known of a shot since this run began.
+/// What is known of a shot since the start of this run.
 struct ShotNote {
   int attempt = 0;         ///< newest one with a frame
-  bool was_asked = false;  ///< a person wanted it again
-  std::string problem;     ///< why the last try gave no frame; empty after a good one
+  bool was_asked = false;  ///< retaken at the operator's request
+  std::string problem;     ///< why the last attempt gave no frame; empty after a good one
   std::string doubt;       ///< of the committed frame, see doubt_of
 };
 
-/// Thread-safe: the control thread tells, HTTP asks.
+/// Thread-safe: written by the control thread, read by HTTP.
 class RunObserver {
  public:
   RunObserver();
@@ -68,7 +68,7 @@ class RunObserver {
   void see(std::int64_t now_ns, const EventBody& event);
   void see(std::int64_t now_ns, const Action& action);
 
-  /// One ShotMark a shot. @param states  of DaemonState
+  /// One ShotMark per shot. @param states  of DaemonState
   [[nodiscard]] std::string marks(const std::vector<ShotState>& states) const;
   [[nodiscard]] ShotNote note(int shot) const;
   /// Histograms as Prometheus text.

@@ -21,7 +21,7 @@ class WorkQueue {
  public:
   explicit WorkQueue(std::size_t capacity) : capacity_(capacity) {}
 
-  /// False when full, but for `spare` places: nothing is queued.
+  /// Queues nothing and returns false when full, apart from `spare` slots.
   [[nodiscard]] bool try_push(T item, std::size_t spare = 0) {
     {
       const std::lock_guard lock(mutex_);
@@ -34,7 +34,7 @@ class WorkQueue {
     return true;
   }
 
-  /// Waits for room; false when asked to stop.
+  /// Waits for space; false when stopped.
   [[nodiscard]] bool push(T item, const std::stop_token& stop) {
     {
       std::unique_lock lock(mutex_);
@@ -47,7 +47,7 @@ class WorkQueue {
     return true;
   }
 
-  /// Nothing when the deadline passes or a stop is asked for.
+  /// Nothing when the deadline passes or a stop is requested.
   [[nodiscard]] std::optional<T> pop(std::chrono::steady_clock::time_point deadline,
                                      const std::stop_token& stop) {
     std::optional<T> item;
@@ -63,7 +63,7 @@ class WorkQueue {
     return item;
   }
 
-  /// Takes out every item that the predicate picks, in order.
+  /// Removes and returns every item that the predicate selects, in order.
   template <class Predicate>
   [[nodiscard]] std::deque<T> take_if(Predicate predicate) {
     std::deque<T> taken;

@@ -24,7 +24,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kQueue = 1024;
-constexpr std::size_t kGossip = kQueue / 2;  // lines of the log take no more of it
+constexpr std::size_t kGossip = kQueue / 2;  // best-effort log lines may use no more of it
 
 std::string iso_now() {
   const std::time_t now = std::time(nullptr);
@@ -67,7 +67,7 @@ WriterThread::~WriterThread() {
 
 void WriterThread::enqueue(Work work) {
   if (!work_.try_push(std::move(work))) {
-    // Far more than the camera has buffers: a frame's commit would be lost.
+    // Far larger than the camera's buffer count: a frame's commit would be lost.
     log_error("our own bug: the writer's queue is full");
     std::abort();
   }
@@ -93,7 +93,7 @@ void WriterThread::post(const action::LogEvent& line) {
 
 void WriterThread::run(const std::stop_token& stop) {
   for (;;) {
-    // With commits waiting: take what else is there, then commit all of it together.
+    // With commits waiting: collect whatever else is there, then commit all of it together.
     const bool has_commits = !waiting_.empty() && !is_stuck_;
     const auto wait = std::chrono::milliseconds(has_commits ? 0 : 250);
     std::optional<Work> work = work_.pop(Clock::now() + wait, stop);
@@ -143,7 +143,7 @@ void WriterThread::open_session(SessionOrder order) {
       id_ = opened->id;
       folder_ = opened->folder;
     } else {
-      writer_.reset();  // the one before stays the one that can be reshot
+      writer_.reset();  // the previous one stays open for reshoots
     }
     config_.opened(std::move(opened));
   } catch (const std::exception& error) {
@@ -280,7 +280,7 @@ void WriterThread::commit_waiting() {
   get_stuck(done.error());
 }
 
-/// A frame of the group does not hold: find out which, and have its shot taken again.
+/// A frame of the group failed: find out which, and have its shot retaken.
 void WriterThread::commit_one_by_one() {
   while (!waiting_.empty()) {
     const action::CommitFrame& commit = waiting_.front();
@@ -322,7 +322,7 @@ void WriterThread::finish() {
   config_.send(event::SessionFinished{});
 }
 
-/// Never makes the capture wait: what the disk does not take is said and forgotten.
+/// Never makes the capture wait: what cannot be written is logged and dropped.
 void WriterThread::write_refused(const RefusedFrame& refused) {
   if (!writer_ || writer_->is_finished()) {
     return;
@@ -338,7 +338,7 @@ void WriterThread::write_refused(const RefusedFrame& refused) {
   }
 }
 
-/// A finished session is reopened first. What a full disk refuses is tried again.
+/// A finished session is reopened first. What a full disk refuses is retried.
 void WriterThread::withdraw_waiting() {
   while (!withdrawals_.empty()) {
     if (!writer_ || writer_->is_finished()) {
@@ -359,11 +359,11 @@ void WriterThread::withdraw_waiting() {
   }
 }
 
-/// The mark's being there counts, not its text.
+/// The existence of the mark counts, not its text.
 void WriterThread::mark_aborted(const std::string& why) {
   std::error_code ignored;
   if (folder_.empty() || std::filesystem::exists(folder_ / "session.json", ignored)) {
-    return;  // finished before the request came
+    return;  // finished before the request arrived
   }
   const std::filesystem::path file = folder_ / kAbortMark;
   auto done = config_.storage->write(file, std::as_bytes(std::span(why)));

@@ -18,19 +18,19 @@
 #include "session/session_writer.h"
 
 /// @file
-/// The one thread that writes to the disk: makes and reopens sessions, commits frames in groups
-/// (every frame that waits goes into one journal transaction), keeps the journal's event log.
+/// The one thread that writes to the disk: creates and reopens sessions, commits frames in
+/// groups (all waiting frames go into one journal transaction), keeps the journal's event log.
 
 namespace haarlight {
 
-/// What is to be captured, and where.
+/// What to capture, and where.
 struct SessionOrder {
   std::filesystem::path folder;
   bool is_new = true;
-  bool is_recovery = false;  ///< by the daemon itself, at its start
+  bool is_recovery = false;  ///< issued by the daemon itself, at startup
   std::string id;
   std::string rig_toml;
-  Plan plan;  ///< of a reopened session: filled by the writer
+  Plan plan;  ///< of a reopened session: filled in by the writer
 };
 
 /// A session opened for capture, as the control thread needs it.
@@ -38,10 +38,10 @@ struct OpenSession {
   std::string id;
   std::filesystem::path folder;
   std::shared_ptr<const Plan> plan;
-  FrameForm form;  ///< as the session was begun with
+  FrameForm form;  ///< as at the session's start
   std::vector<bool> committed;
   std::vector<int> next_attempt;
-  /// Of the committed frames, where the plan has frames agree with each other
+  /// Of the committed frames, where the plan requires frames to agree with each other
   /// (retake_wrong_light).
   std::vector<std::pair<int, FrameEvidence>> evidence;
   RecoveryReport recovery;
@@ -56,7 +56,7 @@ struct RefusedFrame {
   std::string problem;
 };
 
-/// A line of the journal's event log that is durable or will be with the next commit.
+/// A line of the journal's event log, durable now or with the next commit.
 struct JournalLine {
   std::string session;
   std::int64_t row = 0;  ///< 0: no session was open, the line is not in a journal
@@ -68,7 +68,7 @@ struct WriterThreadConfig {
   Rig rig;
   Storage* storage = nullptr;
   std::function<void(EventBody)> send;
-  /// A session is open (for a Run), or could not be opened.
+  /// A session is open (for a Run), or failed to open.
   std::function<void(Result<OpenSession>)> opened;
   std::function<void(const JournalLine&)> logged;
 };
@@ -80,17 +80,17 @@ class WriterThread {
   WriterThread(const WriterThread&) = delete;
   WriterThread& operator=(const WriterThread&) = delete;
 
-  /// Closes what is open and opens this; answers by `opened`.
+  /// Closes what is open and opens this; answered by `opened`.
   void open(SessionOrder order);
   void post(const action::CommitFrame& commit);
-  /// Its shot is taken again meanwhile. A full or stuck disk loses it, which is logged.
+  /// The shot is meanwhile retaken. A full or stuck disk loses the frame, which is logged.
   void keep_refused(RefusedFrame refused);
   void post(const action::RetryCommits& retry);
   void post(const action::ForgetCommits& forget);
   void post(const action::WithdrawShots& withdraw);
   void post(const action::MarkAborted& mark);
   void post(const action::FinishSession& finish);
-  /// Dropped (and counted) when the disk is too slow for gossip.
+  /// Dropped (and counted) when the disk is too slow for best-effort log lines.
   void post(const action::LogEvent& line);
 
   [[nodiscard]] const ThreadPulse& pulse() const { return pulse_; }
@@ -114,7 +114,7 @@ class WriterThread {
   void finish();
   void mark_aborted(const std::string& why);
   void get_stuck(const Fault& fault);
-  /// Says what the disk does not take; that the folder is gone, when it is.
+  /// Reports what could not be written, and that the folder is gone, when it is.
   void report(const Fault& fault);
   [[nodiscard]] bool is_folder_gone() const;
   void log(const std::string& kind, const std::string& json);
@@ -125,20 +125,20 @@ class WriterThread {
   WorkQueue<Work> work_{1024};
   ThreadPulse pulse_{"writer"};
   std::atomic<std::uint64_t> n_lines_dropped_{0};
-  // Of the thread alone.
+  // Used by this thread only.
   std::optional<SessionWriter> writer_;
   std::filesystem::path folder_;
   std::string id_;
-  std::vector<int> withdrawals_;  ///< shots; before the commits that replace them
+  std::vector<int> withdrawals_;  ///< shots; go before the commits that replace them
   std::vector<action::CommitFrame> waiting_;
   bool is_stuck_ = false;  ///< the disk failed: wait for RetryCommits
-  std::jthread thread_;    // last: stops first
+  std::jthread thread_;    // last member: stops first
 };
 
-/// In a session's folder: it was given up by a person, or for a reason that does not pass.
+/// In a session's folder: it was aborted by the operator, or for a permanent reason.
 inline constexpr const char* kAbortMark = "aborted.txt";
 
-/// The session's lights, grid and form as a rig gives them.
+/// The session's lights, grid and form as given by a rig.
 [[nodiscard]] SessionInfo session_info_of(const Rig& rig, const Plan& plan,
                                           const std::string& id);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// The controller's part of the rig's examination.
+/// The controller's part of the rig check.
 
 #include <algorithm>
 #include <array>
@@ -102,7 +102,7 @@ std::string find_elsewhere(const ControllerSpec& spec, const TcpAddress& address
   return {};
 }
 
-/// What of the serial line can be seen without talking; `line` becomes wrong when it cannot
+/// What can be checked of the serial line without talking; `line` becomes wrong when it cannot
 /// work.
 std::vector<DoctorLine> examine_serial(const SerialAddress& address,
                                        const DoctorOptions& options) {
@@ -158,7 +158,7 @@ std::vector<DoctorLine> examine_serial(const SerialAddress& address,
   return lines;
 }
 
-/// True when the device is there and may be opened.
+/// True when the device is present and may be opened.
 bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
                  std::vector<DoctorLine>& lines) {
   DoctorLine line{"USB", Finding::good, "controller with serial number " + spec.address, "",
@@ -197,7 +197,7 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
   if (!is_barred) {
     return wrong(std::move(found), "write its serial number as address in [controller]");
   }
-  // It may be the one: who may not open a device cannot read its serial number.
+  // It may be the one: without permission to open a device its serial number cannot be read.
   bool has_rule = false;
   std::error_code failed;
   for (const char* folder : {"etc/udev/rules.d", "lib/udev/rules.d", "usr/lib/udev/rules.d"}) {
@@ -228,7 +228,7 @@ std::string fault_words(std::uint32_t faults) {
   return fmt::format("{}", fmt::join(words, ", "));
 }
 
-/// A controller that answers: is it the right one, and well?
+/// A controller that answers: is it the right one, and healthy?
 std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Identity& id) {
   const std::string self = fmt::format("{}, serial {}", id.model, id.serial);
   line.found =
@@ -308,7 +308,7 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
   } else if (!examine_usb(spec, options, lines)) {
     return lines;
   }
-  // Another vendor's map has no identity block of ours: its profile's own driver connects.
+  // Another vendor's map lacks our identity block: its profile's own driver connects.
   const bool is_own_map = spec.profile.empty() || spec.profile == "haarlight";
   if (bus != nullptr && is_own_map) {
     const auto id = read_identity(*bus);

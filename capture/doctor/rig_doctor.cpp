@@ -19,6 +19,7 @@
 #include "capture/camera/v4l2_list.h"
 #include "core/error.h"
 #include "core/files.h"
+#include "core/order_statistics.h"
 #include "core/rig/measured_rig.h"
 
 namespace haarlight {
@@ -28,7 +29,7 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-constexpr double kRateTol = 0.03;        // of the frame rate; a free-running camera holds 0.1 %
+constexpr double kRateTol = 0.03;        // of the frame rate; free-running cameras hold 0.1 %
 constexpr double kFramesPerLight = 2.3;  // free-run, rolling shutter (docs/architecture.md)
 
 std::string first_line(const fs::path& file) {
@@ -173,7 +174,7 @@ CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options) {
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
   const V4l2Places places{options.root / "dev", options.root / "sys"};
   if (is_v4l2 && !spec.v4l2.serial.empty()) {
-    // Under whatever node it has now.
+    // Whatever its node is now.
     place.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
     const auto found = find_v4l2_camera(spec.device, {}, spec.v4l2.serial, places);
     if (!found) {
@@ -204,7 +205,7 @@ CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options) {
 }
 
 std::string camera_cure(const CameraSpec& spec, const Fault& fault) {
-  // A server that has a client already hangs up on the second one.
+  // A server that already has a client hangs up on the second one.
   const bool is_held = fault.code == Errc::device_busy ||
                        (fault.code == Errc::device_gone && spec.kind == CameraKind::remote &&
                         fault.sys_errno != ECONNREFUSED) ||
@@ -278,9 +279,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   (*device)->stop();
   double fps = 0.0;
   if (!periods.empty()) {
-    const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
-    std::nth_element(periods.begin(), middle, periods.end());
-    fps = 1.0 / *middle;
+    fps = 1.0 / upper_median(periods);
   }
   line.found = fmt::format(
       "{}: {} x {} at {:.2f} fps, {} buffers; of {} frames {} damaged, {} "
@@ -408,12 +407,12 @@ std::vector<DoctorLine> examine_rig(const fs::path& rig_file, const DoctorOption
   bool is_held = false;
   add(examine_daemon(rig, options, is_held));
   if (!is_held) {
-    // Identities are compared with the measured ones, where those can be used.
+    // Identities are compared with the measured ones, where those are usable.
     Rig measured = rig;
     try {
       measured = read_rig(rig_file);
     } catch (const Error&) {
-      measured = rig;  // examine_measured has said it
+      measured = rig;  // already reported by examine_measured
     }
     add(examine_controller(measured, options));
     for (std::size_t i = 0; i < measured.cameras.size(); ++i) {

@@ -11,8 +11,8 @@
 #include "firmware_iface/usb_link.h"
 
 /// @file
-/// `haarlight rig doctor`: what of a rig is there, what was expected, and the cure where the
-/// two differ. Looks only: lights nothing, writes one test file beside the sessions and removes
+/// `haarlight rig doctor`: what is present of a rig, what was expected, and a hint where the
+/// two differ. Read-only: lights nothing, writes one test file next to the sessions and removes
 /// it.
 
 namespace haarlight {
@@ -33,21 +33,22 @@ struct DoctorLine {
 };
 
 struct DoctorOptions {
-  /// Stands before /sys, /dev and /etc: another folder in tests.
+  /// Prefix of /sys, /dev and /etc: another folder in tests.
   std::filesystem::path root = "/";
-  /// Other TCP ports and unit numbers to look for a controller that is not where it should be.
+  /// Other TCP ports and unit numbers to search for a controller that is not where it should
+  /// be.
   std::vector<int> other_ports = {502, 1502, 1503};
   std::vector<int> other_units = {1, 2, 3, 4, 5};
   int camera_frames = 24;
   std::uint64_t disk_test_bytes = std::uint64_t{32} << 20U;
-  /// GET of a local address: the body, or nothing when nobody answers. Says whether a daemon
+  /// GET of a local address: the body, or nothing without an answer. Reveals whether a daemon
   /// holds the devices.
   std::function<std::string(const std::string& url)> fetch;
   /// The light controllers on USB; empty: list_usb_controllers().
   std::function<Result<std::vector<UsbController>>()> list_usb{};
 };
 
-/// Everything below, in the order in which a person would mend it.
+/// Everything below, in the order in which it would be fixed.
 [[nodiscard]] std::vector<DoctorLine> examine_rig(const std::filesystem::path& rig_file,
                                                   const DoctorOptions& options = {});
 /// True when no line is wrong.
@@ -64,15 +65,15 @@ struct DoctorOptions {
                                                          const DoctorOptions& options);
 [[nodiscard]] std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
                                                      const DoctorOptions& options);
-/// What can be seen of a camera without opening it: is it there, and may it be used?
+/// What is known of a camera without opening it: is it there, and may it be used?
 struct CameraPlace {
-  DoctorLine line;   ///< good, nothing found yet: go on with opening it
+  DoctorLine line;   ///< good, but nothing found yet: go on to open it
   std::string node;  ///< where it is now
 };
 [[nodiscard]] CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options);
-/// What a person can do when the camera cannot be started.
+/// What the operator can do when the camera cannot be started.
 [[nodiscard]] std::string camera_cure(const CameraSpec& spec, const Fault& fault);
-/// What a person can do when the controller does not answer.
+/// What the operator can do when the controller does not answer.
 [[nodiscard]] std::string controller_cure(const ControllerSpec& spec);
 [[nodiscard]] std::vector<DoctorLine> examine_storage(const Rig& rig,
                                                       const DoctorOptions& options);

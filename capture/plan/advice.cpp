@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "session/clip_level.h"
 
@@ -18,12 +19,10 @@ namespace haarlight {
 namespace {
 
 constexpr double kFullLevel = 65535.0;
-constexpr double kPeakShare = 0.999;  // as the twin's figures are defined
+constexpr double kPeakShare = 0.999;  // as in the simulator's published figures
 constexpr std::size_t kBlock = 32;    // pixels at once
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr int kManyDarks = 16;  // default_families(): dark noise below 6 % of read noise
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// r^2 and the rounding to whole counts.
 double read_variance(const CameraSpec& camera) {
@@ -55,7 +54,7 @@ double percentile(std::vector<double> values, double share) {
   return values[count(static_cast<int>(at))];
 }
 
-/// Sums over pixels and colours of one lighting.
+/// Sums over pixels and colours under one lighting.
 class Sums {
  public:
   Sums(const PatternInverse& inverse, const AdviceScene& scene, const CameraSpec& camera,
@@ -112,7 +111,7 @@ class Sums {
   }
 
  private:
-  /// a, and c = w - P^T a: what the relit picture misses of each light.
+  /// a, and c = w - P^T a: what the relit picture lacks of each light.
   void set_weights(std::span<const double> w, const std::vector<double>& plate) {
     inverse_.shot_weights(w, plate, a_);
     a_sum_ = std::accumulate(a_.begin(), a_.end(), 0.0);
@@ -179,7 +178,7 @@ void require_scene(const AdviceScene& scene) {
                     "(pixels, lights) of electrons, variance and plate");
 }
 
-/// Largest x mu_j + sigmas sqrt(v) of any pixel and shot, at x = 1 without the noise: the mean.
+/// The mean of the largest x mu_j + sigmas sqrt(v) of any pixel and shot, at x = 1.
 double brightest(const PatternInverse& inverse, const AdviceScene& scene) {
   const std::size_t n_lights = count(scene.n_lights);
   double most = 0.0;
@@ -252,7 +251,7 @@ class Adviser {
     settings.exposures_us = {out.exposure_us};
     std::optional<PatternInverse> inverse;
     try {
-      // Power and duty are judged after the exposure has been chosen.
+      // Power and duty are checked after the exposure has been chosen.
       Rig unlimited = rig_;
       unlimited.sync = SyncMode::free_run;
       for (Face& face : unlimited.faces) {
@@ -376,7 +375,8 @@ double worst_psnr(const FamilyAdvice& family) {
   return family.predictions.empty() ? -std::numeric_limits<double>::infinity() : worst;
 }
 
-/// What takes as many shots as one at a time and is not better under any lighting is refused.
+/// Refuses what takes as many shots as one light at a time and is not better under any
+/// lighting.
 void refuse_what_does_not_help(std::vector<FamilyAdvice>& families) {
   const auto single =
       std::find_if(families.begin(), families.end(), [](const FamilyAdvice& family) {
@@ -439,7 +439,7 @@ AdviceLighting single_lights(int n_lights, int n) {
   lighting.name = "one light";
   const int n_shown = std::min(n, n_lights);
   lighting.weights = Eigen::MatrixXd::Zero(n_lights, n_shown);
-  // Steps of the golden ratio reach rows and columns evenly.
+  // Steps of the golden ratio sample rows and columns evenly.
   constexpr double kGolden = 0.6180339887498949;
   for (int i = 0; i < n_shown; ++i) {
     const double at = n_shown == n_lights ? static_cast<double>(i) / n_lights
@@ -499,7 +499,7 @@ PatternInverse inverse_of(const Plan& plan) {
     }
   }
   if (recipe.family != PatternFamily::list && recipe.family != PatternFamily::target) {
-    // The canonical order, at the plan's one level.
+    // The canonical order, at the plan's single level.
     const double drive = shots.front().front().drive;
     shots.clear();
     for (const std::vector<int>& lit : lit_lights(recipe)) {
@@ -565,7 +565,7 @@ std::vector<PlanSettings> default_families(const Rig& rig, bool has_lighting) {
   };
   const auto n_lights = count(rig.n_lights());
   add("one_at_a_time", PlanPatterns::one_at_a_time, n_lights);
-  for (const int side : {16, 8, 4}) {  // blocks a side: 256, 64, 16 shots a face
+  for (const int side : {16, 8, 4}) {  // blocks per side: 256, 64, 16 shots per face
     const bool is_fit = std::all_of(rig.faces.begin(), rig.faces.end(), [&](const Face& face) {
       return face.rows == face.cols && face.rows % side == 0 && face.rows > side;
     });

@@ -12,25 +12,26 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// Which patterns pay: from the camera's noise, the lights' signal and the rig's limits, the
-/// quality that each family of patterns will reach under stated lightings, before a light is
-/// lit. Model and its check against the twin: docs/numerics/patterns.md. Its own target; the
-/// daemon does not link it. Pure.
+/// Which patterns are worth using: from the camera's noise, the lights' signal and the rig's
+/// limits, predicts the quality that each family of patterns will reach under stated lightings,
+/// before anything is lit. Model and its check against the simulator:
+/// docs/numerics/patterns.md. A target of its own; the daemon does not link it. Pure.
 ///
-/// At a pixel, with T_k electrons of light k alone (full drive, the rig's exposure E0), a shot
-/// j of exposure E = x E0 collects mu_j = x sum_k P_jk T_k with variance
+/// At a pixel, with T_k electrons from light k alone (full drive, the rig's exposure E0), a
+/// shot j of exposure E = x E0 collects mu_j = x sum_k P_jk T_k with variance
 ///
 ///     v_j = r^2 + g^2/12 + mu_j + (flicker mu_j)^2        (read, rounding, photons, the
 ///     lights)
 ///
-/// Relit with w the picture is sum_j a_j M_j / x, a = PatternInverse::shot_weights(w), thus
+/// Relit with light weights w the picture is sum_j a_j M_j / x, a =
+/// PatternInverse::shot_weights(w), so
 ///
 ///     noise^2 = sum_j a_j^2 v_j / x^2 + (sum_j a_j)^2 (r^2 + g^2/12) / (n_darks x^2)
-///     bias    = sum_k (w_k - sum_j a_j P_jk) T_k          (what the shots do not hold)
+///     bias    = sum_k (w_k - sum_j a_j P_jk) T_k          (what the shots do not contain)
 ///
 /// both averaged over pixels and colours; PSNR = 10 log10(peak^2 / (noise^2 + bias^2)) with the
 /// 99.9th percentile of the exact picture as peak. For one light of an S-matrix of n shots and
-/// an object of s electrons a light: gain^2 = (r^2 + s) / (4 r^2/n + 2 s) [Schechner07].
+/// an object of s electrons per light: gain^2 = (r^2 + s) / (4 r^2/n + 2 s) [Schechner07].
 
 namespace haarlight {
 
@@ -40,17 +41,17 @@ struct AdviceScene {
   int n_pixels = 0;
   /// (n_pixels, n_lights): electrons at full drive and the rig's exposure.
   std::vector<float> electrons;
-  /// (n_pixels, n_lights): noise variance of `electrons`, of a pilot; empty: none.
+  /// (n_pixels, n_lights): noise variance of a pilot's `electrons`; empty: none.
   std::vector<float> variance;
   /// (n_pixels, n_lights): the clean plate that develop will use, any unit; empty: none.
   std::vector<float> plate;
-  /// False: an empty plane, or a pilot that lit several lights at once: what happens inside of
-  /// a block of lights is not known, so no bias can be predicted.
+  /// False: an empty plane, or a pilot that lit several lights at once: light within a block is
+  /// not resolved, so no bias can be predicted.
   bool resolves_lights = false;
-  std::string source;  ///< for people
+  std::string source;  ///< for display
 };
 
-/// The empty plane: `lit_electrons` at the median pixel of the plate under the mean light.
+/// The empty plane: `lit_electrons` at the clean plate's median pixel under the mean light.
 /// @param plate  (n_pixels, n_lights)
 [[nodiscard]] AdviceScene plate_scene(std::vector<float> plate, int n_lights,
                                       double lit_electrons);
@@ -66,9 +67,9 @@ struct AdviceLighting {
 [[nodiscard]] AdviceLighting single_lights(int n_lights, int n);
 
 struct AdviceOptions {
-  double flicker = 0.0;    ///< relative rms by which a shot's light differs from the last time
-  double target_db = 0.0;  ///< wanted PSNR under every lighting; 0: none
-  /// How far below saturation the brightest pixel is kept: mean + this many sigmas.
+  double flicker = 0.0;    ///< relative rms change of a shot's light from one time to the next
+  double target_db = 0.0;  ///< required PSNR under every lighting; 0: none
+  /// How far the brightest pixel stays below saturation: mean + this many sigmas.
   double sigmas = 4.0;
 };
 
@@ -77,14 +78,14 @@ struct Prediction {
   std::string lighting;
   double peak_e = 0.0;
   double noise_e = 0.0;  ///< rms
-  double bias_e = 0.0;   ///< rms; NaN: not known without a pilot
+  double bias_e = 0.0;   ///< rms; NaN: unknown without a pilot
   /// Uncertainty (1 sigma) of bias_e^2, from the pilot's own noise.
   double bias2_sigma = 0.0;
-  double noise_psnr_db = 0.0;  ///< as if there were no bias
-  double psnr_db = 0.0;        ///< NaN when the bias is not known
+  double noise_psnr_db = 0.0;  ///< with zero bias
+  double psnr_db = 0.0;        ///< NaN when the bias is unknown
 };
 
-/// One way to capture, judged.
+/// One way to capture, assessed.
 struct FamilyAdvice {
   std::string name;
   Plan plan;  ///< its shots at `exposure_us`; without shots when no plan is possible
@@ -103,7 +104,7 @@ struct Advice {
                   ///< without a target the best worst-case PSNR; -1: none
 };
 
-/// gain^2 of an S-matrix of n shots against single lights of s electrons and read noise r.
+/// gain^2 of an S-matrix of n shots over single lights of s electrons and read noise r.
 [[nodiscard]] double s_matrix_gain2(double read_e, double signal_e, int n);
 
 /// One prediction. @param n_darks  frames averaged into the dark; 0: none is subtracted
@@ -114,15 +115,15 @@ struct Advice {
 /// The inverse that develop will use for a plan.
 [[nodiscard]] PatternInverse inverse_of(const Plan& plan);
 
-/// Judges plans. Each is tried at the rig's exposure (or its own first one) and, where that
-/// saturates, at the longest that does not; PWM periods, power, strings and duty are held.
+/// Assesses plans. Each is tried at the rig's exposure (or its own first one) and, where that
+/// saturates, at the longest that does not; PWM periods, power, strings and duty are respected.
 /// @param settings  e.g. default_families(); @param own  weights for the lighting patterns
 [[nodiscard]] Advice advise(const Rig& rig, const AdviceScene& scene,
                             const std::vector<AdviceLighting>& lightings,
                             const std::vector<PlanSettings>& settings, const Lighting* own,
                             const AdviceOptions& options = {});
 
-/// One at a time; bins into 16, 64 and 256 shots a face where they fit; S-matrix; with a
+/// One at a time; bins of 16, 64 and 256 shots per face where they fit; S-matrix; with a
 /// lighting its wavelets and its target shot. Darks as develop needs them.
 [[nodiscard]] std::vector<PlanSettings> default_families(const Rig& rig, bool has_lighting);
 

@@ -8,13 +8,12 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 
 namespace haarlight {
 
 namespace {
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// Frames of one pattern: how many, and their exposures' sum in seconds.
 struct Exposed {
@@ -57,11 +56,12 @@ Exposed exposure_of(const Session& session) {
 
 AdviceScene pilot_scene(const Session& session, const LightStack& stack,
                         const CameraSpec& camera, const PlatePixels& plate, int max_pixels) {
-  const StackShape& shape = stack.shape();
+  const StackDims shape = stack.dims();
+  const StackBands& bands = stack.bands();
   const FrameForm& form = session.info().form;
   const Exposed exposed = exposure_of(session);
-  // Stack values are shares of the range a second at gain 1; electrons a count are at the rig
-  // file's gain.
+  // Stack values are fractions of the range per second at gain 1; electrons per count are at
+  // the rig file's gain.
   const double seconds = camera.exposure_us * 1e-6;
   const double e_per_value = seconds * std::pow(10.0, camera.gain_db / 20.0) *
                              (form.white_level - form.black_level) * camera.noise.gain_e_per_dn;
@@ -87,14 +87,14 @@ AdviceScene pilot_scene(const Session& session, const LightStack& stack,
     const std::size_t pixel = i * n_pixels / n_kept;
     const auto y = static_cast<int>(pixel / count(shape.width));
     const auto at_x = static_cast<int>(pixel % count(shape.width));
-    const int i_band = y / shape.band_rows;
+    const int i_band = y / bands.rows;
     const std::span<const float> band = stack.band(i_band);
-    const int rows = std::min(shape.band_rows, shape.height - i_band * shape.band_rows);
+    const int rows = bands.n_rows(i_band);
     if (!plate.is_empty()) {
       plate.read(y, at_x, at_x + 1, plate_row);
     }
     for (int c = 0; c < shape.channels; ++c) {
-      const std::size_t line = count(c) * count(rows) + count(y - i_band * shape.band_rows);
+      const std::size_t line = count(c) * count(rows) + count(y - bands.first_row(i_band));
       const float* values = band.data() + (line * count(shape.width) + count(at_x)) * n;
       double mean = 0.0;
       for (std::size_t k = 0; k < n; ++k) {

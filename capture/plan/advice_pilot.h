@@ -2,22 +2,23 @@
 #pragma once
 
 #include "capture/plan/advice.h"
+#include "core/stack/light_stack.h"
 #include "session/develop/demultiplex.h"
-#include "session/light_stack.h"
 #include "session/session.h"
 
 /// @file
-/// A capture of the object, or of one like it, as the ground of advice: the signal of every
+/// A capture of the object, or of a similar one, as the basis of advice: the signal of every
 /// light, what blocks of lights hide, and how much of that is the pilot's own noise.
 
 namespace haarlight {
 
-/// At most `max_pixels` pixels of a developed pilot, spread evenly over the picture. Of a pilot
-/// that lit several lights at once without holding them all (bins, target, some wavelets) the
-/// signal is used, but no bias predicted.
-/// @param stack   of develop(session), best without demosaicing, whose averages hide noise
-/// @param camera  whose noise is meant: the pilot's own and the advised capture's
-/// @param plate   what develop shares light out by, may be empty
+/// At most `max_pixels` pixels of a developed pilot, spread evenly over the picture. From a
+/// pilot that lit several lights at once without resolving them all (bins, target, some
+/// wavelets) the signal is used, but no bias predicted.
+/// @param stack   of develop(session), preferably without demosaicing, whose averaging hides
+/// noise
+/// @param camera  whose noise to use: the pilot's own and the advised capture's
+/// @param plate   clean plate by which develop distributes light, may be empty
 /// @throws Error  a pilot without exposures
 [[nodiscard]] AdviceScene pilot_scene(const Session& session, const LightStack& stack,
                                       const CameraSpec& camera, const PlatePixels& plate,

@@ -175,7 +175,7 @@ PlanSettings read_settings(ConfigTable& root) {
   return plan;
 }
 
-/// What a plan will hold, before anything of it is made.
+/// The size of a plan, before any of it is created.
 struct PlanSize {
   double patterns = 0.0;
   double lit = 0.0;  ///< entries of all patterns, at least
@@ -215,14 +215,14 @@ PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {
   return {};
 }
 
-/// Arithmetic alone: what it refuses is never made. @throws Error
+/// Arithmetic only: a plan refused here is never created. @throws Error
 void require_size(const PlanSettings& settings, const Rig& rig, const PlanSize& size) {
   const double n_exposures = std::max(1.0, static_cast<double>(settings.exposures_us.size()));
   const double rounds = n_exposures * settings.repeats;
   const double shots =
       rounds * size.patterns + settings.flats + n_exposures * settings.spare_darks;
   const double lit = rounds * size.lit + static_cast<double>(settings.flats) * rig.n_lights();
-  // Darks and sentinels at every pattern at most.
+  // At most one dark and one sentinel per pattern.
   const bool is_between = settings.darks_every > 0 || settings.darks_every_s > 0.0 ||
                           settings.sentinel_every > 0 || settings.sentinel_every_s > 0.0;
   const double most = shots + (is_between ? 2.0 * rounds * (size.patterns + 1.0) : 0.0) + 1.0;
@@ -236,7 +236,7 @@ void require_size(const PlanSettings& settings, const Rig& rig, const PlanSize& 
   }
 }
 
-/// Every light of the recipe's shots at one level.
+/// Every light of the parameters' shots at one level.
 PatternList rows_of(const PatternRecipe& recipe, std::uint16_t level) {
   PatternList list;
   for (const std::vector<int>& lights : lit_lights(recipe)) {
@@ -300,7 +300,7 @@ PatternRecipe haar_recipe(const PlanSettings& settings, const Rig& rig,
   return recipe;
 }
 
-/// One shot a colour: the brightest light at `level`, the others in proportion.
+/// One shot per colour: the brightest light at `level`, the others in proportion.
 PatternList target_shots(const PlanSettings& settings, const Lighting& lighting) {
   PatternList list;
   for (Eigen::Index colour = 0; colour < lighting.weights.cols(); ++colour) {
@@ -388,8 +388,8 @@ std::vector<std::size_t> bit_reversed(std::size_t n) {
   return order;
 }
 
-/// Greedy: the next pattern has the greatest least distance to the last eight; the first of
-/// equals.
+/// Greedy: the next pattern has the greatest minimum distance to the last eight; ties go to the
+/// first.
 std::vector<std::size_t> greatest_distance(const PatternList& list, const Rig& rig,
                                            const std::string& where) {
   constexpr std::size_t kMaxPatterns = 8192;
@@ -500,7 +500,7 @@ std::vector<int> choose_wavelets(const Lighting& lighting, int face, int n) {
     if (lighting.norms.size() > 0) {
       norm = lighting.norms[static_cast<Eigen::Index>(k)];
     } else {
-      // An edge crosses a square of side s with probability ~ s and then gives ~ s.
+      // An edge crosses a square of side s with probability ~ s and then contributes ~ s.
       norm = std::pow(wavelet_at(face, static_cast<int>(k % n2)).size, 1.5);
     }
     energy[k] *= norm * norm;
@@ -549,7 +549,7 @@ Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* l
   plan.darks_every_c = settings.darks_every_c;
   plan.patterns = std::move(recipe);
   plan.shots = arrange_shots(settings, rig, list, exposures);
-  // Reading it back checks what settings made in code may hold: a light twice, say.
+  // Reading it back validates settings made in code: a light listed twice, say.
   plan.hash = plan_from_json(plan_to_json(plan), settings.where).hash;
   require_limits(plan, rig, settings.where);
   return plan;

@@ -23,9 +23,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr int kMaxLights = 1 << 20;
 constexpr std::size_t kMaxShots = 1000000;
-constexpr std::array<std::string_view, 4> kKindWords{"light", "dark", "flat", "sentinel"};
 
-/// Everything that the hash covers.
+/// Everything the hash covers.
 Json body_of(const Plan& plan) {
   Json shots = Json::array();
   for (const Shot& shot : plan.shots) {
@@ -34,7 +33,7 @@ Json body_of(const Plan& plan) {
       lit.push_back(Json::array({light.light, light.level}));
     }
     shots.push_back(Json{{"index", shot.index},
-                         {"kind", std::string(kKindWords[static_cast<std::size_t>(shot.kind)])},
+                         {"kind", to_string(shot.kind)},
                          {"exposure_us", shot.exposure_us},
                          {"lit", std::move(lit)}});
   }
@@ -96,9 +95,8 @@ T field(const Json& json, const char* key, const std::string& where, const std::
 
 ShotKind read_kind(const std::string& word, const std::string& where,
                    const std::string& owner) {
-  const auto it = std::find(kKindWords.begin(), kKindWords.end(), word);
-  if (it != kKindWords.end()) {
-    return static_cast<ShotKind>(it - kKindWords.begin());
+  if (const std::optional<ShotKind> kind = value_of<ShotKind>(word)) {
+    return *kind;
   }
   refuse(fmt::format("{} is of the unknown kind \"{}\"", owner, word), where);
 }

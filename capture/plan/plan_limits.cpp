@@ -9,6 +9,7 @@
 
 #include "capture/plan/plan.h"
 #include "capture/plan/timing.h"
+#include "core/count.h"
 #include "core/error.h"
 
 namespace haarlight {
@@ -17,10 +18,8 @@ namespace {
 
 constexpr double kFullLevel = 65535.0;
 constexpr double kSlack = 1.0 + 1e-9;  // rounding of the sum over 65536 lights
-// Of a period: what is left out or counted twice then is below 1e-3 of one period's light.
+// Of a period: what is then lost or counted twice is below 1e-3 of one period's light.
 constexpr double kPeriodTolerance = 1e-3;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 struct Place {
   const Face* face = nullptr;
@@ -74,7 +73,7 @@ void require_pwm(const Plan& plan, const std::vector<Place>& places, const std::
   }
 }
 
-/// Heat as the controller reckons it: h' = (drive - h) / tau, each light lit for the whole of
+/// Heat as the controller computes it: h' = (drive - h) / tau, each light lit for the whole of
 /// its shot's time.
 void require_duty(const Plan& plan, const Rig& rig, const std::vector<Place>& places,
                   const std::string& where) {

@@ -9,9 +9,9 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kFramesOfAChange = 2.0;  // until a new exposure acts
+constexpr double kFramesOfAChange = 2.0;  // until a new exposure takes effect
 
-/// Collects the shots and keeps the predicted time.
+/// Collects the shots and tracks the predicted time.
 class Rounds {
  public:
   Rounds(const PlanSettings& settings, const Rig& rig) : settings_(settings), rig_(rig) {}
@@ -41,7 +41,7 @@ class Rounds {
     for (int i = 0; i < settings_.flats; ++i) {
       append(ShotKind::flat, all, flat_us);
     }
-    // The flat frames' own dark, where their exposure is another one.
+    // The flat frames' own dark, where their exposure is a different one.
     if (settings_.flats > 0 && (settings_.darks_every > 0 || settings_.darks_every_s > 0.0)) {
       append(ShotKind::dark, {}, flat_us);
     }
@@ -106,8 +106,8 @@ std::vector<Shot> arrange_shots(const PlanSettings& settings, const Rig& rig,
                                 const std::vector<double>& exposures) {
   Rounds rounds(settings, rig);
   rounds.append_flats(exposures.front());
-  // Every other repeat backwards from the middle, where frames of the same lights have to
-  // agree: then no light has the same ones before it again.
+  // Every other repeat backwards from the middle, where frames of the same lights must agree:
+  // then no light follows the same lights as before.
   std::vector<std::vector<LightLevel>> backwards;
   if (settings.limits.retake_wrong_light) {
     backwards.assign(patterns.rbegin(), patterns.rend());

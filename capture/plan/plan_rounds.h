@@ -11,15 +11,15 @@
 
 namespace haarlight {
 
-/// Seconds that a shot is predicted to take; a change of exposure costs two frames more.
+/// Predicted duration of a shot in seconds; a change of exposure costs two frames more.
 [[nodiscard]] double shot_seconds(const Rig& rig, double exposure_us, double last_exposure_us);
 
 /// Flat frames first. Then for each exposure, each repeat: [dark] [sentinel] patterns in order
-/// with darks and sentinels between, and a closing dark and sentinel; after the repeats
-/// the exposure's spare darks, which the temperature may call earlier. Between two patterns a
-/// dark (sentinel) is due after so many patterns, or after so many predicted seconds since the
+/// with darks and sentinels between, and a closing dark and sentinel; after the repeats the
+/// exposure's spare darks, which the temperature may bring forward. Between two patterns a dark
+/// (sentinel) is due after the given number of patterns, or of predicted seconds since the
 /// last, whichever comes first.
-/// @param patterns   in the order they are to be shown; an empty one is a dark frame
+/// @param patterns   in the order of display; an empty one is a dark frame
 /// @param exposures  microseconds, at least one
 [[nodiscard]] std::vector<Shot> arrange_shots(
     const PlanSettings& settings, const Rig& rig,

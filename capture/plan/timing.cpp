@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kRoundTripUs =
     1000.0;  // confirm and latch over TCP, with two thread hand-overs
-constexpr double kTriggerRoundTrips = 4.0;  // latch and read-back, by a host that is late
+constexpr double kTriggerRoundTrips = 4.0;  // latch and read-back, by a slow host
 constexpr double kBitsAByte = 10.0;         // RTU: start, 8 data, parity or stop, stop
 constexpr double kBytesAShot = 64.0;  // RTU: confirm, changed levels, tag, latch, read back
 
@@ -84,7 +84,7 @@ double expected_frames_a_shot(const Rig& rig, double exposure_us) {
     }
     return std::max(1.0, std::ceil(need_us / frame_us));
   }
-  // A clean frame that starts at 0 is in our hands after exposure, skew and readout; then the
+  // A clean frame that starts at 0 reaches the host after exposure, skew and readout; then the
   // next pattern is latched and settles; the next exposure starts at the next multiple of the
   // frame time.
   const double delivery_us = exposure_us + std::max(camera.skew_us, camera.read_us);

@@ -38,7 +38,7 @@ namespace {
 constexpr std::size_t kMaxSamples = 4096;                   // of one picture
 constexpr std::size_t kAllSamples = std::size_t{1} << 21U;  // of all patterns: 8 MB
 constexpr int kLeastSamples = 64;
-constexpr double kLeastSignal = 0.01;  // share of the range: rounding and read noise are below
+constexpr double kLeastSignal = 0.01;  // fraction of the range, above rounding and read noise
 constexpr double kClippedShare = 0.9;  // of the clip level: predicted above it may clip
 
 double scale_of(const FrameEvidence& evidence) {

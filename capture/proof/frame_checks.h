@@ -15,14 +15,14 @@
 #include "session/session.h"
 
 /// @file
-/// What the pixels of a frame say by themselves, and beside other frames of the same lights.
+/// What a frame's pixels reveal by themselves, and against other frames of the same lights.
 
 namespace haarlight {
 
 /// Cheap enough for every frame that a camera delivers: one pass.
 struct FrameGlance {
   std::uint64_t hash = 0;    ///< XXH3-64 of the active rows
-  bool must_differ = false;  ///< some pixel is neither 0 nor clipped: its noise is in the words
+  bool must_differ = false;  ///< some pixel is neither 0 nor clipped: it shows noise
 };
 /// @param clip_dn  words at or above it are clipped
 [[nodiscard]] FrameGlance glance_at(ImageView<const std::uint16_t> active, double clip_dn);
@@ -30,43 +30,43 @@ struct FrameGlance {
 /// What the checks found.
 struct FrameFinding {
   FrameVerdict verdict = FrameVerdict::good;
-  std::string problem;       ///< in words; empty: the frame is taken
-  std::vector<int> doubted;  ///< earlier shots that it contradicts: to be taken again
+  std::string problem;       ///< in words; empty: the frame is accepted
+  std::vector<int> doubted;  ///< earlier shots that it contradicts: to be retaken
   std::string note;          ///< for the log
   [[nodiscard]] bool is_taken() const { return problem.empty(); }
 };
 
-/// Judges the pixels of a session's frames, one after another. One thread.
+/// Validates the pixels of a session's frames, one after another. One thread.
 ///
 /// The level check: of a pattern that the plan shows more than once (exposures, repeats,
 /// sentinels) a grid of samples is kept. A later frame must rise by the ratio of the exposures:
 ///
 ///     | sum(v - d) / sum(k (v0 - d0)) - 1 | <= level_tolerance,   k = E g / (E0 g0)
 ///
-/// over the samples unclipped in v0 whose neighbour of the same colour lets expect, in both
-/// frames, at least 1 % of the range and less than 0.9 of the clip level (chosen by themselves,
-/// samples near 1 % would be those whose noise was high in v0); d the last dark frame's mean,
-/// or the black level. Fewer than 64 such samples prove nothing and pass.
+/// over the samples unclipped in v0 whose neighbour of the same colour predicts, in both
+/// frames, at least 1 % of the range and less than 0.9 of the clip level (selected by their own
+/// value, samples near 1 % would be those whose noise was high in v0); d the last dark frame's
+/// mean, or the black level. Fewer than 64 such samples prove nothing and pass.
 ///
-/// A frame that passes is held against the session's other frames of the same lights
-/// (capture/proof/picture_agreement.h) and against what all its frames predict
+/// A frame that passes is compared with the session's other frames of the same lights
+/// (capture/proof/picture_agreement.h) and with what all its frames predict
 /// (capture/proof/picture_proof.h). A plan with retake_wrong_light acts on the first where it
-/// shows a pattern more than once, then also in place of the level check, and else on the
-/// second; without, both only tell.
+/// shows a pattern more than once, then also in place of the level check, and otherwise on the
+/// second; without it, both only report.
 class FrameChecker {
  public:
   /// @param layout  of the rig; without faces: no proof by light
   FrameChecker(const Plan& plan, const FrameForm& form, const LightLayout& layout = {});
 
-  /// Completes the evidence (least, greatest and mean word, saturated and black shares, hash,
-  /// verdict) and judges. The last attempt that the plan allows is taken whatever its verdict,
-  /// except one without a picture and one of another light.
+  /// Completes the evidence (least, greatest and mean word, saturated and black fractions,
+  /// hash, verdict) and classifies the frame. The last attempt that the plan allows is accepted
+  /// whatever its verdict, except one without a picture and one of another light.
   /// @param shot  of the plan
   [[nodiscard]] FrameFinding check(int shot, ImageView<const std::uint16_t> active,
                                    FrameEvidence& evidence);
 
-  /// A frame that was committed before this run began, in the order of the exposures.
-  /// @return  shots that have to be taken again
+  /// A frame committed before this run began, in the order of the exposures.
+  /// @return  shots that have to be retaken
   [[nodiscard]] std::vector<int> remember(int shot, const FrameEvidence& evidence);
 
  private:
@@ -82,7 +82,7 @@ class FrameChecker {
   [[nodiscard]] FrameFinding judge_level(const Reference& reference,
                                          const std::vector<std::uint16_t>& samples,
                                          const FrameEvidence& evidence) const;
-  /// Judges by the picture what has passed everything else.
+  /// Checks by the picture what has passed everything else.
   void judge_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
                    FrameFinding& finding);
   void judge_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
@@ -95,7 +95,7 @@ class FrameChecker {
   FrameForm form_;
   FrameLimits limits_;
   std::vector<Shot> shots_;      ///< without their lights
-  std::vector<int> pattern_of_;  ///< a shot's place in references_, -1: shown only once
+  std::vector<int> pattern_of_;  ///< a shot's index in references_, -1: shown only once
   std::vector<Reference> references_;
   std::map<int, int> refused_;  ///< attempts of a shot
   double shortest_us_ = 0.0;

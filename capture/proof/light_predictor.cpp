@@ -11,16 +11,16 @@ namespace haarlight {
 namespace {
 
 // In units of s_i^2.
-constexpr double kConstant = 100.0;  // c: the first frames decide the mean
+constexpr double kConstant = 100.0;  // c: the first frames determine the mean
 constexpr double kJitter = 1e-6;     // of C's diagonal
 constexpr double kLeastRho = 1e-4;   // a light seen once is known to a hundredth of s_i
 constexpr double kFirstScale = 0.3;  // s_i of the first frames, of the signal
 constexpr double kFirstWeight = 4.0;
-constexpr double kScaleMemory = 0.995;  // a frame's weight falls to half in 140
+constexpr double kScaleMemory = 0.995;  // a frame's weight halves after 140
 constexpr double kScaleCap = 16.0;      // a miss beyond 4 sigma counts as 4
 constexpr int kReady = 3;               // frames of which the scales are known
 
-/// Matern 3/2 at a distance of d pitches, plus a share that jumps from light to light.
+/// Matern 3/2 at a distance of d pitches, plus a part that jumps from light to light.
 double correlation(double d, double length) {
   const double r = std::sqrt(3.0) * d / length;
   return (1.0 + r) * std::exp(-r);
@@ -114,7 +114,7 @@ LightPredictor::Prediction LightPredictor::predict(std::span<const DrivenLight> 
 void LightPredictor::learn_scale(const Gain& gain, double n_equal, const PointValues& seen,
                                  const PointValues& noise) {
   if (n_learned_ < kReady) {
-    // The signal of one light, until the predictions' misses tell more.
+    // The signal of one light, until the prediction errors tell more.
     const PointValues first =
         (kFirstScale * seen / n_equal).square() + noise / (n_equal * n_equal);
     scale_sum_ += kFirstWeight / kReady * first;

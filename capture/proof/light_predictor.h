@@ -12,15 +12,14 @@
 #include "core/rig/patterns.h"
 
 /// @file
-/// What a pattern of lights should look like at some points of the picture, from the frames
-/// that were seen so far. Pictures are sums of lights, and neighbouring lights look alike: at
+/// Predicts what a pattern of lights should look like at some points of the picture from the
+/// frames seen so far. Pictures are sums of lights, and neighbouring lights look alike: at
 /// point i light k gives x_k, a Gaussian process over its face,
 ///
 ///     E x = 0,  cov(x_a, x_b) = s_i^2 (c + m(|a - b|)),  m Matern 3/2
 ///
-/// (c: the mean is not known beforehand), and a frame of drives p is y = p'x + noise of
-/// variance s_i^2 rho. Each frame is one step of recursive least squares, which can be taken
-/// back:
+/// (c: the mean is not known beforehand), and a frame of drive levels p is y = p'x + noise of
+/// variance s_i^2 rho. Each frame is one step of recursive least squares, which can be undone:
 ///
 ///     h = C p,  v = p'h,   x += h (y - p'x) / (v + rho),   C -= h h' / (v + rho)
 ///
@@ -34,11 +33,11 @@ using PointValues = Eigen::Array<double, kProofPoints, 1>;
 /// A light and its drive, 0 .. 1.
 using DrivenLight = std::pair<int, double>;
 
-/// One thread. The scale s_i of a point is estimated from what the predictions missed.
+/// One thread. The scale s_i of a point is estimated from the prediction errors.
 class LightPredictor {
  public:
-  /// @param faces  the rig's, in the lights' order. Memory: 8 n^2 bytes a face of n lights.
-  /// Lights of different faces are taken for independent.
+  /// @param faces  the rig's, in the lights' order. Memory: 8 n^2 bytes per face of n lights.
+  /// Lights of different faces are assumed independent.
   explicit LightPredictor(std::span<const FaceGrid> faces);
 
   struct Prediction {
@@ -52,11 +51,11 @@ class LightPredictor {
   void learn(std::span<const DrivenLight> lit, const PointValues& seen,
              const PointValues& noise);
 
-  /// Variance of a single light, in units of s_i^2: 1 is nothing known of it.
+  /// Variance of a single light, in units of s_i^2: 1 means nothing is known of it.
   [[nodiscard]] double spread_of(int light) const;
   [[nodiscard]] int n_learned() const noexcept { return n_learned_; }
   [[nodiscard]] int n_lights() const noexcept { return n_lights_; }
-  /// Scales are known and the mean is: predictions mean something.
+  /// Scales and mean are known: predictions are meaningful.
   [[nodiscard]] bool is_ready() const noexcept;
 
  private:
@@ -67,7 +66,7 @@ class LightPredictor {
     Eigen::MatrixXd mean;        ///< (points, lights)
   };
   struct Gain {
-    std::vector<Eigen::VectorXd> h;  ///< one a face; empty: no light of it
+    std::vector<Eigen::VectorXd> h;  ///< one per face; empty: none of its lights
     double v = 0.0;
     PointValues mean = PointValues::Zero();
   };

@@ -16,27 +16,28 @@ namespace {
 constexpr double kSigmas = 5.0;
 constexpr double kFits = 4.0;         // robust mean square of z up to which two are the same
 constexpr double kLeastShare = 0.02;  // of another light that makes a frame wrong
-constexpr double kMostShare = 0.5;    // beyond, two pictures do not tell one light from another
-constexpr double kTellsApart = 0.1;   // share up to which like pictures are suspect
-constexpr int kWindow = 12;           // pictures that a controller may be late by
+constexpr double kMostShare = 0.5;    // beyond this, two pictures do not distinguish two lights
+constexpr double kTellsApart = 0.1;   // fraction up to which like pictures are suspect
+constexpr int kWindow = 12;           // pictures that a controller may lag by
 constexpr int kLeastPoints = 8;
 constexpr int kMostDoubts = 16;        // of one shot
-constexpr int kFewTakes = 8;           // before a dark picture says anything
-constexpr std::size_t kMostTakes = 8;  // of one pattern that are compared with a new one
-constexpr int kMostBack = 256;         // takes that are searched for what was shown before
+constexpr int kFewTakes = 8;           // before a dark picture counts as evidence
+constexpr std::size_t kMostTakes = 8;  // of one pattern to compare with a new one
+constexpr int kMostBack = 256;         // takes searched for what was shown before
 constexpr double kLeastLogSigma = 0.003;
 constexpr double kMostLogSigma = 0.2;
 constexpr std::size_t kRests = 64;     // pairs from which the noise is learned
-constexpr std::size_t kFewRests = 24;  // before it is: a quarter of them good, one is by 99.9 %
+constexpr std::size_t kFewRests = 24;  // before learning the noise: with a quarter good, one is
+                                       // by 99.9 %
 constexpr double kEven = 8.0;          // between the best of the pairs and three of four
 constexpr double kLeastRest = 0.5;     // of 24 to 64 pairs whose noise is as stated
 constexpr double kMostKappa2 = 400.0;
-constexpr double kForget = 0.95;  // of what is known of the gain, a pair
+constexpr double kForget = 0.95;  // of the knowledge of the gain, per pair
 
 using Vector = Eigen::Array<double, kProofPoints, 1>;
 
 /// a = g (b + alpha u - beta v) by weighted least squares, g with a prior; linear in g, g alpha
-/// and g beta. `v` may be missing.
+/// and g beta. `v` may be absent.
 struct Shares {
   double alpha = 0.0;
   double alpha_sigma = std::numeric_limits<double>::infinity();
@@ -61,7 +62,7 @@ Shares fit_shares(const Vector& a, const Vector& b, const Vector& u, const Vecto
   }
   m(0, 0) += prior;
   r[0] += prior * gain;
-  // Scaled, so that nearly parallel directions are seen as such.
+  // Scaled, so that nearly parallel directions are detected.
   const Eigen::Vector3d scale = m.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::Matrix3d scaled = scale.asDiagonal() * m * scale.asDiagonal();
   Shares out;
@@ -167,8 +168,8 @@ void PictureAgreement::learn_noise(double rest) {
     rests_.pop_front();
   }
   if (rests_.size() >= kFewRests) {
-    // Were the noise as stated, the best of so many pairs would be far below 1. Were it the
-    // lights, the pairs would differ much.
+    // If the noise were as stated, the best of this many pairs would be far below 1. If the
+    // lights differed, the pairs would vary much more.
     std::vector<double> sorted(rests_.begin(), rests_.end());
     std::sort(sorted.begin(), sorted.end());
     const bool is_noise = sorted[3 * sorted.size() / 4] <= kEven * sorted.front();
@@ -189,7 +190,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   const auto n_points = (weight > 0.0).count();
   if (n_points < kLeastPoints || (weight * xm * xm).sum() < kLitSquare ||
       (weight * ym * ym).sum() < kLitSquare) {
-    // Nothing to see in one of them. Dark and lit do not agree all the same.
+    // One of them shows nothing. Dark and lit disagree nevertheless.
     const double difference = (weight * (xm - ym).square()).sum();
     pair.is_comparable = n_points >= kLeastPoints && difference > kLitSquare;
     return pair;
@@ -223,7 +224,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   };
   look_at(ym, xm, gain, gain_sigma, before_y);
   look_at(xm, ym, 1.0 / gain, gain_sigma / (gain * gain), before_x);
-  // How much of the picture just before may hide in both: alpha of y's, beta of x's.
+  // How much of the preceding picture may hide in both: alpha of y's, beta of x's.
   const auto direction = [&](const std::vector<int>& before) -> Vector {
     if (before.empty()) {
       return Vector::Zero();
@@ -250,13 +251,13 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
     share = std::max(share, one(v, -1.0));
   }
   if (!before_x.empty() && !before_y.empty() &&
-      (seen * u * v).sum() > 0.0) {  // else neither can make up for the other
+      (seen * u * v).sum() > 0.0) {  // otherwise neither can compensate for the other
     const Shares fit = fit_shares(ym, xm, u, &v, seen, gain, gain_sigma);
     share =
         std::max({share, bound(fit.alpha, fit.alpha_sigma), bound(fit.beta, fit.beta_sigma)});
   }
-  // The light may have changed more than once meanwhile: then what was on is neither u nor v,
-  // but as far from S as they are. Its direction unknown, chi square of n points bounds it.
+  // The light may have changed more than once in between: then what was on is neither u nor v,
+  // but as far from S as they are. Its direction is unknown; chi square of n points bounds it.
   const auto n = static_cast<double>(n_points);
   const double chi2 = ((ym - own_gain * xm).square() * weight).min(16.0).sum();
   const double hidden2 = std::max(chi2 - n, 0.0) + kSigmas * std::sqrt(2.0 * n);
@@ -410,7 +411,7 @@ bool PictureAgreement::is_dark(int take) {
 
 void PictureAgreement::doubt_dark(int own, AgreementFinding& finding) {
   const int shot = at(own).shot;
-  // Of a dead LED nothing else is known; one that was seen is only late.
+  // Of a dead LED nothing else is known; one seen before is only late.
   const std::vector<int> others = newest(at(own).pattern, own);
   const bool was_seen =
       std::any_of(others.begin(), others.end(), [this](int i) { return at(i).is_lit; });
@@ -440,7 +441,7 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
       doubt(i, finding);
     }
   }
-  for (const int i : disagreeing) {  // those that agreed with each other, too
+  for (const int i : disagreeing) {  // including those that agreed with each other
     doubt(i, finding);
   }
   const double rate = std::max(1.0 - kForget, 1.0 / (1.0 + n_settled_++));
@@ -469,8 +470,8 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
 void PictureAgreement::dispute(int own, const std::vector<int>& disagreeing,
                                AgreementFinding& finding) {
   disputed_.insert(at(own).pattern);
-  // Which of them is wrong is not known. What agreed with another stands; else the newest does,
-  // until the others are taken again.
+  // Which of them is wrong is unknown. One that agreed with another is kept; otherwise the
+  // newest is, until the others are retaken.
   const bool has_agreed = std::any_of(disagreeing.begin(), disagreeing.end(), [this](int i) {
     return at(i).is_agreed && at(i).is_kept;
   });
@@ -500,7 +501,7 @@ void PictureAgreement::separate(int own, AgreementFinding& finding) {
     return;
   }
   doubt(at(*partner).is_agreed ? own : *partner, finding);
-  // Another light has to be shown between the two.
+  // Another light must be shown between the two.
   for (int k = own - 1; k >= 0 && !finding.is_given_up; --k) {
     if (at(k).pattern >= 0 && at(k).pattern != pattern && at(k).is_kept) {
       finding.doubted.insert(finding.doubted.begin(), at(k).shot);

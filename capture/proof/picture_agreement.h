@@ -17,27 +17,28 @@
 
 /// @file
 /// Two pictures of the same lights must be the same picture. A frame that shows, wholly or in
-/// part, the light before its own differs from a frame of the same lights before which another
-/// light was shown. What agrees, although other lights came before, shows its own; and how much
-/// of another could still hide in it is a number. Needs no model of the scene, only that a plan
-/// shows each pattern twice, in different orders (`repeats`, see plan_rounds.h).
+/// part, the light before its own differs from a frame of the same lights that followed another
+/// light. Frames that agree, although different lights preceded them, show their own; and how
+/// much of another could still hide in them is a number. Needs no model of the scene, only a
+/// plan that shows each pattern twice, in different orders (`repeats`, see plan_rounds.h).
 /// Method and measured figures: docs/numerics/light-proof.md.
 
 namespace haarlight {
 
 struct AgreementFinding {
-  /// Shot whose picture this is too, its own: one that was since taken again; -1: none so far.
+  /// A shot with the same picture; the frame's own shot: an earlier take, since replaced; -1:
+  /// none so far.
   int agrees_with = -1;
-  /// At most so much of the frame's light is the light's that was shown before, 0 .. 1, at 5
-  /// sigma; meant where agrees_with is set.
+  /// Upper bound, at 5 sigma, of the fraction of the frame's light that comes from the lights
+  /// shown before, 0 .. 1; valid where agrees_with is set.
   double other_share = 1.0;
-  std::vector<int> doubted;  ///< shots, this one perhaps, to be taken again
-  bool is_given_up = false;  ///< taken although it never agreed with another
+  std::vector<int> doubted;  ///< shots, possibly this one, to be retaken
+  bool is_given_up = false;  ///< accepted although it never agreed with another
   std::string note;          ///< for the log
 };
 
 /// Follows the frames of one session in the order of their exposures. One thread.
-/// Memory: 600 bytes a frame.
+/// Memory: 600 bytes per frame.
 class PictureAgreement {
  public:
   explicit PictureAgreement(const Plan& plan);
@@ -54,10 +55,10 @@ class PictureAgreement {
   struct Take {
     int shot = -1;
     int pattern = -1;  ///< -1: dark
-    int visit = 0;     ///< rises whenever other lights are shown
+    int visit = 0;     ///< incremented whenever other lights are shown
     bool is_kept = false;
     bool is_agreed = false;
-    bool is_lit = false;  ///< there is light to be seen
+    bool is_lit = false;  ///< some light is visible
     std::int64_t start_ns = 0;
     Points mean = Points::Zero();
     Points sigma = Points::Zero();  ///< infinite: does not count
@@ -65,43 +66,44 @@ class PictureAgreement {
   struct Pair {
     bool is_comparable = false;
     bool agrees = false;
-    double share = 1.0;                                     ///< at most, of the light before
+    double share = 1.0;                                     ///< at most, from the previous
+                                                            ///< light
     double rest = std::numeric_limits<double>::infinity();  ///< robust mean square of z
   };
   [[nodiscard]] Pair compare(int a, int b) const;
-  /// Gain of `b` over `a`, its prior's mean and sigma.
+  /// Gain of `b` over `a`: mean and sigma of its prior.
   [[nodiscard]] std::pair<double, double> expected_gain(const Take& a, const Take& b) const;
   void learn_gain(int a, int b);
-  /// @param rest  the least of a new take beside its others
+  /// @param rest  the least of a new take compared with the others
   void learn_noise(double rest);
   [[nodiscard]] std::vector<int> pictures_before(int take) const;
-  /// Takes of other patterns, shown near it, that are the same picture.
+  /// Takes of other patterns, shown at nearly the same time, with the same picture.
   [[nodiscard]] std::vector<int> look_alikes(int take, bool only_agreed) const;
-  /// No light to be seen, where most frames have some.
+  /// No visible light, where most frames have some.
   [[nodiscard]] bool is_dark(int take);
   void doubt_dark(int own, AgreementFinding& finding);
   void settle(int own, int best, const std::vector<int>& disagreeing,
               AgreementFinding& finding);
   void dispute(int own, const std::vector<int>& disagreeing, AgreementFinding& finding);
   void doubt_pattern(int pattern, AgreementFinding& finding);
-  /// A kept take next to its only partner in a dispute: the two say nothing of each other.
+  /// A kept take against its only partner in a dispute: the two say nothing of each other.
   void separate(int own, AgreementFinding& finding);
   void doubt(int take, AgreementFinding& finding);
   [[nodiscard]] Take& at(int take) { return takes_[static_cast<std::size_t>(take)]; }
   [[nodiscard]] const Take& at(int take) const {
     return takes_[static_cast<std::size_t>(take)];
   }
-  /// Takes of a pattern but `own`: the newest kept ones, and the newest others.
+  /// Takes of a pattern except `own`: the newest kept ones, and the newest others.
   [[nodiscard]] std::vector<int> newest(int pattern, int own) const;
   void push(Take take);
 
   std::vector<int> pattern_of_;               ///< of a shot; -1: dark
   std::vector<Take> takes_;                   ///< in the order of their exposures
-  std::vector<std::vector<int>> by_pattern_;  ///< places in takes_
+  std::vector<std::vector<int>> by_pattern_;  ///< indices into takes_
   std::map<int, int> take_of_shot_;           ///< the kept one
   std::map<int, int> n_doubted_;              ///< of a shot
-  std::set<std::pair<int, int>> alike_;       ///< patterns that were found alike once
-  std::set<int> dark_shots_;                  ///< taken again once for being dark
+  std::set<std::pair<int, int>> alike_;       ///< patterns found to look alike once
+  std::set<int> dark_shots_;                  ///< retaken once for being dark
   int n_lit_ = 0;
   int n_unlit_ = 0;
   std::set<int> disputed_;  ///< patterns whose takes contradict each other
@@ -112,7 +114,7 @@ class PictureAgreement {
   int n_gains_ = 0;
   std::deque<double> rests_;
   double kappa2_ = 1.0;  ///< factor of the variances: the rig file's noise may be too small
-  double typical_log_share_ = 0.0;  ///< of what pairs say of other lights
+  double typical_log_share_ = 0.0;  ///< from what pairs say of other lights
   int n_settled_ = 0;
 };
 

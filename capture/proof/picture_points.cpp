@@ -21,7 +21,7 @@ struct Block {
   int width = 0;
 };
 
-/// Even in place and size, so that a mosaic's colours have equal shares.
+/// Even in position and size, so that a mosaic's colours have equal weight.
 Block block_at(int i, int height, int width) {
   const auto part = [](int k, int size, int& at, int& length) {
     const int begin = k * size / kSide;

@@ -13,8 +13,8 @@
 #include "session/session.h"
 
 /// @file
-/// What the proof by light looks at: 64 blocks of a picture, their noise, and which shots of a
-/// plan should show the same. Definitions: docs/numerics/light-proof.md, "Samples".
+/// The samples for the proof by light: 64 blocks of a picture, their noise, and which shots of
+/// a plan should show the same. Definitions: docs/numerics/light-proof.md, "Samples".
 
 namespace haarlight {
 
@@ -22,11 +22,12 @@ using PointMask = Eigen::Array<bool, kProofPoints, 1>;
 
 /// Means of small blocks in the middle of the 8 x 8 cells of a picture, at unit exposure.
 struct PointSamples {
-  PointValues mean = PointValues::Zero();          ///< counts a microsecond at 0 dB, less dark
-  PointValues noise = PointValues::Zero();         ///< its variance: photons, reading, rounding
+  PointValues mean = PointValues::Zero();          ///< counts per microsecond at 0 dB, less
+                                                   ///< dark
+  PointValues noise = PointValues::Zero();         ///< its variance: photon, read, rounding
   PointMask is_good = PointMask::Constant(false);  ///< no clipped pixel
 };
-/// @param dark_dn  of each point
+/// @param dark_dn  per point
 [[nodiscard]] PointSamples sample_points(ImageView<const std::uint16_t> active,
                                          const FrameForm& form, const SensorNoise& noise,
                                          const PointValues& dark_dn, double exposure_us,
@@ -38,18 +39,19 @@ struct PointSamples {
 /// The blocks' means in counts.
 [[nodiscard]] PointValues block_means(ImageView<const std::uint16_t> active);
 
-/// Of evidence.picture_points: no value. (Means less dark may be negative, by noise.)
+/// Marks a missing value in evidence.picture_points. (Means less dark may be negative, by
+/// noise.)
 inline constexpr double kClippedPoint = -1e9;
 
-/// Relative error of a block that no noise explains.
+/// Relative error of a block not explained by noise.
 inline constexpr double kPointModelTol = 3e-3;
 /// Chi square of a picture that is not dark: 50 sigma.
 inline constexpr double kLitSquare = 2500.0;
-/// Between the starts of two exposures: the lights were off meanwhile.
+/// Between the starts of two exposures: the lights were off in between.
 inline constexpr std::int64_t kDarkPauseNs = 1'000'000'000;
 
-/// The square below which this share of the points' z^2 lies, over that of a normal z: 1 for
-/// noise alone, 0 without points.
+/// The square below which this fraction of the points' z^2 lies, relative to that of a normal
+/// z: 1 for noise alone, 0 without points.
 /// @param is_everywhere  nine of ten points, not half of them
 [[nodiscard]] double robust_square(const PointValues& z2, const PointMask& counts,
                                    bool is_everywhere = false);

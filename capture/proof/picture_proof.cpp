@@ -15,33 +15,33 @@ namespace haarlight {
 namespace {
 
 constexpr double kNearer = 5.0;      // sigma
-constexpr double kRepeatTol = 1e-3;  // the same from one frame to the next
+constexpr double kRepeatTol = 1e-3;  // repeatability from one frame to the next
 constexpr double kRepeats =
     3.0;  // mean square of z up to which two frames are the same picture
-// Successive pictures of which it is known how much they differ, before one that does not is
+// Successive pictures whose difference must be known before one without a difference is
 // suspect; sums of many lights differ less evenly.
 constexpr int kFewDifferences = 3;
 constexpr int kManyDifferences = 32;
 constexpr double kLeastShare = 0.03;  // of another pattern in a mixture
 constexpr double kMostShare = 1.5;    // no mixture has more of a light than all of it
 constexpr double kFits = 4.0;         // mean square of z up to which a prediction fits
-constexpr double kDisagrees = 9.0;    // beyond: not the picture of the earlier frame
-constexpr int kMoved = 4;             // such frames in a row: the scene is another
+constexpr double kDisagrees = 9.0;    // beyond this: not the picture of the earlier frame
+constexpr int kMoved = 4;             // such frames in a row: the scene has changed
 constexpr double kHuber = 2.0;
-constexpr double kKnown = 0.5;        // v of a light beyond which nothing is said of it
+constexpr double kKnown = 0.5;        // v of a light beyond which nothing is concluded about it
 constexpr double kDark = 0.1;         // of the predicted light: none
 constexpr double kDarkBefore = 0.75;  // the same after a dark frame
-constexpr std::size_t kRecent = 12;   // patterns that a controller may be late by
+constexpr std::size_t kRecent = 12;   // patterns that a controller may lag by
 constexpr int kLeastPoints = 8;
 constexpr double kMostKappa2 = 400.0;
-constexpr double kKappaRate = 0.02;  // of its square, a frame
+constexpr double kKappaRate = 0.02;  // of its square, per frame
 
 /// y = b_1 mu + b_2 c by least squares with Huber's weights.
 struct ShareFit {
   double share = 0.0;  ///< of c
-  double sigma = 1.0;  ///< of the share; infinite when mu and c are alike
+  double sigma = 1.0;  ///< of the fraction; infinite when mu and c are alike
   double gain = 1.0;
-  double rest = 0.0;  ///< robust mean square of what remains, 1: noise
+  double rest = 0.0;  ///< robust mean square of the remainder, 1: noise
 };
 
 PointValues huber_weights(const PointValues& r, const PointValues& inverse_variance) {
@@ -92,12 +92,12 @@ double fit_gain(const PointValues& y, const PointValues& mu,
   return g;
 }
 
-/// With what the points' drift adds to their noise.
+/// With the points' drift added to their noise.
 PointValues variance_of(const PointSamples& y, double tolerance) {
   return y.noise + (tolerance * y.mean).square();
 }
 
-/// Distance with each point's share of it capped at 4 sigma.
+/// Distance with each point's contribution capped at 4 sigma.
 double distance(const PointValues& r, const PointValues& inverse_variance) {
   return std::sqrt((r.square() * inverse_variance).min(16.0).sum());
 }
@@ -168,7 +168,7 @@ std::vector<PictureProof::Other> PictureProof::others_of(int shot) const {
     }
     const int p = pattern_of_[static_cast<std::size_t>(next)];
     if (p < 0 || p == own || patterns_[static_cast<std::size_t>(p)].is_single) {
-      continue;  // single lights are all looked at besides
+      continue;  // single lights are all examined as well
     }
     const auto next_one = predictor_->predict(patterns_[static_cast<std::size_t>(p)].lit);
     if (next_one.spread <
@@ -215,7 +215,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
     if (may_mix) {
       own_fit.towards_last = fit.share / fit.sigma * std::sqrt(kappa2);  // of the newest
     }
-    // What smoothness says is believed only where the whole picture is off.
+    // What smoothness predicts is trusted only where the whole picture is off.
     const bool fits = fit.share < kMostShare && fit.rest <= kFits && fit.rest < 0.8 * rest &&
                       (is_direct || rest > kFits);
     const bool is_mixed =
@@ -236,7 +236,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
   }
   const Pattern& p = patterns_[static_cast<std::size_t>(pattern)];
   if (p.is_single) {
-    // All other lights; the plain fit of one step says which are worth the robust one.
+    // All other lights; the plain one-step fit selects those worth the robust one.
     int nearest = -1;
     double nearest_by = std::numeric_limits<double>::infinity();
     for (int k = 0; k < predictor_->n_lights(); ++k) {
@@ -381,8 +381,9 @@ PictureFinding PictureProof::judge(int shot, const PointSamples& y,
     return finding;  // nothing is learned of it
   }
   if (fit.towards_last != 0.0) {
-    // What a good frame seems to have of the one before is z of unit variance, were the errors
-    // of the predictions independent from point to point: three of four lie within 1.15 kappa.
+    // What a good frame seems to contain of the one before is z of unit variance, if the
+    // prediction errors were independent from point to point: three of four lie within 1.15
+    // kappa.
     const bool is_beyond = std::abs(fit.towards_last) > 1.15 * std::sqrt(kappa2);
     kappa2 = std::clamp(kappa2 * std::exp(is_beyond ? 3.0 * kKappaRate : -kKappaRate), 1.0,
                         kMostKappa2);

@@ -17,12 +17,13 @@
 #include "session/session.h"
 
 /// @file
-/// Proof by light: a frame's own pixels beside what the session so far predicts for its pattern
-/// and for the others. Formulas, limits and measured figures: docs/numerics/light-proof.md.
+/// Proof by light: a frame's own pixels against what the session so far predicts for its
+/// pattern and for the others. Formulas, limits and measured figures:
+/// docs/numerics/light-proof.md.
 
 namespace haarlight {
 
-/// The lights' places and the sensor's noise.
+/// The lights' positions and the sensor's noise.
 struct LightLayout {
   std::vector<FaceGrid> faces;  ///< in the lights' order; empty: no proof by light
   SensorNoise noise;
@@ -30,28 +31,28 @@ struct LightLayout {
 [[nodiscard]] LightLayout light_layout(const Rig& rig, const CameraSpec& camera);
 
 struct PictureFinding {
-  bool is_predicted = false;          ///< the distances mean something
+  bool is_predicted = false;          ///< the distances are meaningful
   double own_sigma = 0.0;             ///< distance to its own prediction
   double other_sigma = 0.0;           ///< and to the nearest other one
   double discrimination_sigma = 0.0;  ///< between the two; 0: no other
   int other = -1;                     ///< a shot of that other pattern
-  std::string problem;  ///< what speaks for another light by more than 5 sigma; or empty
-  std::string note;     ///< worth a line in the log
+  std::string problem;                ///< evidence for another light beyond 5 sigma; or empty
+  std::string note;                   ///< worth a line in the log
 };
 
-/// Judges the frames of one session in the order of their exposures. One thread.
+/// Classifies the frames of one session in the order of their exposures. One thread.
 class PictureProof {
  public:
   PictureProof(const Plan& plan, const LightLayout& layout, const FrameForm& form);
 
-  /// A lit frame's samples; nothing of a dark one, which is learned as the sensor's black.
+  /// A lit frame's samples; nothing for a dark one, which is learned as the sensor's black.
   [[nodiscard]] std::optional<PointSamples> sample(int shot,
                                                    ImageView<const std::uint16_t> active,
                                                    const FrameEvidence& evidence);
-  /// What evidence.picture_points were made of; nothing where there are none.
+  /// The samples behind evidence.picture_points; nothing where there are none.
   [[nodiscard]] std::optional<PointSamples> recall(const FrameEvidence& evidence) const;
 
-  /// Judges a lit frame and, unless something speaks against it, learns it.
+  /// Classifies a lit frame and, unless something speaks against it, learns from it.
   [[nodiscard]] PictureFinding judge(int shot, const PointSamples& samples,
                                      const FrameEvidence& evidence);
 
@@ -70,19 +71,19 @@ class PictureProof {
     PointValues picture = PointValues::Zero();
     bool may_mix = false;  ///< was lit just before
   };
-  /// Of a frame beside its own prediction.
+  /// Of a frame against its own prediction.
   struct Fit {
     double gain = 1.0;
     double rest = 0.0;          ///< robust mean square of z
-    double towards_last = 0.0;  ///< z of the share of the frame before
+    double towards_last = 0.0;  ///< z of the fraction from the previous frame
   };
   [[nodiscard]] PictureFinding compare(int pattern, const PointSamples& y,
                                        const LightPredictor::Prediction& own,
                                        const std::vector<Other>& others, bool is_direct,
                                        Fit& own_fit) const;
   [[nodiscard]] std::vector<Other> others_of(int shot) const;
-  /// A shot of the last few, of another pattern, whose picture this is; -1: none, or successive
-  /// patterns look alike here anyway.
+  /// One of the last few shots, of another pattern, that this picture repeats; -1: none, or
+  /// successive patterns look alike here anyway.
   [[nodiscard]] int repeated_shot(int shot, const PointSamples& y);
   void note_difference(double square);
   void start_again();
@@ -96,7 +97,7 @@ class PictureProof {
   std::vector<int> shot_of_light_;
   std::set<int> learned_;      ///< shots
   std::vector<Shown> recent_;  ///< newest last
-  bool is_after_dark_ = true;  ///< no light was seen since all were off
+  bool is_after_dark_ = true;  ///< no light was seen since all were turned off
   std::int64_t last_start_ns_ = 0;
   PointValues dark_dn_;
   // Between the pictures of successive patterns: log of the square of z, mean and variance.
@@ -105,7 +106,7 @@ class PictureProof {
   int n_differences_ = 0;
   /// Factor of the variances, of smooth and of direct predictions.
   std::array<double, 2> kappa2_{16.0, 4.0};
-  int n_disagreed_ = 0;  ///< frames in a row unlike an earlier one of their pattern
+  int n_disagreed_ = 0;  ///< consecutive frames unlike an earlier one of their pattern
 };
 
 }  // namespace haarlight

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/order_statistics.h"
+
 namespace haarlight {
 
 namespace {
@@ -11,19 +13,11 @@ namespace {
 constexpr double kLeastToleranceNs = 80e3;
 constexpr double kSigmas = 4.5;
 constexpr double kGuardShare = 1.25;      // what the fit itself may be off by
-constexpr double kMadToSigma = 1.4826;    // of a normal distribution
 constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a mean
-constexpr double kSigmaFades = 0.98;      // a frame: a small window may find too little scatter
+constexpr double kSigmaFades = 0.98;      // per frame: a small window may show too little
 constexpr double kSameExposureUs = 5.0;
 constexpr std::size_t kMostPairs = 32 * 31 / 2;
 constexpr unsigned kFramesToPeriod = 8;  // of a full window: it changes by 1e-6 of itself
-
-/// Of n >= 1 values, which are reordered.
-double median(double* values, std::size_t n) {
-  double* middle = values + n / 2;
-  std::nth_element(values, middle, values + n);
-  return n % 2 == 1 ? *middle : 0.5 * (*middle + *std::max_element(values, middle));
-}
 
 }  // namespace
 
@@ -51,7 +45,7 @@ void FrameRhythm::fit() {
         slopes[n_slopes++] = (y[j] - y[i]) / (x[j] - x[i]);
       }
     }
-    period_ns_ = median(slopes.data(), n_slopes);
+    period_ns_ = median(std::span(slopes.data(), n_slopes));
   }
   if (period_ns_ <= 0.0) {
     return;
@@ -61,14 +55,15 @@ void FrameRhythm::fit() {
     rest[i] = y[i] - period_ns_ * x[i];
   }
   std::array<double, kKept> sorted = rest;
-  phase_ns_ = median(sorted.data(), n_);
+  phase_ns_ = median(std::span(sorted.data(), n_));
   if (n_ < kFirst) {
     return;
   }
   for (std::size_t i = 0; i < n_; ++i) {
     sorted[i] = std::abs(rest[i] - phase_ns_);
   }
-  sigma_ns_ = std::max(kMadToSigma * median(sorted.data(), n_), kSigmaFades * sigma_ns_);
+  sigma_ns_ =
+      std::max(kSigmaPerMad * median(std::span(sorted.data(), n_)), kSigmaFades * sigma_ns_);
   const double span = std::max(1.0, -x[0]);
   period_sigma_ns_ = sigma_ns_ * std::sqrt(12.0 / static_cast<double>(n_)) / span;
 }
@@ -88,7 +83,7 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     const auto ahead = static_cast<double>(stamp.sequence - newest.sequence);
     const double off =
         static_cast<double>(stamp_ns - newest.stamp_ns) - (phase_ns_ + period_ns_ * ahead);
-    // From the middle of what is kept to the new frame: so far the period's error counts.
+    // From the middle of the window to the new frame: the lever of the period's error.
     const double reach =
         ahead + 0.5 * static_cast<double>(newest.sequence - stamps_[0].sequence);
     const double variance =
@@ -99,8 +94,8 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     verdict.guard_ns = static_cast<std::int64_t>(kGuardShare * tolerance);
     verdict.place = std::abs(off) <= tolerance ? Place::on : Place::off;
     if (is_exposure_new_) {
-      // Moved stamps and a false one look alike: the first frame only says whether the phase
-      // stays, and is not used.
+      // A shift of all timestamps and one wrong timestamp look alike: the first frame only
+      // shows whether the phase holds, and is not used.
       is_exposure_new_ = false;
       n_ = verdict.place == Place::off ? 0 : n_;
       keep(stamp);
@@ -109,7 +104,8 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     }
     const double periods = std::round(off / period_ns_);
     if (periods >= 1.0 && std::abs(off - periods * period_ns_) <= tolerance) {
-      // Lost on the way and not counted: this frame is not used, the next ones follow it.
+      // Lost on the way and not counted: this frame is not used; the next ones are tracked from
+      // it.
       const auto lost = static_cast<std::uint64_t>(periods);
       slip_ += lost;
       stamp.sequence += lost;

@@ -26,7 +26,7 @@ double draw(std::uint64_t seed, std::uint64_t i) { return uniform_unit(hash_key(
 ModelRigConfig random_model_rig(std::uint64_t seed) {
   std::uint64_t i = 1000;
   const auto u = [&] { return draw(seed, ++i); };
-  // A third of the faults is absent in each rig, so that their combinations differ.
+  // A third of the faults is absent from each rig, so that their combinations differ.
   const auto p = [&](double most) { return u() < 0.33 ? 0.0 : most * u(); };
   ModelRigConfig rig;
   rig.seed = seed;
@@ -75,7 +75,7 @@ void set_sync_mode(ModelRigConfig& rig, SyncMode sync) {
   const auto u = [&] { return draw(rig.seed, ++i); };
   rig.sync = sync;
   if (sync == SyncMode::camera_leads) {
-    // The step counter is read a few times a frame.
+    // The step counter is read a few times per frame.
     rig.bus_us = std::min(rig.bus_us, 0.2e6 / rig.fps);
     rig.strobe_every = 1 + static_cast<int>(u() * u() * 3.0);
     rig.skew_us *= 0.5;
@@ -95,7 +95,8 @@ std::shared_ptr<const SequencerPlan> random_model_plan(const ModelRigConfig& rig
   const double frame_us = 1e6 / rig.fps;
   const int n = 1 + static_cast<int>(u() * max_shots);
   const double settle_us = rig.latch_us + rig.rise_us + 100.0;
-  // Camera leads: E + skew + settle fits into the frames of a step, with room for the stamps.
+  // Camera leads: E + skew + settle fits into the frames of a step, with a margin for the
+  // timestamps.
   const double room_us = 0.95 * rig.strobe_every * frame_us - rig.skew_us - settle_us - 200.0;
   const double most_us = rig.sync == SyncMode::camera_leads
                              ? std::clamp(room_us, 0.05 * frame_us, 0.9 * frame_us)
@@ -207,7 +208,7 @@ void ModelRig::perform(const Action& action) {
     is_streaming_ = false;
   } else if (const auto* set = std::get_if<action::SetExposure>(&action)) {
     after_camera(some_ns(2000.0), [this, a = *set, g = generation_] {
-      if (g != generation_) {  // stopped since: that comes after it, and so does its answer
+      if (g != generation_) {  // stopped since: this is now obsolete, and so is its answer
         send(event::ExposureSet{a.request, a.exposure_us});
       } else if (is_streaming_) {
         next_exposure_us_ = a.exposure_us;
@@ -258,8 +259,7 @@ void ModelRig::perform(const Action& action) {
   }
 }
 
-// ---- camera
-// ----------------------------------------------------------------------------------
+// ---- camera ----
 
 void ModelRig::after_camera(std::int64_t takes_ns, std::function<void()> work) {
   camera_idle_ns_ = std::max(now_ns_, camera_idle_ns_) + takes_ns;
@@ -272,7 +272,7 @@ void ModelRig::start_camera(std::uint64_t generation, std::uint64_t stream,
     send(event::CameraFault{stream, Errc::device_gone, "no such device"});
     return;
   }
-  if (generation != generation_) {  // stopped since: it answers, and delivers nothing
+  if (generation != generation_) {  // stopped since: it answers, but delivers nothing
     send(event::CameraStarted{stream, exposure_us, config_.n_buffers});
     return;
   }
@@ -293,7 +293,7 @@ void ModelRig::start_camera(std::uint64_t generation, std::uint64_t stream,
   }
 }
 
-/// One frame, when the camera is not still busy with the one before.
+/// Exposes one frame, unless the camera is still busy with the previous one.
 void ModelRig::trigger() {
   if (!is_streaming_ || now_ns_ < camera_free_ns_ || happens(config_.faults.trigger_lost)) {
     return;
@@ -342,12 +342,12 @@ void ModelRig::expose_frame(std::uint64_t generation) {
   const std::uint64_t sequence = sequence_++;
   const std::int64_t start_ns = now_ns_;
   const double exposure_us = exposure_us_;
-  // In whole ns as exposure_window() has them: a frame handed on at its very end came after it.
+  // In whole ns as in exposure_window(): a frame delivered at its very end arrived after it.
   const std::int64_t exposure_ns = std::llround(exposure_us * 1e3);
   const std::int64_t end_ns = start_ns + exposure_ns + std::llround(config_.skew_us * 1e3);
   const std::int64_t read_ns = start_ns + exposure_ns + std::llround(config_.read_us * 1e3);
   schedule_strobes(sequence, end_ns);
-  // The stamp is taken before the frame is handed on.
+  // The timestamp is taken before the frame is delivered.
   const std::int64_t jitter_ns = stamp_jitter_ns();
   at(std::max(end_ns, read_ns) + std::max<std::int64_t>(jitter_ns, 0), [=, this] {
     if (generation != generation_ || !is_streaming_) {
@@ -436,7 +436,8 @@ void ModelRig::deliver(const ModelFrame& frame) {
   info.arrival_ns = now_ns_;
   send(event::FrameArrived{id, stream_, info, frame.pixel_hash, true});
   outcome_.n_false += frame.is_stamp_false ? 1 : 0;
-  // Triggered: of the shot's own trigger and light, nothing else against it, and refused.
+  // Triggered: from the shot's own trigger and light, with nothing else against it, and
+  // refused.
   const SequencerCounters& after = state_.counters;
   const auto n_faulty = [](const SequencerCounters& c) {
     return c.frames_damaged + c.frames_out_of_order + c.stamps_ahead + c.duplicates +
@@ -450,11 +451,10 @@ void ModelRig::deliver(const ModelFrame& frame) {
   outcome_.n_suspected += !frame.is_stamp_false && is_suspected ? 1 : 0;
 }
 
-// ---- disk
-// ------------------------------------------------------------------------------------
+// ---- disk ----
 
-/// To a withdrawal, which needs the disk as a commit does. The writer is one thread: it never
-/// says that all is good after a later commit has failed.
+/// Answers a withdrawal, which needs the disk like a commit. The writer is one thread: it never
+/// reports that all is good after a later commit has failed.
 void ModelRig::answer_of_disk() {
   const bool is_full = now_ns_ < disk_back_ns_;
   at(now_ns_ + some_ns(1000.0), [this, is_full] {
@@ -523,8 +523,7 @@ void ModelRig::commit_next() {
   });
 }
 
-// ---- the world
-// -------------------------------------------------------------------------------
+// ---- the world ----
 
 void ModelRig::every(double rate, const std::function<void()>& work) {
   if (rate <= 0.0) {
@@ -568,7 +567,7 @@ void ModelRig::schedule_rates() {
   });
   every(faults.reshoot_rate, [this] {
     if (outcome_.n_commits > 3 * static_cast<int>(plan_->shots.size())) {
-      return;  // a person tires
+      return;  // the operator gives up
     }
     const int shot = static_cast<int>(chance() * static_cast<double>(plan_->shots.size()));
     send(event::Reshoot{{shot}});
@@ -589,7 +588,7 @@ ModelOutcome ModelRig::run(std::vector<bool> committed, std::vector<int> next_at
     if (state_.phase == Phase::idle) {
       abort_ns_ = kNever;
       commits_.clear();
-      send(event::Run{plan_, is_committed_, attempts_});  // a person starts it again
+      send(event::Run{plan_, is_committed_, attempts_});  // the operator starts it again
       continue;
     }
     if (abort_ns_ != kNever && now_ns_ > abort_ns_ + kAbortPromiseNs) {

@@ -45,7 +45,8 @@ void ModelRig::end_job(std::optional<EventBody> answer) {
 void ModelRig::change_light(std::uint32_t tag, std::int64_t delay_ns) {
   ++n_latches_;
   shown_tag_ = tag;
-  // A light on its way to another one turns from where it is: it does not arrive there first.
+  // A light on its way to another level starts from where it is: it does not reach the first
+  // one.
   if (light_.back().t_ns > now_ns_ + delay_ns) {
     light_.pop_back();
   }
@@ -101,7 +102,7 @@ void ModelRig::reboot() {
   bus_back_ns_ = now_ns_ + some_ns(800'000.0);
 }
 
-/// Nobody answers: the fault comes after the time that waiting takes.
+/// No answer: the fault comes after the time spent waiting.
 void ModelRig::fail_job(std::uint64_t job, Errc code, const char* what) {
   at(now_ns_ + kNoAnswerNs, [this, job, code, what] {
     end_job(event::LightFault{job, code, what});
@@ -190,7 +191,7 @@ void ModelRig::show(std::uint64_t job, std::uint32_t tag) {
       });
       return;
     }
-    // Read back until it shows, or until it was darkened by itself meanwhile.
+    // Read back until it shows, or until it went dark by itself meanwhile.
     at(shown_ns + answer_way_ns, [=, this] {
       if (!is_connected_) {
         end_job(event::LightFault{job, Errc::device_gone, "tag: connection reset"});
@@ -277,7 +278,7 @@ void ModelRig::arm(const action::ArmBlock& block) {
   });
 }
 
-/// Reads the status a few times a frame until another job comes.
+/// Reads the status a few times per frame until another job comes.
 void ModelRig::poll(std::uint64_t job) {
   if (!is_polling_) {
     return;
@@ -329,7 +330,7 @@ void ModelRig::strobe() {
   if (n_armed_ == 0 || n_strobes_++ % every_ != 0) {
     return;
   }
-  // Two late steps in a row are what the counter cannot see: see strobe_proof.h.
+  // Two late steps in a row are undetectable for the counter: see strobe_proof.h.
   const bool is_late = config_.faults.strobe_late > 0.0 &&
                        n_strobes_ > late_strobe_ + 4 * every_ &&
                        happens(config_.faults.strobe_late);
@@ -360,8 +361,8 @@ void ModelRig::step_table() {
   }
 }
 
-/// The edge at the frame's end, or none; perhaps a false one on the way there. What the counter
-/// cannot see, a lost and a false edge next to each other, is left out: see strobe_proof.h.
+/// The edge at the frame's end, or none; perhaps a spurious one before it. The case that the
+/// counter cannot detect, a lost edge next to a spurious one, is left out: see strobe_proof.h.
 void ModelRig::schedule_strobes(std::uint64_t sequence, std::int64_t end_ns) {
   if (config_.sync != SyncMode::camera_leads) {
     return;

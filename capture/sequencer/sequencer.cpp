@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// The sequencer: phases, requests of people, and the one step.
+/// The sequencer: phases, operator requests, and the single step.
 
 #include "capture/sequencer/sequencer.h"
 
@@ -166,8 +166,8 @@ bool Stepper::withdraw(const std::vector<int>& shots) {
       continue;
     }
     shot_state(shot) = ShotState::pending;
-    // Amid those that wait already: in another order than before, so that other lights come
-    // before them.
+    // Inserted among those already waiting: in a different order than before, so that they
+    // follow different lights.
     const auto again = std::find_if(s_.pending.begin(), s_.pending.end(),
                                     [this](int s) { return s_.withdrawn.count(s) > 0; });
     s_.pending.insert(again + (s_.pending.end() - again) / 2, shot);
@@ -398,7 +398,7 @@ void Stepper::finish_abort() {
   release_all_frames();
   stop_camera();
   if (s_.is_job_open) {
-    s_.is_light_connected = false;  // no answer: connect afresh next time, which darkens
+    s_.is_light_connected = false;  // no answer: reconnecting turns the lights off
     s_.is_job_open = false;
   }
   s_.plan.reset();

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// The sequencer where the camera leads: its strobe steps a table that was uploaded before, in
+/// The sequencer where the camera leads: its strobe steps a previously uploaded table, in
 /// blocks no longer than the free buffers. What a frame saw follows from the step counter's
-/// readings (strobe_proof.h). A block is made longer while it runs; when the disk is slow it is
-/// not, ends early in the dark, and the next one begins behind it: no frame is lost.
+/// readings (strobe_proof.h). A block is extended while it runs; with a slow disk it is not,
+/// ends early in the dark, and the next one begins after it: no frame is lost.
 
 #include <algorithm>
 #include <cmath>
@@ -20,10 +20,9 @@ using namespace sequencing;
 namespace {
 
 constexpr std::size_t kMaxReadings = 1024;
-constexpr int kWorthARun =
-    8;  // a shorter rest of the old table is not worth a block of its own
+constexpr int kWorthARun = 8;  // a shorter remainder of the old table is not worth a block
 
-/// What keeps a controller from lighting anything for now; empty: nothing that it tells.
+/// What keeps a controller from lighting anything for now; empty: nothing it reports.
 std::string cause_of_holding_back(std::uint32_t faults) {
   if ((faults & registers::kFaultInterlock) != 0) {
     return "the interlock is open";
@@ -112,13 +111,14 @@ void Stepper::advance_block() {
   }
 }
 
-/// The exposure is set first and seen in a frame before anything is armed in it: a barrier.
+/// The exposure is set first and confirmed in a frame before anything is armed with it: a
+/// barrier.
 void Stepper::begin_block() {
   if (s_.table_depth < 1) {
     abort("controller: it has no pattern table that the camera could step");
     return;
   }
-  // Not for every single buffer that the disk gives back: a block costs some frames.
+  // Not for every single buffer that the disk returns: a block costs some frames.
   if (block_credit() < std::max(1, block_capacity() / 2) && !s_.held.empty()) {
     if (!s_.is_dark) {
       lights_off(std::nullopt);
@@ -201,7 +201,7 @@ void Stepper::arm_block() {
   b.n_armed = 0;
   b.shots.clear();
   take_pending(std::clamp(block_credit(), 1, n_left));
-  if (b.n_armed == 0) {  // something else was put before it meanwhile
+  if (b.n_armed == 0) {  // something else was queued ahead meanwhile
     b.step = SequencerState::Block::Step::none;
     advance_block();
     return;
@@ -406,7 +406,7 @@ void Stepper::take_by_strobe(const event::FrameArrived& e, const ExposureWindow&
   s_.held.push_back(SequencerState::Held{e.frame, shot, attempt});
   shot_state(shot) = ShotState::checking;
   decide(entry);
-  // Entries that were passed by without a proven frame are shown again later.
+  // Entries passed without a proven frame are shown again later.
   for (int i = 0; i < entry; ++i) {
     if (!b.is_decided[static_cast<std::size_t>(i)]) {
       const int lost = b.shots[static_cast<std::size_t>(i)];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// The sequencer: the camera, there or not, and what a frame is worth by itself.
+/// The sequencer: the camera, present or lost, and what a frame is worth by itself.
 
 #include <algorithm>
 #include <cmath>
@@ -88,7 +88,7 @@ void Stepper::on(const event::FrameArrived& e) {
     judge({e, guard_ns});
   }
   if (s_.phase == Phase::preflight) {
-    preflight_done();  // perhaps the frame that its period lacked
+    preflight_done();  // perhaps the frame that completes its period
   }
 }
 
@@ -165,7 +165,7 @@ std::optional<std::int64_t> Stepper::examine(const event::FrameArrived& e) {
     ++s_.counters.duplicates;
     return std::nullopt;
   }
-  // Without the strobe's count the stamp alone decides: a lost neighbour takes nothing from it.
+  // Without the strobe's count the timestamp alone decides: a lost neighbour does not matter.
   return is_gap && is_by_strobe() ? std::nullopt : guard_ns;
 }
 
@@ -186,7 +186,7 @@ std::int64_t Stepper::rhythm_patience_ns() const {
 
 std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
   if (!is_camera_free()) {
-    return kGuardNs;  // a triggered frame: the trigger says what the period would
+    return kGuardNs;  // a triggered frame: the trigger replaces the period
   }
   const FrameRhythm::Verdict verdict =
       s_.rhythm.judge(info.sequence, info.timestamp_ns, info.exposure_us);
@@ -208,7 +208,7 @@ std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
   return std::nullopt;
 }
 
-/// Said once a stream: nothing else would tell why no frame is clean.
+/// Reported once per stream: nothing else would explain why no frame is clean.
 void Stepper::refuse_stamp(const FrameInfo& info) {
   ++s_.counters.stamps_ahead;
   if (s_.is_stamp_refused) {

@@ -27,7 +27,7 @@ void Stepper::on(const event::FrameChecked& e) {
     withdraw_doubted();
     return;
   }
-  ++s_.counters.checks_failed;  // also said by the writer, which checks once more
+  ++s_.counters.checks_failed;  // also reported by the writer, which validates once more
   const int shot = it->shot;
   s_.held.erase(it);
   drop(e.frame);
@@ -73,7 +73,7 @@ void Stepper::on(const event::CommitFault& e) {
   }
   ++s_.counters.commit_faults;
   if (e.code == Errc::refused || e.code == Errc::protocol) {
-    abort("session: " + e.what);  // no time and no space mends it
+    abort("session: " + e.what);  // neither time nor space will fix it
     return;
   }
   s_.retry_disk_ns = t_ + kDiskRetryNs;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// The sequencer: the light controller, there or not.
+/// The sequencer: the light controller, present or lost.
 
 #include <algorithm>
 
@@ -96,11 +96,11 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
   note_job_end();
   const int shot = shot_under_way();
   leave_shot();
-  s_.block.table.clear();  // what a fault has left of it is not known
+  s_.block.table.clear();  // what a fault left of it is unknown
   const bool was_connected = s_.is_light_connected;
   if ((code == Errc::refused || code == Errc::unsupported) && is_shooting()) {
-    // Before the first light the word stands. Later it contradicts what the same controller
-    // took a moment ago: a stray answer would end a good run.
+    // Before the first light a refusal is final. Later it contradicts what the same controller
+    // accepted a moment ago: a stray answer would end a good run.
     if (!s_.has_shown || ++s_.refusals >= kRefusalsToEnd) {
       abort(s_.has_shown ? fmt::format("controller: {} ({} times in a row)", what, s_.refusals)
                          : "controller: " + what);
@@ -108,7 +108,7 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
     }
     if (was_connected && s_.phase != Phase::suspended) {
       s_.retry_held_ns = t_ + kHeldRetryNs;
-      s_.is_dark = false;  // what was lit before may be lit still
+      s_.is_dark = false;  // what was lit before may still be lit
       add_reason(kHeldBack,
                  fmt::format("controller: {}: asked again ({} of {})", what, s_.refusals,
                              kRefusalsToEnd - 1),
@@ -116,10 +116,10 @@ void Stepper::on_light_fault(Errc code, const std::string& what) {
       return;
     }
   }
-  // A busy one that is not even connected is not asked to show again but to connect again.
+  // A busy one that is not even connected is asked to connect again, not to show again.
   if (code == Errc::device_busy && was_connected) {
     s_.retry_held_ns = t_ + kHeldRetryNs;
-    s_.is_dark = false;  // what was lit before may be lit still
+    s_.is_dark = false;  // what was lit before may still be lit
     add_reason(kHeldBack, "controller: " + what, shot);
     return;
   }

@@ -14,8 +14,8 @@
 #include "session/evidence.h"
 
 /// @file
-/// What goes into the sequencer and comes out of it: the plan of a run, events (what the world
-/// reports) and actions (what the world is asked to do). Plain data.
+/// The sequencer's inputs and outputs: the plan of a run, events (what the world reports) and
+/// actions (what the world should do). Plain data.
 
 namespace haarlight {
 
@@ -28,7 +28,7 @@ struct SequencedShot {
 
 /// Everything that does not change during a run.
 struct SequencerPlan {
-  /// One shot, shown for people: no frame is taken, it ends by itself after a minute.
+  /// One shot, shown for the operator: no frame is taken, it ends by itself after a minute.
   bool is_preview = false;
   std::vector<SequencedShot> shots;
   SyncMode sync = SyncMode::free_run;
@@ -38,12 +38,12 @@ struct SequencerPlan {
   double frame_us = 0.0;       ///< frame period
   std::int64_t settle_ns = 0;  ///< guard included, see capture/plan/timing.h
   int max_held = 8;            ///< frames being checked or committed, at most
-  /// Controller leads: from a latch to the pulse on the camera's trigger line; 0: not known.
+  /// Controller leads: from a latch to the pulse on the camera's trigger line; 0: unknown.
   std::int64_t trigger_delay_ns = 0;
   /// Camera leads: the table steps at every n-th strobe. E + skew + settle <= n frame periods.
   int strobe_every = 1;
   int table_depth = 1024;  ///< camera leads: patterns uploaded at once, at most
-  /// A dark frame comes early when the controller's temperature is this far from that of the
+  /// A dark frame is taken early when the controller's temperature is this far from that of the
   /// last one, degrees C; 0 = never.
   double darks_every_c = 0.0;
 };
@@ -57,8 +57,7 @@ struct ConfirmRequest {
   friend bool operator==(const ConfirmRequest&, const ConfirmRequest&) = default;
 };
 
-// ---- actions: what the world is asked to do
-// --------------------------------------------------
+// ---- actions: what the world is asked to do ----
 
 namespace action {
 /// Connect (or connect again), all off, answer LightConnected or LightFault.
@@ -74,36 +73,36 @@ struct ShowShot {
   std::optional<ConfirmRequest> confirm;
 };
 /// Camera leads: store these shots' patterns and tags in the controller's table; answers
-/// TableUploaded or LightFault. The lights are dark meanwhile.
+/// TableUploaded or LightFault. The lights are off meanwhile.
 struct UploadTable {
   std::uint64_t job = 0;
   std::vector<int> shots;
   std::vector<std::uint32_t> tags;
 };
 /// Camera leads: arm `count` entries from `first` on for the strobe; answers BlockArmed or
-/// LightFault, then StepRead again and again, a few times a frame, until the next job.
+/// LightFault, then StepRead again and again, a few times per frame, until the next job.
 struct ArmBlock {
   std::uint64_t job = 0;
   int first = 0;
   int count = 0;
   int every = 1;
 };
-/// Camera leads: `count` entries in all are armed now. Answers only LightFault with the block's
-/// job; StepRead tells what came of it.
+/// Camera leads: `count` entries in all are now armed. Answers only LightFault with the block's
+/// job; StepRead reports the outcome.
 struct ExtendBlock {
   std::uint64_t job = 0;  ///< of the block
   int count = 0;
 };
-/// As ShowShot, but all off; answers LightDark.
+/// Like ShowShot, but all off; answers LightDark.
 struct LightsOff {
   std::uint64_t job = 0;
   std::optional<ConfirmRequest> confirm;
 };
 /// Open, set up and stream (again); answers CameraStarted or CameraFault.
 struct StartCamera {
-  std::uint64_t stream = 0;  ///< named by all that this stream reports
+  std::uint64_t stream = 0;  ///< identifies all reports of this stream
   double exposure_us = 0.0;
-  SyncMode sync = SyncMode::free_run;  ///< who starts an exposure
+  SyncMode sync = SyncMode::free_run;  ///< what starts an exposure
 };
 struct StopCamera {};
 /// Light leads: expose one frame now. Answered by the frame, or CameraFault.
@@ -113,7 +112,7 @@ struct SetExposure {
   std::uint64_t request = 0;
   double exposure_us = 0.0;
 };
-/// Give the frame's buffer back.
+/// Return the frame's buffer.
 struct DropFrame {
   std::uint64_t frame = 0;
 };
@@ -131,16 +130,16 @@ struct CommitFrame {
   int attempt = 0;
   FrameEvidence evidence;
 };
-/// Try the waiting commits and withdrawals again; answers CommitFault or DiskGood, after a
+/// Retry the waiting commits and withdrawals; answers CommitFault or DiskGood, after a
 /// FrameCommitted for each frame.
 struct RetryCommits {};
-/// Forget the waiting commits (the run was aborted); their frames are dropped besides.
+/// Forget the waiting commits (the run was aborted); their frames are also dropped.
 struct ForgetCommits {};
-/// Their frames are wanted no more: new ones follow. Answers CommitFault when the disk cannot.
+/// Their frames are obsolete: new ones follow. Answers CommitFault when the disk cannot.
 struct WithdrawShots {
   std::vector<int> shots;
 };
-/// The run was given up: it does not go on by itself at the daemon's next start.
+/// The run was aborted: do not resume it at the daemon's next start.
 struct MarkAborted {
   std::string why;
 };
@@ -162,17 +161,16 @@ using Action =
                  action::RetryCommits, action::ForgetCommits, action::WithdrawShots,
                  action::MarkAborted, action::FinishSession, action::LogEvent>;
 
-// ---- events: what the world reports
-// ----------------------------------------------------------
+// ---- events: what the world reports ----
 
 namespace event {
 struct Tick {};
-/// Devices' threads are up; recovery of unfinished sessions begins.
+/// The devices' threads are up; recovery of unfinished sessions begins.
 struct Booted {};
 /// Nothing (more) to recover.
 struct Recovered {};
-/// A session was made or reopened: shoot what is not committed. While all is off by request,
-/// not before a Resume.
+/// A session was created or reopened: capture what is not committed. While all is off by
+/// request, not before a Resume.
 struct Run {
   std::shared_ptr<const SequencerPlan> plan;
   std::vector<bool> committed;
@@ -204,7 +202,7 @@ struct BlockArmed {
   std::uint64_t job = 0;
   LatchReceipt receipt;  ///< of the arming; its tag is 0
 };
-/// The controller's status while a block is armed: one moment between request and answer.
+/// The controller's status while a block is armed: some instant between request and answer.
 struct StepRead {
   std::uint64_t job = 0;
   std::int64_t t_request_ns = 0;
@@ -220,7 +218,7 @@ struct StepRead {
 /// The status read before the lights changed.
 struct LightConfirmed {
   std::uint64_t frame = 0;
-  std::int64_t t_request_ns = 0;  ///< just before the status was asked
+  std::int64_t t_request_ns = 0;  ///< just before the status was requested
   std::uint32_t tag = 0;          ///< shown then
   std::uint32_t boot_id = 0;
   std::optional<double> temperature_c{};  ///< of the controller
@@ -246,11 +244,11 @@ struct CameraFault {
   std::string what;
 };
 struct FrameArrived {
-  std::uint64_t frame = 0;  ///< the world's name for the buffer
+  std::uint64_t frame = 0;  ///< identifies the buffer
   std::uint64_t stream = 0;
   FrameInfo info;
   std::uint64_t pixel_hash = 0;  ///< of the active rows
-  bool must_differ = true;  ///< false: every pixel is clipped, two such frames may coincide
+  bool must_differ = true;  ///< false: every pixel is clipped, so two such frames may coincide
 };
 struct FrameChecked {
   std::uint64_t frame = 0;
@@ -258,15 +256,15 @@ struct FrameChecked {
   FrameEvidence evidence;                     ///< completed
   std::string problem;                        ///< empty: good
   FrameVerdict verdict = FrameVerdict::good;  ///< which kind of problem
-  std::vector<int> doubted{};  ///< earlier shots that this picture contradicts: taken again
+  std::vector<int> doubted{};  ///< earlier shots that this picture contradicts: to be retaken
   std::string note{};          ///< for the log
 };
 struct FrameCommitted {
   std::uint64_t frame = 0;
   int shot = 0;
 };
-/// device_gone: the session's folder is not there; refused, protocol: the session cannot take
-/// what is asked, ever; others: the disk.
+/// device_gone: the session's folder is gone; refused, protocol: the session can never accept
+/// the request; others: the disk.
 struct CommitFault {
   Errc code = Errc::io;
   std::string what;
@@ -285,7 +283,7 @@ using EventBody = std::variant<
     event::CommitFault, event::DiskGood, event::SessionFinished>;
 
 struct TimedEvent {
-  std::int64_t t_ns = 0;  ///< never before that of the last event
+  std::int64_t t_ns = 0;  ///< never before that of the previous event
   EventBody body;
 };
 

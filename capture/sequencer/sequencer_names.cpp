@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// The words of capture/sequencer/sequencer.h for logs, events and the HTTP interface.
+/// Names of the enumerators of capture/sequencer/sequencer.h for logs, events and the HTTP
+/// interface.
 
 #include "capture/sequencer/sequencer.h"
 

@@ -17,9 +17,9 @@ using namespace sequencing;
 
 namespace {
 
-/// A shot that was given up may have left a trigger (light leads) or a latch whose pulse
-/// (controller leads) still exposes a frame. The next one is kept so far from it that no false
-/// stamp takes one exposure for the other.
+/// A shot that was abandoned may have left a trigger (light leads) or a latch whose pulse
+/// (controller leads) still exposes a frame. The next one is delayed until no false timestamp
+/// can confuse one exposure with the other.
 constexpr std::int64_t kOpenTriggerNs = 20 * kMs;
 
 }  // namespace
@@ -58,7 +58,7 @@ void Stepper::on(const event::LightShown& e) {
   if (s_.plan->sync == SyncMode::light_leads) {
     s_.trigger_ns = next_trigger_ns();
   }
-  // Their stamps decide, not the order in which two threads were heard.
+  // Their timestamps decide, not the order in which two threads reported.
   for (const SequencerState::Stamped& stamped : std::exchange(s_.early, {})) {
     judge(stamped);
   }
@@ -91,7 +91,7 @@ void Stepper::on(const event::LightConfirmed& e) {
   if (is_newest) {
     s_.is_job_open = false;
     s_.pulse_over_ns = kNoPulse;  // nothing was latched
-    leave_shot();                 // the light thread did not go on to show it
+    leave_shot();                 // the light thread never showed it
   }
   const bool is_reboot = e.boot_id != s_.boot_id;
   retry(waiting.shot,
@@ -247,7 +247,7 @@ void Stepper::ask_again(const event::FrameArrived& e) {
 }
 
 std::int64_t Stepper::next_trigger_ns() const {
-  // A stamp that comes early by its jitter is no doubt of a frame begun this much later.
+  // A timestamp early by its jitter casts no doubt on a frame begun this much later.
   const std::int64_t stable_ns = std::max(t_, s_.t_stable_ns + kGuardNs);
   return s_.triggered_ns == kNever ? stable_ns
                                    : std::max(stable_ns, s_.triggered_ns + kOpenTriggerNs);
@@ -283,7 +283,7 @@ bool Stepper::accept(const SequencerState::Stamped& stamped) {
                                                  .exposure_us = e.info.exposure_us,
                                                  .read_us = plan.read_us,
                                                  .skew_us = plan.skew_us});
-  // The settle time holds one guard; stamps that scatter more need more.
+  // The settle time includes one guard; timestamps that scatter more need more.
   const std::int64_t t_stable_ns =
       s_.t_stable_ns + std::max<std::int64_t>(stamped.guard_ns - kGuardNs, 0);
   if (!judge_clean(window, t_stable_ns, t_).is_clean || window.start_ns < earliest_start_ns()) {
@@ -304,7 +304,7 @@ bool Stepper::accept(const SequencerState::Stamped& stamped) {
   s_.trigger_ns = kNever;
   s_.triggered_ns = kNever;
   s_.pulse_over_ns = kNoPulse;
-  // The job that asks about this frame is the next one that advance() issues.
+  // The job that confirms this frame is the next one that advance() issues.
   s_.awaiting =
       SequencerState::Awaiting{e.frame, s_.job + 1, i_shot, attempt, std::move(evidence)};
   advance(ConfirmRequest{e.frame, shot.tag});

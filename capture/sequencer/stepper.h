@@ -10,10 +10,10 @@
 #include "capture/sequencer/sequencer.h"
 
 /// @file
-/// The inside of capture/sequencer/sequencer.h: one event's work on the state. Its methods are
-/// cut by concept into sequencer.cpp (phases), sequencer_shot.cpp (a pattern at a time),
-/// sequencer_block.cpp (the strobe steps a table), sequencer_light.cpp, sequencer_camera.cpp
-/// and sequencer_disk.cpp. Included by these alone.
+/// The internals of capture/sequencer/sequencer.h: one event's effect on the state. Its methods
+/// are divided by concept into sequencer.cpp (phases), sequencer_shot.cpp (one pattern at a
+/// time), sequencer_block.cpp (the strobe steps a table), sequencer_light.cpp,
+/// sequencer_camera.cpp and sequencer_disk.cpp. Included by these alone.
 
 namespace haarlight {
 
@@ -29,21 +29,22 @@ inline constexpr std::int64_t kWrongLightRetryNs = 2'000 * kMs;
 inline constexpr int kWrongLightsToSuspend = 2;  ///< withdrawals of one shot
 /// An abort is promised within 200 ms; the rest is for the threads and the answer.
 inline constexpr std::int64_t kAbortLimitNs = 150 * kMs;
-/// Beside the frames: late delivery, a busy host.
+/// In addition to the frames: late delivery, a busy host.
 inline constexpr std::int64_t kShotSlackNs = 300 * kMs;
 inline constexpr std::int64_t kPreviewNs = 60'000 * kMs;
 inline constexpr double kShotFrames = 8.0;  ///< frame times without a clean frame: shown again
-/// Until a camera's period is known: its first frame may come late, and half of them be lost.
+/// Until a camera's period is known: its first frame may come late, and half of the frames be
+/// lost.
 inline constexpr std::int64_t kRhythmSlackNs = 3000 * kMs;
 inline constexpr double kRhythmFrames = 4.0 * FrameRhythm::kFirst;
-inline constexpr std::size_t kMaxEarly = 4;  ///< frames kept until the latch's answer is told
+inline constexpr std::size_t kMaxEarly = 4;  ///< frames kept until the latch's answer arrives
 inline constexpr int kLightFaultsToLose = 3;
-inline constexpr int kRefusalsToEnd = 4;  ///< a stray answer is not given four times in a row
+inline constexpr int kRefusalsToEnd = 4;  ///< a stray answer does not occur four times in a row
 inline constexpr int kFailuresToRotate = 4;       ///< the next shot is tried first
 inline constexpr int kBlocksToSuspend = 6;        ///< in a row, without a proven frame
 inline constexpr int kFailuresToSuspend = 24;     ///< in a row, without a commit
 inline constexpr double kExposureTol = 0.005;     ///< frame against read-back: floats on a wire
-inline constexpr double kExposureReadTol = 0.05;  ///< read-back against asked: steps of rows
+inline constexpr double kExposureReadTol = 0.05;  ///< read-back against requested: row steps
 inline constexpr int kSpareBuffers = 3;           ///< for frames that are not held
 
 [[nodiscard]] std::int64_t backoff_ns(int faults);
@@ -81,7 +82,7 @@ class Stepper {
   void on(const event::TableUploaded& e);
   void on(const event::BlockArmed& e);
   void on(const event::StepRead& e);
-  /// Sets the next Tick; ends an abort that waits for nothing any more.
+  /// Sets the next Tick; ends an abort that has nothing left to wait for.
   void close_step();
 
  private:
@@ -97,36 +98,37 @@ class Stepper {
   bool due(std::int64_t& deadline_ns) const;
   void log(std::string kind, std::string text, int shot = -1);
   void enter(Phase phase, const std::string& why);
-  /// Makes sure of light and camera, then runs. Also the way back from paused and safe-off.
+  /// Ensures that light and camera are ready, then runs. Also the way back from paused and
+  /// safe-off.
   void preflight();
   /// First the light, which connects dark; then the camera: so no frame of an unknown light
-  /// comes.
+  /// arrives.
   void prepare();
-  /// Runs when light and camera are there and the camera's period is known; what is missing is
-  /// waited for in the dark.
+  /// Runs when light and camera are ready and the camera's period is known; waits in the dark
+  /// for whatever is missing.
   void preflight_done();
-  /// Shows the next shot when there is one and a buffer for it; else darkens, and finishes when
-  /// all is committed. With `confirm` the light is asked about the last frame first.
+  /// Shows the next shot when there is one and a buffer for it; otherwise goes dark, and
+  /// finishes when all is committed. With `confirm` the light first answers for the last frame.
   void advance(std::optional<ConfirmRequest> confirm);
   /// The controller's temperature while a shot's frame was exposed.
   void note_temperature(std::optional<double> temperature_c, int shot);
   /// Dark frames by temperature: the pending dark that should come now. It is the last but one
-  /// that is left of this exposure: the spare ones stand at the end, and one is kept for it.
+  /// left of this exposure: the spare ones are at the end, and one is kept for it.
   [[nodiscard]] std::optional<int> dark_due() const;
   void draw_dark();
-  /// @param shot  that was under way; -1: none
+  /// @param shot  that was in progress; -1: none
   void add_reason(std::uint32_t reason, const std::string& text, int shot);
   /// Shown now, or what the table was last read to show; -1: none.
   [[nodiscard]] int shot_under_way() const;
   void clear_reason(std::uint32_t reason);
-  /// A device is there (again).
+  /// A device is ready (again).
   void became_ready(std::uint32_t reason);
   void abort(const std::string& why);
-  /// Idle as soon as the lights have answered and nothing is on its way to the disk, or when
-  /// the limit is over: then what waits is forgotten, as nothing of it was promised.
+  /// Idle as soon as the lights have answered and nothing is on its way to the disk, or at the
+  /// time limit: then what waits is discarded, as none of it was promised.
   void finish_abort();
   void release_all_frames();
-  /// Shots that are committed are pending again, and their frames withdrawn.
+  /// Committed shots become pending again, and their frames are withdrawn.
   /// @return  whether there was one
   bool withdraw(const std::vector<int>& shots);
   /// Those of the doubted shots that are committed by now.
@@ -136,35 +138,37 @@ class Stepper {
   // sequencer_shot.cpp
   void begin_shot(std::optional<ConfirmRequest> confirm);
   void return_to_pending(int shot);
-  /// The present shot is given up for now, without counting against it.
+  /// The current shot is abandoned for now, without counting against it.
   void leave_shot();
-  /// A try that failed. After some in a row another shot goes first; after many the run waits.
+  /// A failed attempt. After some in a row another shot goes first; after many the run waits.
   void retry(int shot, const std::string& why);
   void on_shot_timeout();
-  /// Takes the frame for the present shot, or gives it back.
+  /// Accepts the frame for the current shot, or returns it.
   void judge(const SequencerState::Stamped& stamped);
-  /// A frame of the present shot was refused: in the triggered modes no other comes by itself.
+  /// A frame of the current shot was refused: in the triggered modes no other comes by itself.
   void ask_again(const event::FrameArrived& e);
-  /// Light leads: the light stands, and no open trigger's exposure can be taken for the next.
+  /// Light leads: the light has settled, and no open trigger's exposure can be mistaken for the
+  /// next.
   [[nodiscard]] std::int64_t next_trigger_ns() const;
-  /// Controller leads: a pulse of a latch that was given up may still come.
+  /// Controller leads: a pulse of an abandoned latch may still come.
   [[nodiscard]] bool is_pulse_open() const;
-  /// The light thread ended the newest job, and with it all before: where nothing was read back
-  /// a latch among them acts within kShownWithinNs from now, or never.
+  /// The light thread ended the newest job, and with it all earlier ones: where nothing was
+  /// read back a latch among them acts within kShownWithinNs from now, or never.
   void note_job_end();
   void drop_early();
-  /// Takes a frame whose stamp proves a clean exposure; the controller is asked next.
+  /// Accepts a frame whose timestamp proves a clean exposure; the controller is queried next.
   bool accept(const SequencerState::Stamped& stamped);
-  /// What the mode tells of an exposure's start without the stamp: not before its trigger.
+  /// What the mode implies for an exposure's start without the timestamp: not before its
+  /// trigger.
   [[nodiscard]] std::int64_t earliest_start_ns() const;
-  /// What camera and plan say of a frame; the light's part is missing.
+  /// What camera and plan say about a frame; the light's part is missing.
   [[nodiscard]] FrameEvidence describe_frame(const event::FrameArrived& e, int shot,
                                              const ExposureWindow& window) const;
 
   // sequencer_light.cpp
   void connect_light();
   void lights_off(std::optional<ConfirmRequest> confirm);
-  /// Off if anything may be lit. A lost controller turns off by its lease.
+  /// Turns off if anything may be lit. A lost controller turns off by its lease.
   void darken();
   void darken_always();
   void on_light_fault(Errc code, const std::string& what);
@@ -174,10 +178,10 @@ class Stepper {
   void start_camera();
   void stop_camera();
   bool check_exposure();
-  /// Keeps track of sequence and stamps. How close to its moment the frame was stamped, when it
-  /// may be used by itself.
+  /// Tracks sequence and timestamps. Returns how close the frame's timestamp is to its moment,
+  /// when it is usable by itself.
   [[nodiscard]] std::optional<std::int64_t> examine(const event::FrameArrived& e);
-  /// The same for its stamp among the stamps of its stream.
+  /// The same for its timestamp among those of its stream.
   [[nodiscard]] std::optional<std::int64_t> examine_rhythm(const FrameInfo& info);
   void refuse_stamp(const FrameInfo& info);
   bool is_exposed_as_asked(const FrameInfo& info);
@@ -192,21 +196,21 @@ class Stepper {
   void take_pending(int n_most);
   void extend_block();
   void take_block_frame(const event::FrameArrived& e);
-  /// Decides every frame whose readings are there; ends a block that is over.
+  /// Decides every frame whose readings have arrived; ends a block that is over.
   void judge_block();
   void take_by_strobe(const event::FrameArrived& e, const ExposureWindow& window,
                       const StrobeProof& proof);
   void decide(int entry);
   void end_block(const std::string& why);
-  /// Gives up the block under way; its shots are the next ones again.
+  /// Abandons the block in progress; its shots come next again.
   void leave_block();
   void release_waiting();
-  /// Entries without a frame go back to the pending shots, before or behind the others.
+  /// Entries without a frame return to the pending shots, before or after the others.
   void return_entries(bool is_first);
   void on_table_mismatch(std::uint32_t counter, std::uint32_t tag);
   [[nodiscard]] bool is_by_strobe() const;
   [[nodiscard]] bool is_camera_free() const;
-  /// A light is to be latched, and the camera's period is not known.
+  /// A light should be latched, and the camera's period is unknown.
   [[nodiscard]] bool is_rhythm_missing() const;
   [[nodiscard]] std::int64_t rhythm_patience_ns() const;
   [[nodiscard]] bool is_block_armed() const;
@@ -215,7 +219,7 @@ class Stepper {
   /// Entries that may be armed or held at once, and that may be armed now.
   [[nodiscard]] int block_capacity() const;
   [[nodiscard]] int block_credit() const;
-  /// Of the pending shots: how many from the front have one exposure.
+  /// Of the pending shots: how many from the front share one exposure.
   [[nodiscard]] int n_alike_pending() const;
 
   SequencerState& s_;

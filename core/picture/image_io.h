@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "core/enum_words.h"
 #include "core/image.h"
 #include "core/picture/picture_facts.h"
 
@@ -19,6 +23,11 @@ namespace haarlight {
 
 /// How the numbers of a file encode light; unknown: through the camera's own tone curve.
 enum class Transfer { linear, srgb, unknown };
+inline constexpr auto kTransferWords =
+    std::to_array<std::string_view>({"linear", "srgb", "unknown"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(Transfer) noexcept {
+  return kTransferWords;
+}
 
 class ColourConversion;  ///< core/picture/picture_colour.h
 

@@ -431,10 +431,7 @@ std::string describe_camera(const CameraSpec& c) {
 }
 
 std::string describe_controller(const ControllerSpec& c) {
-  const char* kind = c.kind == ControllerKind::modbus_tcp   ? "modbus_tcp"
-                     : c.kind == ControllerKind::modbus_rtu ? "modbus_rtu"
-                                                            : "usb";
-  return fmt::format("{} unit {} profile {}", kind, c.unit, c.profile);
+  return fmt::format("{} unit {} profile {}", to_string(c.kind), c.unit, c.profile);
 }
 
 std::string describe_lights(const Rig& rig) {

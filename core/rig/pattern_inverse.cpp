@@ -10,6 +10,7 @@
 #include <Eigen/Core>
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/wavelet_synthesis.h"
@@ -17,8 +18,6 @@
 namespace haarlight {
 
 namespace {
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 bool is_power_of_two(std::size_t n) { return n >= 1 && std::has_single_bit(n); }
 

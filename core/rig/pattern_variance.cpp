@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/rig/pattern_inverse.h"
 #include "core/wavelet_synthesis.h"
@@ -12,8 +13,6 @@
 namespace haarlight {
 
 namespace {
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// Wavelets of independent coefficients, variances for values: every +-1/2 becomes 1/4.
 void spread_wavelets(int n, std::span<double> x, std::size_t width) {

@@ -108,24 +108,6 @@ bool wavelets_fit(const PatternRecipe& recipe) {
 
 }  // namespace
 
-std::string_view to_string(PatternFamily family) noexcept {
-  switch (family) {
-    case PatternFamily::list:
-      return "list";
-    case PatternFamily::one_at_a_time:
-      return "one_at_a_time";
-    case PatternFamily::bins:
-      return "bins";
-    case PatternFamily::s_matrix:
-      return "s_matrix";
-    case PatternFamily::haar:
-      return "haar";
-    case PatternFamily::target:
-      return "target";
-  }
-  return "unknown";
-}
-
 int PatternRecipe::n_lights() const {
   std::int64_t n = 0;
   for (const FaceGrid& face : faces) {

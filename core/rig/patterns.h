@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <span>
 #include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
+
+#include "core/enum_words.h"
 
 /// @file
 /// Sets of lights shown together: used to shoot, and to recover single-light pictures
@@ -25,7 +29,11 @@ enum class PatternFamily {
   haar,           ///< positive and negative lights of Haar wavelets, all of them or some
   target,  ///< one shot (per colour) with every light at the drive level an environment needs
 };
-[[nodiscard]] std::string_view to_string(PatternFamily family) noexcept;
+inline constexpr auto kPatternFamilyWords = std::to_array<std::string_view>(
+    {"list", "one_at_a_time", "bins", "s_matrix", "haar", "target"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(PatternFamily) noexcept {
+  return kPatternFamilyWords;
+}
 
 /// Lights in rows and columns, in row-major order.
 struct FaceGrid {

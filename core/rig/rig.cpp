@@ -22,14 +22,6 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::array<std::string_view, 4> kSyncWords{"free-run", "light-leads", "camera-leads",
-                                                     "controller-leads"};
-constexpr std::array<std::string_view, 3> kTimestampWords{"start_exposure", "start_readout",
-                                                          "end_frame"};
-constexpr std::array<std::string_view, 2> kShutterWords{"rolling", "global"};
-constexpr std::array<std::string_view, 5> kBayerWords{"none", "rggb", "bggr", "grbg", "gbrg"};
-constexpr std::array<std::string_view, 3> kCameraWords{"v4l2", "remote", "replay"};
-constexpr std::array<std::string_view, 3> kControllerWords{"modbus_tcp", "modbus_rtu", "usb"};
 constexpr std::uintmax_t kMaxRigText = kMaxTomlBytes;
 constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
@@ -38,11 +30,6 @@ constexpr Range kPlace{.min = -kMaxLengthMm, .max = kMaxLengthMm};
 constexpr double kMaxFramePixels = 0x1p28;  // as for a picture (core/picture/image_io.h)
 // USB cameras need one or two frames, sensors behind a pipeline up to three.
 constexpr int kUsualExposureDelay = 3;
-
-template <std::size_t N>
-std::vector<std::string_view> words(const std::array<std::string_view, N>& list) {
-  return {list.begin(), list.end()};
-}
 
 Eigen::Vector3d vector3(ConfigTable& table, std::string_view key) {
   const std::vector<double> x = table.numbers(key, 3, kPlace);
@@ -271,7 +258,7 @@ void require_trigger(ConfigTable& sync, SyncMode mode, const CameraSpec& camera)
 CameraSpec read_camera(ConfigTable& t) {
   CameraSpec camera;
   camera.id = t.text("id");
-  camera.kind = static_cast<CameraKind>(t.choice("kind", words(kCameraWords)));
+  camera.kind = t.one_of<CameraKind>("kind");
   camera.device = t.text("device");
   camera.format = t.text_or("format", "Y16 ");
   const std::vector<double> size = t.numbers("size", 2);
@@ -292,15 +279,14 @@ CameraSpec read_camera(ConfigTable& t) {
   camera.fps = t.number("fps", {.min = 1e-3, .max = 1e5});
   camera.exposure_us = t.number("exposure_us", {.min = 1.0, .max = 1e9});
   camera.gain_db = t.number_or("gain_db", 0.0, {.min = -100.0, .max = 100.0});
-  camera.shutter = static_cast<Shutter>(t.choice("shutter", words(kShutterWords)));
+  camera.shutter = t.one_of<Shutter>("shutter");
   camera.skew_us = t.number_or("skew_us", 0.0, {.min = 0.0, .max = 1e9});
   if (camera.shutter == Shutter::global && camera.skew_us != 0.0) {
     t.problem("skew_us", "a global shutter has no skew",
               "write skew_us = 0 or shutter = \"rolling\"");
   }
   camera.read_us = t.number("read_us", {.min = 0.0, .max = 1e9});
-  camera.timestamp =
-      static_cast<TimestampMeaning>(t.choice("timestamp", words(kTimestampWords)));
+  camera.timestamp = t.one_of<TimestampMeaning>("timestamp");
   if (camera.timestamp == TimestampMeaning::end_frame && camera.read_us == 0.0) {
     t.problem(
         "read_us", "read_us is 0, but the stamp means the end of the frame",
@@ -338,7 +324,7 @@ CameraSpec read_camera(ConfigTable& t) {
     t.problem("world_from_cam", "its left 3x3 block is not a rotation",
               "write three rows [r r r t]: a rotation and the camera's place in mm");
   }
-  camera.bayer = static_cast<BayerPattern>(t.choice_or("bayer", words(kBayerWords), 0));
+  camera.bayer = t.one_of_or("bayer", BayerPattern::none);
   if (auto noise = t.table("noise")) {
     camera.noise.gain_e_per_dn = noise->number("gain", {.min = 1e-9, .max = 1e9});
     camera.noise.read_e = noise->number("read", {.min = 0.0, .max = 1e9});
@@ -371,7 +357,7 @@ void require_address(ConfigTable& t, const ControllerSpec& controller) {
 
 ControllerSpec read_controller(ConfigTable& t) {
   ControllerSpec controller;
-  controller.kind = static_cast<ControllerKind>(t.choice("kind", words(kControllerWords)));
+  controller.kind = t.one_of<ControllerKind>("kind");
   controller.address = t.text("address");
   if (t.has("address")) {
     require_address(t, controller);
@@ -471,7 +457,7 @@ Rig read_tables(ConfigTable& root) {
     root.problem("controller", "[controller] is missing", "add [controller]");
   }
   if (auto sync = root.table("sync")) {
-    rig.sync = static_cast<SyncMode>(sync->choice("mode", words(kSyncWords)));
+    rig.sync = sync->one_of<SyncMode>("mode");
     rig.strobe_every =
         static_cast<int>(sync->integer_or("strobe_every", 1, {.min = 1, .max = 8}));
     for (const CameraSpec& camera : rig.cameras) {
@@ -608,19 +594,6 @@ Rig read_rig(const std::filesystem::path& path) {
     log_warning(fmt::format("{}: {}. Cure: {}", measured.string(), gap.problem, gap.cure));
   }
   return rig;
-}
-
-std::string_view to_string(SyncMode mode) noexcept {
-  return kSyncWords[static_cast<std::size_t>(mode)];
-}
-std::string_view to_string(TimestampMeaning meaning) noexcept {
-  return kTimestampWords[static_cast<std::size_t>(meaning)];
-}
-std::string_view to_string(Shutter shutter) noexcept {
-  return kShutterWords[static_cast<std::size_t>(shutter)];
-}
-std::string_view to_string(BayerPattern pattern) noexcept {
-  return kBayerWords[static_cast<std::size_t>(pattern)];
 }
 
 }  // namespace haarlight

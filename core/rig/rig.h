@@ -7,11 +7,14 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "core/enum_words.h"
 #include "core/rig/camera_model.h"
 #include "core/units.h"
 
@@ -67,10 +70,29 @@ struct ShadowPlane {
 };
 
 enum class CameraKind { v4l2, remote, replay };
+inline constexpr auto kCameraKindWords =
+    std::to_array<std::string_view>({"v4l2", "remote", "replay"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(CameraKind) noexcept {
+  return kCameraKindWords;
+}
 enum class Shutter { rolling, global };
+inline constexpr auto kShutterWords = std::to_array<std::string_view>({"rolling", "global"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(Shutter) noexcept {
+  return kShutterWords;
+}
 /// What a frame's timestamp means.
 enum class TimestampMeaning { start_exposure, start_readout, end_frame };
+inline constexpr auto kTimestampMeaningWords =
+    std::to_array<std::string_view>({"start_exposure", "start_readout", "end_frame"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(TimestampMeaning) noexcept {
+  return kTimestampMeaningWords;
+}
 enum class BayerPattern { none, rggb, bggr, grbg, gbrg };
+inline constexpr auto kBayerPatternWords =
+    std::to_array<std::string_view>({"none", "rggb", "bggr", "grbg", "gbrg"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(BayerPattern) noexcept {
+  return kBayerPatternWords;
+}
 
 struct SensorNoise {
   double gain_e_per_dn = 1.0;
@@ -132,6 +154,11 @@ struct CameraSpec {
 };
 
 enum class ControllerKind { modbus_tcp, modbus_rtu, usb };
+inline constexpr auto kControllerKindWords =
+    std::to_array<std::string_view>({"modbus_tcp", "modbus_rtu", "usb"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(ControllerKind) noexcept {
+  return kControllerKindWords;
+}
 
 struct ControllerSpec {
   ControllerKind kind = ControllerKind::modbus_tcp;
@@ -150,6 +177,11 @@ struct ControllerSpec {
 };
 
 enum class SyncMode { free_run, light_leads, camera_leads, controller_leads };
+inline constexpr auto kSyncModeWords = std::to_array<std::string_view>(
+    {"free-run", "light-leads", "camera-leads", "controller-leads"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(SyncMode) noexcept {
+  return kSyncModeWords;
+}
 
 struct StorageSpec {
   std::string folder = "sessions";  ///< relative to the rig file
@@ -212,11 +244,5 @@ struct LightElement {
 [[nodiscard]] Rig read_rig_as_written(const std::filesystem::path& path);
 /// The same from text, as a session stores it; `name` is used as the file's name in errors.
 [[nodiscard]] Rig parse_rig(const std::string& text, const std::string& name);
-
-/// Each enumerator as spelled in the file, for messages and JSON.
-[[nodiscard]] std::string_view to_string(SyncMode mode) noexcept;
-[[nodiscard]] std::string_view to_string(TimestampMeaning meaning) noexcept;
-[[nodiscard]] std::string_view to_string(Shutter shutter) noexcept;
-[[nodiscard]] std::string_view to_string(BayerPattern pattern) noexcept;
 
 }  // namespace haarlight

@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/coder/integer_coding.h"
@@ -26,8 +27,6 @@ constexpr std::array<unsigned char, 8> kMagic = {0x89, 'H', 'L', 'B', '\r', '\n'
 constexpr std::size_t kPreambleBytes = 104;
 constexpr std::size_t kEntryBytes = 24;
 constexpr std::uint64_t kMaxHeaderBytes = std::uint64_t{64} << 20U;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// The first 104 bytes, little-endian.
 struct Preamble {
@@ -650,14 +649,14 @@ namespace {
 template <class Real>
 void forward_grids(const BasisHeader& header, std::span<Real> values) {
   if (header.basis == BasisKind::haar) {
-    haar_forward_blocks(std::span<const Real>(values), values, header.grid);
+    haar_forward_blocks(values, header.grid);
   }
 }
 
 template <class Real>
 void inverse_grids(const BasisHeader& header, std::span<Real> coefficients) {
   if (header.basis == BasisKind::haar) {
-    haar_inverse_blocks(std::span<const Real>(coefficients), coefficients, header.grid);
+    haar_inverse_blocks(coefficients, header.grid);
   }
 }
 

@@ -1,21 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "core/enum_words.h"
 #include "core/files.h"
+#include "core/image.h"
 #include "core/picture/picture_facts.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/coder/block_codec.h"
 #include "relight/basis/haar.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// The basis file `.hlb`: a light stack compressed over its lights, self-contained (with rig,
@@ -36,8 +40,32 @@ enum class BasisCoding {
   lossless,   ///< the stack's floats bit for bit, light by light
   integers,   ///< integer multiples of each light's unit, all exact
 };
+inline constexpr auto kBasisCodingWords =
+    std::to_array<std::string_view>({"quantised", "lossless", "integers"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(BasisCoding) noexcept {
+  return kBasisCodingWords;
+}
 [[nodiscard]] std::string_view to_string(BasisKind kind) noexcept;
-[[nodiscard]] std::string_view to_string(BasisCoding coding) noexcept;
+
+/// What a basis file's values are.
+enum class BasisContent { capture, plate };
+inline constexpr auto kBasisContentWords =
+    std::to_array<std::string_view>({"capture", "plate"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(BasisContent) noexcept {
+  return kBasisContentWords;
+}
+
+/// Where the clean plate came from that was taken off.
+enum class PlateOrigin {
+  none,
+  computed,  ///< from the rig
+  captured,  ///< a session of the empty rig
+};
+inline constexpr auto kPlateOriginWords =
+    std::to_array<std::string_view>({"none", "computed", "captured"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(PlateOrigin) noexcept {
+  return kPlateOriginWords;
+}
 
 /// A light of a capture without a rig file.
 struct BasisLight {
@@ -82,12 +110,12 @@ struct BasisHeader {
   int tile = 32;  ///< pixels per side; tiles at the right and lower edge are smaller
   BasisKind basis = BasisKind::haar;
   BasisCoding coding = BasisCoding::quantised;
-  HaarGrid grid;               ///< of each face, in order; 0 x 0 where there is none
-  double step = 0.0;           ///< quantiser step before a pixel's shift
-  double dead_zone = 0.0;      ///< |c| below dead_zone * step became 0
-  double dark_norm = 0.0;      ///< see StackError::worst_pixel; 1 % of the rms pixel norm
-  std::string plate = "none";  ///< none, computed, captured
-  std::string plate_source;    ///< hash of what the clean plate came from
+  HaarGrid grid;           ///< of each face, in order; 0 x 0 where there is none
+  double step = 0.0;       ///< quantiser step before a pixel's shift
+  double dead_zone = 0.0;  ///< |c| below dead_zone * step became 0
+  double dark_norm = 0.0;  ///< see StackError::worst_pixel; 1 % of the rms pixel norm
+  PlateOrigin plate = PlateOrigin::none;
+  std::string plate_source;  ///< hash of what the plate came from
   int plate_rank = 0;
   int plate_degree = 0;         ///< of the polynomials of each tile (tile_plate.h)
   double gain_step = 0.0;       ///< a pixel's gain is a multiple of it
@@ -109,7 +137,7 @@ struct BasisHeader {
   std::string source_hash;               ///< of the plan, where there is one
   std::string source_root;               ///< of the session, where it has one
   PictureFacts photographed;             ///< of an imported session
-  std::string kind = "capture";          ///< capture, plate
+  BasisContent content = BasisContent::capture;
   std::string program;
   std::vector<BasisSection> sections;  ///< as read; the writer's own
 

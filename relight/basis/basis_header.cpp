@@ -10,10 +10,10 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/json_value.h"
 #include "core/text_limits.h"
 #include "relight/basis/haar.h"
 #include "relight/basis/plate/tile_plate.h"
-#include "session/json_value.h"
 #include "session/photographed.h"
 
 namespace haarlight {
@@ -241,22 +241,20 @@ void check_basis(const BasisHeader& header, const std::string& where) {
   }
 }
 
+template <EnumWithWords Enum>
+Enum known(const Fields& fields, const char* key, const std::string& where) {
+  const std::string word = fields.text(key);
+  if (const std::optional<Enum> value = value_of<Enum>(word)) {
+    return *value;
+  }
+  throw Error(fmt::format("{} '{}' is not known here", key, word), where,
+              "read it with a newer haarlight");
+}
+
 }  // namespace
 
 std::string_view to_string(BasisKind kind) noexcept {
   return kind == BasisKind::haar ? "haar" : "direct";
-}
-
-std::string_view to_string(BasisCoding coding) noexcept {
-  switch (coding) {
-    case BasisCoding::quantised:
-      return "quantised";
-    case BasisCoding::lossless:
-      return "lossless";
-    case BasisCoding::integers:
-      return "integers";
-  }
-  return "";
 }
 
 std::string basis_header_to_json(const BasisHeader& header) {
@@ -271,20 +269,20 @@ std::string basis_header_to_json(const BasisHeader& header) {
       {"format", "haarlight basis"},
       {"version", kBasisVersion},
       {"program", header.program},
-      {"kind", header.kind},
+      {"kind", to_string(header.content)},
       {"picture",
        {{"width", header.dims.width},
         {"height", header.dims.height},
         {"channels", header.dims.channels}}},
       {"tile", header.tile},
       {"basis", basis_name(header)},
-      {"coding", std::string(to_string(header.coding))},
+      {"coding", to_string(header.coding)},
       {"group_ends", header.group_ends},
       {"step", header.step},
       {"dead_zone", header.dead_zone},
       {"dark_norm", header.dark_norm},
       {"plate",
-       {{"kind", header.plate},
+       {{"kind", to_string(header.plate)},
         {"source", header.plate_source},
         {"rank", header.plate_rank},
         {"degree", header.plate_degree},
@@ -340,7 +338,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   const Fields top(root, "", where);
   BasisHeader header;
   header.program = top.text("program");
-  header.kind = top.text("kind");
+  header.content = known<BasisContent>(top, "kind", where);
   const Fields picture = top.object("picture");
   header.dims.width = picture.integer("width", 1, kMaxSide);
   header.dims.height = picture.integer("height", 1, kMaxSide);
@@ -355,15 +353,13 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   const std::string basis = top.text("basis");
   const std::string coding = top.text("coding");
   const bool is_haar = basis == "haar" || basis == "unbalanced haar";
-  if ((!is_haar && basis != "direct") ||
-      (coding != "quantised" && coding != "lossless" && coding != "integers")) {
+  const std::optional<BasisCoding> known_coding = value_of<BasisCoding>(coding);
+  if ((!is_haar && basis != "direct") || !known_coding) {
     throw Error(fmt::format("basis '{}' with coding '{}' is not known here", basis, coding),
                 where, "read it with a newer haarlight");
   }
   header.basis = is_haar ? BasisKind::haar : BasisKind::direct;
-  header.coding = coding == "quantised"  ? BasisCoding::quantised
-                  : coding == "lossless" ? BasisCoding::lossless
-                                         : BasisCoding::integers;
+  header.coding = *known_coding;
   if (header.coding == BasisCoding::integers) {
     read_units(header, top.at("units"), where);
   }
@@ -371,7 +367,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.dead_zone = top.number("dead_zone");
   header.dark_norm = top.number("dark_norm");
   const Fields plate = top.object("plate");
-  header.plate = plate.text("kind");
+  header.plate = known<PlateOrigin>(plate, "kind", where);
   header.plate_source = plate.text("source");
   header.plate_rank = plate.integer("rank", 0, kMaxPlateRank);
   header.plate_degree = plate.integer("degree", 0, kMaxPlateDegree);

@@ -15,6 +15,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/coder/tile_coder.h"
@@ -45,8 +46,6 @@ constexpr int kMaxAttempts = 6;
 constexpr double kMostProductTerms = 32.0;
 constexpr std::size_t kMaxBatch = 64;
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
 std::vector<float> root_round_up(const std::vector<double>& squares) {
   std::vector<float> roots(squares.size());
   std::transform(squares.begin(), squares.end(), roots.begin(),
@@ -75,7 +74,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   header.source_hash = source.hash;
   header.source_root = source.root;
   header.photographed = source.photographed;
-  header.kind = source.kind;
+  header.content = source.content;
   header.program = "haarlight " HAARLIGHT_VERSION;
   if (options.basis == BasisKind::haar &&
       (!source.grid.is_valid() || header.dims.n_lights % source.grid.size() != 0)) {
@@ -221,7 +220,7 @@ std::string job_key(const CompressSource& source, const CompressOptions& options
   }
   return content_hash(fmt::format(
       "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", kRecipe, HAARLIGHT_VERSION, units, source.key,
-      source.plate_kind, source.plate_source, source.kind,
+      to_string(source.plate_origin), source.plate_source, to_string(source.content),
       std::string(to_string(options.basis)), std::bit_cast<std::uint64_t>(options.relative_l2),
       std::bit_cast<std::uint64_t>(options.worst_pixel)));
 }
@@ -306,7 +305,7 @@ void Compressor::fit_plate() {
     return;  // the plate is black: nothing to subtract
   }
   BasisHeader& header = coding_.header;
-  header.plate = source_.plate_kind;
+  header.plate = source_.plate_origin;
   header.plate_source = source_.plate_source;
   header.plate_rank = coding_.vectors.rank;
   header.plate_degree = choose_plate_degree(*source_.plate, coding_.vectors, kTile, target);
@@ -648,7 +647,7 @@ CompressSummary Compressor::compress() {
       header.coding = BasisCoding::lossless;
     }
     if (header.coding == BasisCoding::lossless) {
-      header.plate = "none";
+      header.plate = PlateOrigin::none;
       header.plate_source.clear();
       header.plate_rank = 0;
       header.plate_degree = 0;

@@ -10,8 +10,8 @@
 
 #include "core/picture/image_io.h"
 #include "core/progress.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/basis_file.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// Light stack to basis file within a stated error. Method: docs/numerics/relight.md, "The
@@ -53,7 +53,7 @@ struct CompressSource {
   const StackSource* stack = nullptr;
   RowSource* rows = nullptr;           ///< the stack again, where its rows must be loaded first
   const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no plate
-  std::string plate_kind = "none";     ///< computed, captured, itself
+  PlateOrigin plate_origin = PlateOrigin::none;
   std::string plate_source;
   /// (n_lights): one camera quantisation step in the stack's values; empty where there is none.
   std::vector<double> units;
@@ -66,7 +66,7 @@ struct CompressSource {
   std::string hash;
   std::string root;
   PictureFacts photographed;
-  std::string kind = "capture";
+  BasisContent content = BasisContent::capture;
   /// Hash of everything that the values of stack and plate depend on. Empty: not known, and
   /// nothing is kept of an unfinished compression.
   std::string key;

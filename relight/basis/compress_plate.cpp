@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
@@ -36,9 +37,7 @@ constexpr int kChecks = 256;           // pixels compared with light_irradiance(
 constexpr double kCheckFactor = 2.0;   // of their rms: the stated error
 constexpr double kNearPeak = 0.8;      // of the largest sampled value: inspected closely
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
-/// Result of checking randomly drawn pixels.
+/// What a pixel drawn for a check told.
 struct CheckSums {
   VectorXd light;        ///< (n_lights): sum of squared errors of the coordinates
   VectorXd coefficient;  ///< the same of its basis coefficients
@@ -362,7 +361,7 @@ std::optional<CompressSummary> compress_smooth_plate(const ComputedPlate& plate,
   if (degree == 0) {
     return std::nullopt;
   }
-  header.plate = source.plate_kind;
+  header.plate = source.plate_origin;
   header.plate_source = source.plate_source;
   for (const double share : kShares) {
     const SmoothPlate smooth(plate, kTile, degree, share * asked, kMaxRank);

@@ -43,11 +43,8 @@ class DevelopedRows final : public RowSource {
 
   [[nodiscard]] const std::string& key() const noexcept { return developer_.key(); }
   [[nodiscard]] std::vector<double> steps() const { return developer_.steps(); }
-  [[nodiscard]] StackDims dims() const override {
-    const StackShape& shape = developer_.shape();
-    return {shape.width, shape.height, shape.channels, shape.n_lights};
-  }
-  [[nodiscard]] int rows_at_once() const override { return developer_.shape().band_rows; }
+  [[nodiscard]] StackDims dims() const override { return developer_.dims(); }
+  [[nodiscard]] int rows_at_once() const override { return developer_.bands().rows; }
   void finish() override { static_cast<void>(developer_.record()); }
   [[nodiscard]] bool tells_clipped() const override { return true; }
 
@@ -142,7 +139,8 @@ PlatePixels sharing_plate(const Session& session, const PlateChoice& choice) {
         choice.path.string(), "make the plate from this session's rig");
   }
   PlatePixels pixels;
-  pixels.key = fmt::format("{} {} {}", plate->kind, plate->hash, choice.path.string());
+  pixels.key =
+      fmt::format("{} {} {}", to_string(plate->origin), plate->hash, choice.path.string());
   pixels.read = [plate](int y, int x0, int x1, std::span<float> out) {
     plate->source->read_tile({x0, y, x1 - x0, 1}, out);
     for (float& value : out) {
@@ -164,7 +162,7 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
   develop_options.plate = sharing_plate(session, choice);
   develop_options.has_standard_error = true;
   Developer developer(session, develop_options);
-  const int height = developer.shape().height;
+  const int height = developer.dims().height;
   const int n_rows = std::min(height, kRows);
   Progress progress("look at the noise", static_cast<std::size_t>(n_rows), options.progress);
   double energy = 0.0;
@@ -242,9 +240,10 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
   source.stack = &rows;
   source.rows = &rows;
   source.plate = plate.source.get();
-  source.plate_kind = plate.kind;
+  source.plate_origin = plate.origin;
   source.plate_source = plate.hash;
-  source.key = content_hash(rows.key() + "\n" + plate.kind + "\n" + plate.key);
+  source.key =
+      content_hash(rows.key() + "\n" + std::string(to_string(plate.origin)) + "\n" + plate.key);
   source.grid = haar_grid(session.info());
   source.units = rows.steps();
   // The rig describes the lights only if the session has all of them.
@@ -278,7 +277,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   CompressSource source;
   source.stack = &computed;
   source.plate = source.stack;
-  source.plate_kind = "computed";
+  source.plate_origin = PlateOrigin::computed;
   source.plate_source = rig.hash;
   source.grid = rig_grid(rig);
   source.rig_toml = rig.text;
@@ -286,7 +285,7 @@ CompressSummary compress_plate(const Rig& rig, const std::filesystem::path& file
   source.name = rig.name;
   source.place = "rig " + rig.name;
   source.hash = rig.hash;
-  source.kind = "plate";
+  source.content = BasisContent::plate;
   source.key = rig.hash;
   if (source.grid.size() == 0) {
     rest.basis = BasisKind::direct;

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/float_sums.h"
@@ -21,8 +22,6 @@ constexpr int kTile = 32;
 constexpr std::size_t kBuildBatch = 64;
 constexpr std::size_t kPixelsAtOnce = 64;  // their rows stay in the L2 cache for a batch
 constexpr int kTopExponent = 15;           // the largest value is stored in [2^14, 2^15]
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 [[noreturn]] void throw_bad_value(const std::string& what, const std::string& cure,
                                   const std::string& name, const TileRect& rect,

@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "core/stack/stack_source.h"
 #include "relight/basis/large_buffer.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/relight_kernels.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// A whole light stack in memory as half floats, for repeated relighting: two bytes per value,

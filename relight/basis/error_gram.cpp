@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/random.h"
@@ -28,7 +29,6 @@ constexpr std::size_t kNear = 8;    // rows that stay in the L1 cache while othe
 constexpr std::size_t kPanel = 32;  // and in the L2 cache
 constexpr std::size_t kMostPixels = 1024;
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 std::size_t triangle(std::size_t n) { return n * (n + 1) / 2; }
 
 /// Some rows of whole numbers, each padded to a multiple of kPad.

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
+#include "core/stack/stack_source.h"
 #include "relight/basis/light_query.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// What the kernels that sum in float have in common: factors in units of a power of two, the

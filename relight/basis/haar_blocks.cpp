@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <cstdint>
 #include <type_traits>
 #include <utility>
 
@@ -15,7 +14,6 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/haar.h"
-#include "relight/basis/prefetch.h"
 #include "relight/basis/relight_kernels.h"
 
 namespace haarlight {
@@ -26,22 +24,9 @@ using Index = std::ptrdiff_t;
 
 constexpr int kLargest = 64;  // two arrays of doubles fill half of the L2 cache
 constexpr std::size_t kGrainValues = std::size_t{1} << 18U;
-constexpr std::size_t kStreamBytes = std::size_t{8} << 20U;  // less may stay in the caches
-constexpr std::size_t kStreamVector = 32;
 
 template <class T>
 using Scratch = std::array<T, std::size_t{kLargest} * kLargest>;
-
-/// What follows row pair i of an n x n array that is read from memory; null: it is not.
-template <class T>
-[[gnu::always_inline]] inline void prefetch_rows(const T* array, Index i, Index n) {
-  if (array != nullptr) {
-    const auto* bytes = reinterpret_cast<const char*>(array + 2 * i * n);
-    for (Index byte = 0; byte < 2 * n * static_cast<Index>(sizeof(T)); byte += 64) {
-      prefetch_ahead(bytes + byte);
-    }
-  }
-}
 
 #if defined(__x86_64__)
 
@@ -70,15 +55,12 @@ struct Halves {
 #endif
 
 /// One level of x, m x m with rows `stride` apart: LL to `ll` (rows m/2 apart), the details to
-/// their positions in `out`, n x n. haar.cpp's forward_level, operation by operation.
-/// @param ahead  the n x n array fetched from memory meanwhile; null: none
+/// their places in `out`, n x n. haar.cpp's forward_level, operation by operation.
 template <class T>
 [[gnu::always_inline]] inline void forward_level(const T* __restrict x, Index stride, Index m,
-                                                 T* __restrict ll, T* __restrict out, Index n,
-                                                 const T* ahead) {
+                                                 T* __restrict ll, T* __restrict out, Index n) {
   const Index h = m / 2;
   for (Index i = 0; i < h; ++i) {
-    prefetch_rows(ahead, i, n);
     const T* __restrict top = x + 2 * i * stride;
     const T* __restrict bottom = top + stride;
     T* __restrict to_ll = ll + i * h;
@@ -103,10 +85,9 @@ template <class T>
 template <class T>
 [[gnu::always_inline]] inline void inverse_level(const T* __restrict ll, Index ll_stride,
                                                  const T* __restrict x, Index n, Index m,
-                                                 T* __restrict out, const T* ahead) {
+                                                 T* __restrict out) {
   const Index h = m / 2;
   for (Index i = 0; i < h; ++i) {
-    prefetch_rows(ahead, i, n);
     const T* __restrict from_ll = ll + i * ll_stride;
     const T* __restrict from_x = x + i * n + h;
     const T* __restrict from_y = x + (i + h) * n;
@@ -130,12 +111,10 @@ template <class T>
 
 /// forward_level for eight columns of blocks at a time: the same operations on each.
 [[gnu::target("avx2")]] void forward_level_avx2(const float* x, Index stride, Index m,
-                                                float* ll, float* out, Index n,
-                                                const float* ahead) {
+                                                float* ll, float* out, Index n) {
   const Index h = m / 2;
   const __m256 half = _mm256_set1_ps(0.5F);
   for (Index i = 0; i < h; ++i) {
-    prefetch_rows(ahead, i, n);
     const float* top = x + 2 * i * stride;
     const float* bottom = top + stride;
     float* to_ll = ll + i * h;
@@ -160,12 +139,10 @@ template <class T>
 }
 
 [[gnu::target("avx2")]] void inverse_level_avx2(const float* ll, Index ll_stride,
-                                                const float* x, Index n, Index m, float* out,
-                                                const float* ahead) {
+                                                const float* x, Index n, Index m, float* out) {
   const Index h = m / 2;
   const __m256 half = _mm256_set1_ps(0.5F);
   for (Index i = 0; i < h; ++i) {
-    prefetch_rows(ahead, i, n);
     const float* from_ll = ll + i * ll_stride;
     const float* from_x = x + i * n + h;
     const float* from_y = x + (i + h) * n;
@@ -198,84 +175,57 @@ enum class LevelCode { plain, avx2 };
 
 template <LevelCode kCode, class T>
 [[gnu::always_inline]] inline void forward_any(const T* x, Index stride, Index m, T* ll, T* out,
-                                               Index n, const T* ahead) {
+                                               Index n) {
 #if defined(__x86_64__)
   if constexpr (kCode == LevelCode::avx2 && std::is_same_v<T, float>) {
     if (m >= 16) {
-      forward_level_avx2(x, stride, m, ll, out, n, ahead);
+      forward_level_avx2(x, stride, m, ll, out, n);
       return;
     }
   }
 #endif
-  forward_level(x, stride, m, ll, out, n, ahead);
+  forward_level(x, stride, m, ll, out, n);
 }
 
 template <LevelCode kCode, class T>
 [[gnu::always_inline]] inline void inverse_any(const T* ll, Index ll_stride, const T* x,
-                                               Index n, Index m, T* out, const T* ahead) {
+                                               Index n, Index m, T* out) {
 #if defined(__x86_64__)
   if constexpr (kCode == LevelCode::avx2 && std::is_same_v<T, float>) {
     if (m >= 16) {
-      inverse_level_avx2(ll, ll_stride, x, n, m, out, ahead);
+      inverse_level_avx2(ll, ll_stride, x, n, m, out);
       return;
     }
   }
 #endif
-  inverse_level(ll, ll_stride, x, n, m, out, ahead);
+  inverse_level(ll, ll_stride, x, n, m, out);
 }
 
 template <LevelCode kCode, class T>
-[[gnu::always_inline]] inline void forward_array(const T* x, T* out, Index n, T* a, T* b,
-                                                 const T* ahead) {
-  forward_any<kCode>(x, n, n, a, out, n, ahead);
+[[gnu::always_inline]] inline void forward_array(const T* x, T* out, Index n, T* a, T* b) {
+  forward_any<kCode>(x, n, n, a, out, n);
   for (Index m = n / 2; m > 1; m /= 2) {
-    forward_any<kCode, T>(a, m, m, b, out, n, nullptr);
+    forward_any<kCode, T>(a, m, m, b, out, n);
     std::swap(a, b);
   }
   out[0] = a[0];
 }
 
 template <LevelCode kCode, class T>
-[[gnu::always_inline]] inline void inverse_array(const T* x, T* out, Index n, T* a, T* b,
-                                                 const T* ahead) {
+[[gnu::always_inline]] inline void inverse_array(const T* x, T* out, Index n, T* a, T* b) {
   a[0] = x[0];
   for (Index m = 2; m < n; m *= 2) {
-    inverse_any<kCode, T>(a, m / 2, x, n, m, b, nullptr);
+    inverse_any<kCode, T>(a, m / 2, x, n, m, b);
     std::swap(a, b);
   }
-  inverse_any<kCode, T>(a, n / 2, x, n, n, out, ahead);
-}
-
-// Non-temporal: memory that is not read again need not be read before it is written either.
-
-#if defined(__x86_64__)
-[[gnu::target("avx2")]] void stream_avx2(const void* from, void* to, std::size_t n_bytes) {
-  const auto* vectors = static_cast<const __m256i*>(from);
-  auto* out = static_cast<__m256i*>(to);
-  for (std::size_t i = 0; i < n_bytes / kStreamVector; ++i) {
-    _mm256_stream_si256(out + i, _mm256_load_si256(vectors + i));
-  }
-}
-#endif
-
-template <LevelCode kCode, class T>
-[[gnu::always_inline]] inline void stream(const T* from, T* to, std::size_t n) {
-#if defined(__x86_64__)
-  if constexpr (kCode == LevelCode::avx2) {
-    stream_avx2(from, to, n * sizeof(T));
-    return;
-  }
-#endif
-  std::copy_n(from, n, to);
+  inverse_any<kCode, T>(a, n / 2, x, n, n, out);
 }
 
 template <class T>
 struct Blocks {
-  const T* in = nullptr;
-  T* out = nullptr;
+  T* values = nullptr;
   Index n = 0;
   bool is_forward = true;
-  bool is_streamed = false;
 };
 
 template <LevelCode kCode, class T>
@@ -286,22 +236,14 @@ template <LevelCode kCode, class T>
   alignas(64) Scratch<T> b;
   const auto size = static_cast<std::size_t>(blocks.n * blocks.n);
   for (std::size_t i = begin; i < end; ++i) {
-    const T* from = blocks.in + i * size;
-    const T* ahead = blocks.is_streamed ? from : nullptr;
+    T* array = blocks.values + i * size;
     if (blocks.is_forward) {
-      forward_array<kCode>(from, result.data(), blocks.n, a.data(), b.data(), ahead);
+      forward_array<kCode>(array, result.data(), blocks.n, a.data(), b.data());
     } else {
-      inverse_array<kCode>(from, result.data(), blocks.n, a.data(), b.data(), ahead);
+      inverse_array<kCode>(array, result.data(), blocks.n, a.data(), b.data());
     }
-    if (blocks.is_streamed) {
-      stream<kCode>(result.data(), blocks.out + i * size, size);
-    } else {
-      std::copy_n(result.data(), size, blocks.out + i * size);
-    }
+    std::copy_n(result.data(), size, array);
   }
-#if defined(__x86_64__)
-  _mm_sfence();
-#endif
 }
 
 #if defined(__x86_64__)
@@ -313,29 +255,21 @@ template <class T>
 #endif
 
 template <class T>
-void transform_all(std::span<const T> in, std::span<T> out, const HaarGrid& grid,
-                   bool is_forward) {
+void transform_all(std::span<T> values, const HaarGrid& grid, bool is_forward) {
   HAARLIGHT_EXPECTS(grid.is_valid(), "the Haar transform needs sides of 1 to 1024");
   const auto size = static_cast<std::size_t>(grid.size());
-  HAARLIGHT_EXPECTS(in.size() == out.size() && in.size() % size == 0,
-                    "whole arrays, as many out as in");
+  HAARLIGHT_EXPECTS(values.size() % size == 0, "whole arrays");
   const std::size_t grain = std::max<std::size_t>(1, kGrainValues / size);
   const int n = grid.rows;
   if (!grid.is_plain() || n == 1 || n > kLargest) {
-    parallel_for(in.size() / size, grain, [&](std::size_t begin, std::size_t end) {
-      const std::span<T> arrays = out.subspan(begin * size, (end - begin) * size);
-      if (in.data() != out.data()) {
-        std::copy_n(in.data() + begin * size, arrays.size(), arrays.data());
-      }
+    parallel_for(values.size() / size, grain, [&](std::size_t begin, std::size_t end) {
+      const std::span<T> arrays = values.subspan(begin * size, (end - begin) * size);
       is_forward ? haar_forward(arrays, grid) : haar_inverse(arrays, grid);
     });
     return;
   }
-  const bool is_streamed = in.data() != out.data() && out.size_bytes() >= kStreamBytes &&
-                           size * sizeof(T) % kStreamVector == 0 &&
-                           reinterpret_cast<std::uintptr_t>(out.data()) % kStreamVector == 0;
-  const Blocks<T> blocks{in.data(), out.data(), n, is_forward, is_streamed};
-  parallel_for(in.size() / size, grain, [&](std::size_t begin, std::size_t end) {
+  const Blocks<T> blocks{values.data(), n, is_forward};
+  parallel_for(values.size() / size, grain, [&](std::size_t begin, std::size_t end) {
 #if defined(__x86_64__)
     if (best_kernel_code() == KernelCode::avx2) {
       transform_avx2(blocks, begin, end);
@@ -348,21 +282,17 @@ void transform_all(std::span<const T> in, std::span<T> out, const HaarGrid& grid
 
 }  // namespace
 
-void haar_forward_blocks(std::span<const float> in, std::span<float> out,
-                         const HaarGrid& grid) {
-  transform_all(in, out, grid, true);
+void haar_forward_blocks(std::span<float> values, const HaarGrid& grid) {
+  transform_all(values, grid, true);
 }
-void haar_forward_blocks(std::span<const double> in, std::span<double> out,
-                         const HaarGrid& grid) {
-  transform_all(in, out, grid, true);
+void haar_forward_blocks(std::span<double> values, const HaarGrid& grid) {
+  transform_all(values, grid, true);
 }
-void haar_inverse_blocks(std::span<const float> in, std::span<float> out,
-                         const HaarGrid& grid) {
-  transform_all(in, out, grid, false);
+void haar_inverse_blocks(std::span<float> values, const HaarGrid& grid) {
+  transform_all(values, grid, false);
 }
-void haar_inverse_blocks(std::span<const double> in, std::span<double> out,
-                         const HaarGrid& grid) {
-  transform_all(in, out, grid, false);
+void haar_inverse_blocks(std::span<double> values, const HaarGrid& grid) {
+  transform_all(values, grid, false);
 }
 
 }  // namespace haarlight

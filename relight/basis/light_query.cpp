@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/error_gram.h"
@@ -17,8 +18,6 @@
 namespace haarlight {
 
 namespace {
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// l = H w: the environment in the basis' domain. The Haar basis is orthonormal, so that
 /// sum_k w_k T_k = sum_i l_i C_i.

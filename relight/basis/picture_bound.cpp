@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/count.h"
 #include "relight/basis/error_gram.h"
 
 namespace haarlight {
@@ -16,8 +17,6 @@ namespace {
 constexpr int kLightsPerVector = 32;
 constexpr double kVectorShare = 0.125;
 constexpr double kVectorBytes = 1.5;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 }  // namespace
 

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/float_sums.h"
@@ -31,8 +32,6 @@ constexpr double kDenseShare = 0.25;
 constexpr std::size_t kSearchCost = 16;
 constexpr std::size_t kTilesAtOnce = 64;
 constexpr std::size_t kTileParts = 8;  // partial sums of the pictures' products
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// A coefficient in whole steps.
 struct Entry {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/haar.h"
@@ -14,8 +15,6 @@
 namespace haarlight {
 
 namespace {
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 class Relighting {
  public:

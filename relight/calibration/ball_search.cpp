@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "relight/calibration/mirror_ball.h"
 
 namespace haarlight {
@@ -35,9 +36,7 @@ struct Edges {
 
 double middle_value(const Image<float>& picture) {
   std::vector<float> values(picture.pixels().begin(), picture.pixels().end());
-  const auto mid = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), mid, values.end());
-  return static_cast<double>(*mid);
+  return static_cast<double>(upper_median(values));
 }
 
 Image<float> shrunk(ImageView<const float> picture, int factor) {
@@ -91,10 +90,7 @@ struct EdgePoint {
 
 std::vector<EdgePoint> strongest(const Edges& e) {
   std::vector<float> all(e.strength.pixels().begin(), e.strength.pixels().end());
-  const auto at = all.begin() + static_cast<std::ptrdiff_t>(
-                                    (1.0 - kEdgeShare) * static_cast<double>(all.size() - 1));
-  std::nth_element(all.begin(), at, all.end());
-  const float least = std::max(*at, 1e-4F);
+  const float least = std::max(quantile(all, 1.0 - kEdgeShare), 1e-4F);
   std::vector<EdgePoint> out;
   for (int y = 0; y < e.strength.height(); ++y) {
     for (int x = 0; x < e.strength.width(); ++x) {
@@ -289,13 +285,7 @@ RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circl
   return {Vector2d(circle.x, circle.y) + at * out, best};
 }
 
-double median_of(std::vector<double> values) {
-  const auto mid = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), mid, values.end());
-  return *mid;
-}
-
-/// A coarse circle measured at full resolution; nothing if its edge is not found.
+/// A coarse circle measured on the whole picture; nothing where it dissolves.
 std::optional<MeasuredBall> measured(ImageView<const float> picture, PictureCircle circle,
                                      double floor) {
   std::vector<Vector2d> kept;
@@ -308,14 +298,14 @@ std::optional<MeasuredBall> measured(ImageView<const float> picture, PictureCirc
       edges.push_back(edge_along(picture, circle, angle, band, floor));
       strengths.push_back(edges.back().strength);
     }
-    const double least = 0.25 * median_of(strengths);
+    const double least = 0.25 * upper_median(strengths);
     std::vector<double> misses;
     misses.reserve(edges.size());
     for (const RadialEdge& e : edges) {
       misses.push_back(std::abs((e.at - Vector2d(circle.x, circle.y)).norm() - circle.radius));
     }
     const double most =
-        std::min(std::max(1.0, 3.0 * median_of(misses)), 0.7 + 0.02 * circle.radius);
+        std::min(std::max(1.0, 3.0 * upper_median(misses)), 0.7 + 0.02 * circle.radius);
     kept.clear();
     for (std::size_t i = 0; i < edges.size(); ++i) {
       if (edges[i].strength > least && misses[i] <= most) {

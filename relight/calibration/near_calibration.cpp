@@ -14,6 +14,7 @@
 #include <lbfgs.h>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "relight/calibration/light_terms.h"
 #include "relight/calibration/uniform_start.h"
@@ -424,9 +425,7 @@ std::int64_t mask_outliers(TargetSamples& samples, std::span<const NearLight> li
         if (ratio.size() < 3) {
           continue;  // two lights: no telling which of them is wrong
         }
-        const auto mid = ratio.begin() + static_cast<std::ptrdiff_t>(ratio.size() / 2);
-        std::nth_element(ratio.begin(), mid, ratio.end());
-        const double albedo = *mid;
+        const double albedo = upper_median(std::span(ratio));
         for (std::size_t k = 0; k < lights.size(); ++k) {
           if (samples.used(static_cast<int>(k))[p] == 0) {
             continue;

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/rig/measured_rig.h"
 
 namespace haarlight {
@@ -41,12 +42,13 @@ Eigen::Isometry3d frame_of(const Face& face) {
 
 /// Differences of neighbouring pixels within blocks, robustly: relative noise of one pixel.
 double neighbour_noise(const LightStack& stack, const std::vector<std::uint8_t>& is_sheet) {
-  const StackShape& shape = stack.shape();
+  const StackDims shape = stack.dims();
+  const StackBands& bands = stack.bands();
   std::vector<double> squares;
-  for (int b = 0; b < shape.n_bands(); ++b) {
+  for (int b = 0; b < bands.n(); ++b) {
     const std::span<const float> values = stack.band(b);
-    const int y0 = b * shape.band_rows;
-    const int rows = std::min(shape.band_rows, shape.height - y0);
+    const int y0 = bands.first_row(b);
+    const int rows = bands.n_rows(b);
     for (int y = 0; y < rows; y += 3) {
       for (int x = 0; x + 2 < shape.width; x += 5) {
         const auto pixel =
@@ -72,9 +74,8 @@ double neighbour_noise(const LightStack& stack, const std::vector<std::uint8_t>&
   if (squares.empty()) {
     return 0.01;
   }
-  const auto mid = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
-  std::nth_element(squares.begin(), mid, squares.end());
-  return std::sqrt(*mid / 0.4549);  // median of chi^2 with one degree of freedom
+  return std::sqrt(upper_median(squares) /
+                   0.4549);  // median of chi^2 with one degree of freedom
 }
 
 /// floor^2 + shot v fitted to the pixels' variances, each weighted by the fitted line; for a
@@ -107,7 +108,7 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
                 "add [[camera]] and [[plane]] to the rig file");
   }
   const ShadowPlane& plane = rig.planes.front();
-  const StackShape& shape = stack.shape();
+  const StackDims shape = stack.dims();
   const CameraModel& camera = rig.cameras.front().model;
   if (shape.width != camera.width || shape.height != camera.height ||
       shape.n_lights != rig.n_lights()) {
@@ -139,8 +140,8 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
   std::vector<double> relative;
   std::vector<Eigen::Vector2d> pairs;  // value, variance
   for (int y = layout.y0; y < layout.y0 + s.rows * out.block; ++y) {
-    const int b = y / shape.band_rows;
-    const int rows = std::min(shape.band_rows, shape.height - b * shape.band_rows);
+    const int b = y / stack.bands().rows;
+    const int rows = stack.bands().n_rows(b);
     const std::span<const float> values = stack.band(b);
     const std::span<const float> errors =
         error != nullptr ? error->band(b) : std::span<const float>{};
@@ -152,7 +153,7 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
                                 static_cast<std::size_t>((x - layout.x0) / out.block);
       for (std::size_t c = 0; c < n_channels; ++c) {
         const std::size_t at = ((c * static_cast<std::size_t>(rows) +
-                                 static_cast<std::size_t>(y - b * shape.band_rows)) *
+                                 static_cast<std::size_t>(y - b * stack.bands().rows)) *
                                     width +
                                 static_cast<std::size_t>(x)) *
                                n_lights;
@@ -178,9 +179,7 @@ SheetSamples sample_sheet(const Rig& rig, const LightStack& stack, const LightSt
   if (relative.empty()) {
     noise = neighbour_noise(stack, layout.is_sheet);
   } else {
-    const auto mid = relative.begin() + static_cast<std::ptrdiff_t>(relative.size() / 2);
-    std::nth_element(relative.begin(), mid, relative.end());
-    noise = *mid;
+    noise = upper_median(relative);
   }
   out.relative_noise = std::max(noise / out.block, 1e-5);
   s.noise = pairs.size() < 100 ? SampleNoise{.relative = out.relative_noise}

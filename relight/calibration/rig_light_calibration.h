@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "core/rig/rig.h"
+#include "core/stack/light_stack.h"
 #include "relight/calibration/near_calibration.h"
 #include "relight/calibration/sheet_layout.h"
 #include "relight/calibration/sheet_model.h"
-#include "session/light_stack.h"
 
 /// @file
 /// The lights of a rig from a session of a flat matte sheet on its shadow plane: each face as a

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -257,10 +258,8 @@ SampleNoise noise_between_lights(const TargetSamples& s) {
       squares.push_back(runs[i].square);
       per_intensity += runs[i].per_intensity / static_cast<double>(end - begin);
     }
-    const auto mid = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
-    std::nth_element(squares.begin(), mid, squares.end());
     constexpr double kMedianOfChi2 = 0.4549;  // one degree of freedom
-    const double variance = std::max(*mid / kMedianOfChi2, 1e-12);
+    const double variance = std::max(upper_median(squares) / kMedianOfChi2, 1e-12);
     const Eigen::Vector2d row(1.0 / variance, per_intensity / variance);
     m += row * row.transpose();
     rhs += row;

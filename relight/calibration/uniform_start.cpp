@@ -9,6 +9,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "relight/calibration/light_terms.h"
 
@@ -112,10 +113,8 @@ class OneLight {
         apart.push_back(log_i_[p] - log_h[p]);
       }
     }
-    const auto mid = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() / 2);
-    std::nth_element(apart.begin(), mid, apart.end());
-    out.log_power = *mid;
-    // Cauchy loss: a shadow over a third of the sheet does not bias the fit.
+    out.log_power = upper_median(apart);
+    // Cauchy's loss: a shadow over a third of the sheet does not pull.
     const Eigen::ArrayXd miss = log_i_ - log_h - out.log_power;
     const Eigen::ArrayXd square = (miss / kSpread).square();
     const Eigen::ArrayXd weight = weight_ / (1.0 + square);

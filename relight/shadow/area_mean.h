@@ -125,11 +125,4 @@ class WindowSums {
   std::shared_ptr<const Table> unknown_;  ///< the same; null: everything is known
 };
 
-/// Visibility of one light at a vertex by the rule. The window is never smaller than a pixel,
-/// where it is bilinear interpolation.
-/// @param object_share  h_o/H for the corrected rule; negative: unknown, W is used
-[[nodiscard]] WindowMean window_visibility(const PlaneFrame& frame, const WindowSums& sums,
-                                           const LightWindow& window, WindowRule rule,
-                                           double object_share);
-
 }  // namespace haarlight

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
 #include <string_view>
 
 #include <Eigen/Core>
@@ -38,6 +39,48 @@ enum class ProjectionStatus {
          status == ProjectionStatus::below;
 }
 
+/// Eq. (4) along one ray, from heights over the plane alone. It holds in every frame that an
+/// affine map makes of the world: millimetres, or a plane picture's columns and rows.
+struct PlaneStep {
+  ProjectionStatus status = ProjectionStatus::invalid_plane;
+  double ratio = 0.0;          ///< b/a; 0 for light_in_plane
+  double step = 0.0;           ///< b/(a - b), from the vertex, in v - l; may be infinite
+  double nearer = 0.0;         ///< the same from the nearer of v and l
+  bool is_from_light = false;  ///< which is nearer
+
+  /// One coordinate of p. @param light, vertex  theirs
+  [[nodiscard]] double meet(double light, double vertex) const noexcept {
+    return (is_from_light ? light : vertex) + (vertex - light) * nearer;
+  }
+};
+
+/// @param a, b  signed heights of light and vertex; any unit
+/// @param w     a - b; told apart because two large heights cancel
+[[nodiscard]] inline PlaneStep step_to_plane(double a, double b, double w) noexcept {
+  PlaneStep found;
+  if (a == 0.0) {
+    found.status = ProjectionStatus::light_in_plane;
+    return found;
+  }
+  found.ratio = b / a + 0.0;
+  if (w == 0.0) {
+    found.status = ProjectionStatus::at_light_height;
+    return found;
+  }
+  // Valid exactly when w/a = 1 - b/a > 0. Never w > 0: a flip of the plane turns that round.
+  if ((w > 0.0) != (a > 0.0)) {
+    found.status = ProjectionStatus::beyond_light;
+    return found;
+  }
+  found.status = b == 0.0                 ? ProjectionStatus::on_plane
+                 : (b > 0.0) == (a > 0.0) ? ProjectionStatus::above
+                                          : ProjectionStatus::below;
+  found.step = b / w;
+  found.is_from_light = std::abs(b) > std::abs(a);
+  found.nearer = found.is_from_light ? a / w : found.step;
+  return found;
+}
+
 struct PlaneProjection {
   ProjectionStatus status = ProjectionStatus::invalid_plane;
   Eigen::Vector3d point = Eigen::Vector3d::Zero();  ///< world; zero unless is_valid(status)
@@ -47,19 +90,5 @@ struct PlaneProjection {
 /// @param light, vertex  positions, finite
 [[nodiscard]] PlaneProjection project_to_plane(const Plane& plane, const Eigen::Vector3d& light,
                                                const Eigen::Vector3d& vertex);
-
-/// The same along parallel rays. Valid wherever the rays are not parallel to the plane and come
-/// from the light's side; `light_in_plane` when they are.
-/// @param to_light  any length but 0
-[[nodiscard]] PlaneProjection project_along(const Plane& plane, const Eigen::Vector3d& to_light,
-                                            const Eigen::Vector3d& vertex);
-
-/// M = a I - [l; 1][n; d]^T, so that p ~ M [v; 1]: for display and GPUs, near the origin. The
-/// sign of w is meaningless; the error is up to 1e4 eps far from the origin.
-[[nodiscard]] Eigen::Matrix4d projection_matrix(const Plane& plane,
-                                                const Eigen::Vector3d& light);
-/// M = (n.l) I - [l; 0][n; d]^T for parallel rays.
-[[nodiscard]] Eigen::Matrix4d directional_matrix(const Plane& plane,
-                                                 const Eigen::Vector3d& to_light);
 
 }  // namespace haarlight

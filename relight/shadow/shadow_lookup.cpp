@@ -13,20 +13,21 @@ namespace {
 constexpr double kOnPlaneTexels = 0.01;  // closer than this to the plane counts as on it
 constexpr double kMaxShare = 0.999;      // of the light's height: largest object height
 
-/// Step of the projection; none where the ray does not meet the plane.
-std::optional<double> step_of(double light_height, double vertex_height) {
-  const double w = light_height - vertex_height;
-  // Valid exactly when w/a > 0; flipping the plane changes both signs.
-  if (light_height == 0.0 || w == 0.0 || (w > 0.0) != (light_height > 0.0)) {
-    return std::nullopt;
-  }
-  const double step = vertex_height / w;
-  return std::isfinite(step) ? std::optional(step) : std::nullopt;
+/// The plane as its own picture sees it: x and y are columns and rows, z the height over it.
+const Plane kPicturePlane{};
+
+Eigen::Vector3d in_picture(const PlaneSpot& spot) { return {spot.x, spot.y, spot.height}; }
+
+/// Eq. (4); none where the ray does not meet the plane.
+std::optional<PlaneStep> ray_step(double light_height, double vertex_height) {
+  const PlaneStep at = step_to_plane(light_height, vertex_height, light_height - vertex_height);
+  return is_valid(at.status) && std::isfinite(at.step) ? std::optional(at) : std::nullopt;
 }
 
+/// A light's projection in the picture.
 struct Window {
   double step = 0.0;
-  double x = 0.0;  ///< projection of the light's centre
+  double x = 0.0;  ///< of the light's centre
   double y = 0.0;
 };
 
@@ -44,19 +45,19 @@ WindowMean mean_over(const PlaneLight& light, const WindowSums& sums, const Plan
     const double size = std::abs(at.step) * scale;
     return mean_round(sums, at.x, at.y, size * light.half_x, size * light.half_y);
   }
+  std::array<Eigen::Vector3d, 4> corners;
+  std::transform(light.corners.begin(), light.corners.end(), corners.begin(), in_picture);
+  const LightWindow window =
+      project_window(kPicturePlane, in_picture(light.centre), corners, in_picture(vertex));
+  if (!window.has_corners) {
+    return mean_round(sums, at.x, at.y, 0.0, 0.0);  // part of the light is under the plane
+  }
   std::array<Eigen::Vector2d, 4> quad;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector2d high = -low;
   const Eigen::Vector2d c(at.x, at.y);
   for (std::size_t i = 0; i < 4; ++i) {
-    const PlaneSpot& corner = light.corners[i];
-    const std::optional<double> step = step_of(corner.height, vertex.height);
-    if (!step) {
-      return mean_round(sums, at.x, at.y, 0.0, 0.0);  // part of the light is below the plane
-    }
-    const Eigen::Vector2d p(vertex.x + (vertex.x - corner.x) * *step,
-                            vertex.y + (vertex.y - corner.y) * *step);
-    quad[i] = c + scale * (p - c);
+    quad[i] = c + scale * (window.corners[i].head<2>() - c);
     low = low.cwiseMin(quad[i]);
     high = high.cwiseMax(quad[i]);
   }
@@ -99,21 +100,21 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
                    const PlaneSpot& vertex) {
   ShadowLook look;
   const double a = light.centre.height;
-  const std::optional<double> step = step_of(a, vertex.height);
+  const std::optional<PlaneStep> step = ray_step(a, vertex.height);
   if (!step) {
     return look;
   }
   const double over = a > 0.0 ? vertex.height : -vertex.height;  // mm on the light's side
   const bool is_on = std::abs(over) < kOnPlaneTexels * frame.texel_mm;
   look.side = is_on ? PlaneSide::on : over > 0.0 ? PlaneSide::above : PlaneSide::below;
-  look.step = *step;
+  look.step = step->step;
   if (object && over >= object->high_mm) {
     return look;  // no part of the object is between this point and the light
   }
   const double H = std::abs(a);
-  const double ratio = vertex.height / a;
-  const Window at{*step, vertex.x + (vertex.x - light.centre.x) * *step,
-                  vertex.y + (vertex.y - light.centre.y) * *step};
+  const double ratio = step->ratio;
+  const Window at{step->step, step->meet(light.centre.x, vertex.x),
+                  step->meet(light.centre.y, vertex.y)};
   const bool is_below = look.side == PlaneSide::below;
   const bool is_windowed = !is_on && (rule.window == WindowRule::plain || rule.is_block ||
                                       (is_below && rule.window == WindowRule::corrected));
@@ -187,20 +188,20 @@ bool is_all_lit(const PlaneFrame& frame, const std::optional<HeightRange>& objec
   if (!centres.is_upright || !light.is_upright) {
     return false;
   }
-  const std::optional<double> step = step_of(centres.centre.height, vertex.height);
+  const std::optional<PlaneStep> step = ray_step(centres.centre.height, vertex.height);
   if (!step) {
     return false;
   }
-  const double size = std::abs(*step);
+  const double size = std::abs(step->step);
   double scale = rule == WindowRule::none ? 0.0 : 1.0;
   const double over = centres.centre.height > 0.0 ? vertex.height : -vertex.height;
   if (rule == WindowRule::corrected && object && over < -kOnPlaneTexels * frame.texel_mm) {
     const double share =
         std::clamp(object->high_mm / std::abs(centres.centre.height), 0.0, kMaxShare);
-    scale = corrected_window_scale(vertex.height / centres.centre.height, share);
+    scale = corrected_window_scale(step->ratio, share);
   }
-  const double x = vertex.x + (vertex.x - centres.centre.x) * *step;
-  const double y = vertex.y + (vertex.y - centres.centre.y) * *step;
+  const double x = step->meet(centres.centre.x, vertex.x);
+  const double y = step->meet(centres.centre.y, vertex.y);
   const double hx = size * centres.half_x + std::max(0.5, scale * size * light.half_x);
   const double hy = size * centres.half_y + std::max(0.5, scale * size * light.half_y);
   // Beyond the picture everything is lit too, but must be counted.

@@ -15,9 +15,9 @@
 
 /// @file
 /// How much of a light a point sees past the object, looked up in the shadow pictures of one or
-/// several planes. The same as project_window and window_visibility (area_mean.h), but in the
-/// plane picture's own coordinates, where eq. (4) is one division: p = v + (v - l) b/(a - b)
-/// holds for columns and rows as for millimetres. Pure; safe from any thread.
+/// several planes: step_to_plane (projection.h) and project_window (area_mean.h) in the plane
+/// picture's own coordinates, where eq. (4) holds for columns and rows as for millimetres.
+/// Pure; safe from any thread.
 
 namespace haarlight {
 

@@ -9,7 +9,7 @@
 
 #include "core/image.h"
 #include "core/rig/camera_model.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/shadow/plane_frame.h"
 #include "relight/shadow/rectify.h"
 #include "relight/shadow/visibility.h"

@@ -5,24 +5,12 @@
 #include <cmath>
 #include <vector>
 
+#include "core/order_statistics.h"
+
 namespace haarlight {
 namespace {
 
 constexpr double kExcess = 0.02;  // about the noise of a camera value, spec/relight.md: 1 %
-
-double sum_of_channels(ImageView<const float> picture, int y, int x) {
-  double sum = 0.0;
-  for (int c = 0; c < picture.channels(); ++c) {
-    sum += static_cast<double>(picture(y, x, c));
-  }
-  return sum;
-}
-
-double take_median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 
@@ -37,42 +25,6 @@ void VisibilityCount::add_value(double v) {
   ++n_values;
   n_excess += v > 1.0 + kExcess ? 1 : 0;
   worst_excess = std::max(worst_excess, v - 1.0);
-}
-
-Visibility divide_by_plate(ImageView<const float> shadow, ImageView<const float> plate,
-                           ImageView<const std::uint8_t> known, double dark_share) {
-  HAARLIGHT_EXPECTS(shadow.height() == plate.height() && shadow.width() == plate.width() &&
-                        shadow.channels() == plate.channels(),
-                    "shadow and plate of one shape");
-  HAARLIGHT_EXPECTS(known.is_empty() ||
-                        (known.height() == shadow.height() && known.width() == shadow.width()),
-                    "a mask of the picture's size");
-  Visibility out{Image<float>(shadow.height(), shadow.width(), 1),
-                 Image<std::uint8_t>(shadow.height(), shadow.width(), 1),
-                 {}};
-  double peak = 0.0;
-  for (int y = 0; y < plate.height(); ++y) {
-    for (int x = 0; x < plate.width(); ++x) {
-      peak = std::max(peak, sum_of_channels(plate, y, x));
-    }
-  }
-  for (int y = 0; y < shadow.height(); ++y) {
-    for (int x = 0; x < shadow.width(); ++x) {
-      if (!known.is_empty() && known(y, x) == 0) {
-        continue;
-      }
-      const double b = sum_of_channels(plate, y, x);
-      if (!(b > dark_share * peak) || b <= 0.0) {
-        ++out.count.n_no_plate;
-        continue;
-      }
-      const double v = sum_of_channels(shadow, y, x) / b;
-      out.count.add_value(v);
-      out.value(y, x) = static_cast<float>(std::clamp(v, 0.0, 1.0));
-      out.known(y, x) = 1;
-    }
-  }
-  return out;
 }
 
 double plate_falloff(const SquareLight& light, const Eigen::Vector3d& point,
@@ -103,9 +55,9 @@ double fit_plate_scale(std::span<const float> values, std::span<const double> fa
   if (ratios.empty()) {
     return 0.0;
   }
-  const double rough = take_median(ratios);
+  const double rough = upper_median(std::span(ratios));
   std::erase_if(ratios, [rough](double r) { return std::abs(r - rough) > 0.25 * rough; });
-  return ratios.empty() ? rough : take_median(ratios);
+  return ratios.empty() ? rough : upper_median(std::span(ratios));
 }
 
 bool shows_plane(std::span<const float> values, std::span<const float> plate,

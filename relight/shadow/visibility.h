@@ -34,17 +34,8 @@ struct Visibility {
   VisibilityCount count;
 };
 
-/// Channels are summed before the division.
-/// @param shadow, plate  equal shapes (h, w, c); a clean plate below `dark_share` of its own
-///                       largest value is uninformative: unknown
-/// @param known          (h, w, 1); empty: everything
-[[nodiscard]] Visibility divide_by_plate(ImageView<const float> shadow,
-                                         ImageView<const float> plate,
-                                         ImageView<const std::uint8_t> known = {},
-                                         double dark_share = 1e-4);
-
-/// Substitute for a clean plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane,
-/// without its scale; 0 behind the light. cos^4/r^2 in its best-known form.
+/// Stand-in for a plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane, without
+/// its scale; 0 behind the light. cos^4/r^2 in its best-known form.
 [[nodiscard]] double plate_falloff(const SquareLight& light, const Eigen::Vector3d& point,
                                    const Eigen::Vector3d& normal);
 

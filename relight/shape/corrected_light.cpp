@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 
 namespace haarlight {
@@ -41,9 +42,7 @@ LightCorrection::LightCorrection(std::vector<NearLight> lights, PixelPoints poin
     throw Error("no light shines on the picture's middle", "the lights' places",
                 "check the positions' unit (mm) and frame: z to the camera, the target at 0");
   }
-  const auto middle = middles.begin() + static_cast<std::ptrdiff_t>(middles.size() / 2);
-  std::nth_element(middles.begin(), middle, middles.end());
-  common_ = *middle;
+  common_ = upper_median(middles);
 }
 
 double LightCorrection::stencil(int light, double x, double y) const {

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/count.h"
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "relight/shape/light_groups.h"
 
@@ -18,8 +20,6 @@ constexpr int kPixels = 256;
 constexpr int kLights = 256;
 constexpr int kFolds = 4;
 constexpr double kBrightShare = 0.1;  // of the samples exceed the bright level, as in the fit
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 std::vector<FitScore> candidates(const LambertOptions& base) {
   std::vector<FitScore> all;
@@ -99,9 +99,7 @@ class PixelJudge {
       if (residuals.empty()) {
         return {};
       }
-      const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
-      std::nth_element(residuals.begin(), middle, residuals.end());
-      medians.push_back(std::min(1.0, *middle));
+      medians.push_back(std::min(1.0, upper_median(std::span(residuals))));
     }
     return medians;
   }
@@ -129,11 +127,9 @@ class PixelJudge {
     }
     least_ = 0.0;
     if (!bright.empty()) {
-      const auto rank =
-          bright.begin() + static_cast<std::ptrdiff_t>((1.0 - kBrightShare) *
-                                                       static_cast<double>(bright.size() - 1));
-      std::nth_element(bright.begin(), rank, bright.end());
-      least_ = std::max(options_.fit.dark_level, options_.fit.dark_share * *rank);
+      least_ =
+          std::max(options_.fit.dark_level,
+                   options_.fit.dark_share * quantile(std::span(bright), 1.0 - kBrightShare));
     }
   }
 

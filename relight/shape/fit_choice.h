@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/image.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/shape/photometric_stereo.h"
 
 /// @file

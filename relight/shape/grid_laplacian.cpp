@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 
@@ -14,9 +15,7 @@ namespace {
 constexpr std::size_t kRowsATask = 16;
 constexpr float kHalf = 0.5F;
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
-/// Sums rows separately, then in order: the same on any number of threads.
+/// Sums rows apart and then in order: the same on any number of threads.
 template <class RowSum>
 double sum_rows(std::size_t height, const RowSum& row_sum) {
   std::vector<double> sums(height);

@@ -6,7 +6,9 @@
 #include <numbers>
 #include <vector>
 
+#include "core/count.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "relight/shape/cosine_transform.h"
 #include "relight/shape/grid_laplacian.h"
@@ -15,9 +17,7 @@ namespace haarlight {
 
 namespace {
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
-/// The steps that join two known pixels.
+/// Which steps join two known pixels.
 struct Edges {
   std::vector<float> right;
   std::vector<float> down;
@@ -142,9 +142,7 @@ double scale_of(const Residuals& r, const Edges& edges) {
   if (sizes.empty()) {
     return 0.0;
   }
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::nth_element(sizes.begin(), middle, sizes.end());
-  return 1.4826 * double{*middle};
+  return kSigmaPerMad * double{upper_median(sizes)};
 }
 
 double rms_step(const SlopeField& slopes, const Edges& edges) {

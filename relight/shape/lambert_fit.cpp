@@ -11,6 +11,7 @@
 #include <Eigen/LU>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -21,7 +22,6 @@ using Eigen::Vector3d;
 
 constexpr int kUnknowns = 3;
 constexpr double kBrightRank = 0.9;
-constexpr double kSigmaOfMedian = 1.4826;
 constexpr double kSettled = 1e-4;  // change of b between rounds, relative: 0.006 degrees
 constexpr double kRightAngle = 0.5 * std::numbers::pi;
 constexpr double kDegrees = 180.0 / std::numbers::pi;
@@ -295,7 +295,7 @@ void LambertFitter::reweight(Vector3d& b) {
     residuals(b);
     ranked_.head(n_) = r_.head(n_).cast<float>();
     const double scale =
-        std::max(kSigmaOfMedian * double{select(n_ / 2)}, kLeastScale * b.norm());
+        std::max(kSigmaPerMad * double{select(n_ / 2)}, kLeastScale * b.norm());
     if (!(scale > 0.0)) {
       return;
     }
@@ -399,7 +399,7 @@ double LambertFitter::sigma(const Vector3d& b, const Vector3d& plain) {
   // of all.
   const double kept = std::sqrt((w_.head(n_) * r_.head(n_).square()).sum() / w_.head(n_).sum());
   ranked_.head(n_) = r_.head(n_).cast<float>();
-  const double noise = kSigmaOfMedian * double{select(n_ / 2)};
+  const double noise = kSigmaPerMad * double{select(n_ / 2)};
   const double chosen = kept > 0.0 ? std::max(1.0, noise / kept) : 1.0;
   const double doubt = kDoubt * std::atan2(b.cross(plain).norm(), b.dot(plain));
   const double shared = kShared * shared_error(b);

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <numeric>
 
+#include "core/count.h"
 #include "core/error.h"
 
 namespace haarlight {
@@ -12,8 +13,6 @@ namespace haarlight {
 namespace {
 
 using Eigen::Vector3d;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 }  // namespace
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "core/image.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/shape/photometric_stereo.h"
 
 /// @file

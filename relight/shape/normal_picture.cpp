@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/picture/image_io.h"
 
 namespace haarlight {
@@ -22,10 +23,7 @@ double percentile(std::vector<float> values, double share) {
   if (values.empty()) {
     return 0.0;
   }
-  const auto at = values.begin() +
-                  static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return double{*at};
+  return double{quantile(values, share)};
 }
 
 }  // namespace

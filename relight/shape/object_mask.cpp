@@ -9,7 +9,9 @@
 
 #include <Eigen/Cholesky>
 
+#include "core/count.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "relight/shape/integrate_normals.h"
 #include "relight/shape/light_groups.h"
@@ -32,9 +34,7 @@ constexpr double kLeastPlane = 0.02;   // fraction of pixels that show the bare 
 constexpr double kLeastTolerance = 0.04;
 constexpr double kMostTolerance = 0.08;
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
-/// Calls visit(y, x, samples) for every pixel, its samples corrected for its point and loaded.
+/// Calls visit(y, x, samples) for every pixel, its samples aimed at its point and taken.
 void for_each_pixel(
     const StackSource& stack, const StereoLights& lights, const std::vector<int>& use,
     const PixelPoints* plane,
@@ -66,10 +66,7 @@ float exceeded_by(std::vector<float>& values, double above) {
   if (values.empty()) {
     return 0.0F;
   }
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(
-                                       (1.0 - above) * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
+  return quantile(std::span(values), 1.0 - above);
 }
 
 /// A pixel's brightness over that of a plane of albedo 1, by light.

@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "core/image.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/light/near_light.h"
 #include "relight/shape/pixel_samples.h"
 

@@ -8,7 +8,9 @@
 #include <numeric>
 #include <utility>
 
+#include "core/count.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "relight/shape/lambert_fit.h"
 #include "relight/shape/light_groups.h"
@@ -28,8 +30,6 @@ constexpr int kGroups = 6;
 constexpr double kLow = -0.1;  // of the lights' height above the plane
 constexpr double kHigh = 0.6;
 constexpr double kLeastTold = 0.05;  // of it: a larger standard error is uninformative
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 struct SampledPixel {
   Vector3d point = Vector3d::Zero();
@@ -193,9 +193,7 @@ double height_of_lights(const StereoLights& lights, const PixelPoints& pixels) {
   for (const NearLight& light : lights.near) {
     heights.push_back(pixels.height_of(light.position_mm));
   }
-  const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
-  std::nth_element(heights.begin(), middle, heights.end());
-  return *middle;
+  return upper_median(heights);
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <Eigen/LU>
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/shape/light_groups.h"
@@ -25,8 +26,6 @@ using Eigen::Vector3d;
 /// else is right.
 constexpr double kLeastSigmaDeg = 0.5;
 constexpr int kSegment = 256;  // pixels read at a time: 1 MB under 1024 lights
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 void keep_only(const std::vector<int>& use, LightGroups& groups) {
   std::vector<char> counts(groups.order.size(), 0);

@@ -8,7 +8,7 @@
 
 #include "core/image.h"
 #include "core/progress.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/light/near_light.h"
 #include "relight/shape/lambert_fit.h"
 #include "relight/shape/pixel_samples.h"

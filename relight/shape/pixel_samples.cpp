@@ -5,13 +5,13 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/count.h"
+
 namespace haarlight {
 
 namespace {
 
 using Eigen::Vector3d;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 std::vector<int> all_or(const std::vector<int>& use, int n_lights) {
   if (!use.empty()) {

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/light/near_light.h"
 
 /// @file

@@ -12,7 +12,9 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
+#include "core/order_statistics.h"
 #include "core/parallel.h"
 #include "relight/basis/haar.h"
 #include "relight/study/array_binning.h"
@@ -34,8 +36,6 @@ constexpr std::size_t kColumns = 64;   // coefficients whose pictures are transf
 constexpr double kErrorAgrees = 0.01;  // an error this close to the requested one counts as met
 constexpr int kMaxRounds = 7;
 constexpr double kFloorShare = 0.01;  // of the floor's energy: added by quantisation there
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
@@ -324,9 +324,7 @@ void Study::survey() {
     for (float& value : picture) {
       value = std::abs(value);
     }
-    const auto at = static_cast<std::ptrdiff_t>(0.999 * double(picture.size() - 1));
-    std::nth_element(picture.begin(), picture.begin() + at, picture.end());
-    peaks_.push_back(double{picture[static_cast<std::size_t>(at)]});
+    peaks_.push_back(double{quantile(picture, 0.999)});
   }
   for (const auto& [key, tally] : binned) {
     BinningResult result;

@@ -7,13 +7,12 @@
 #include <numeric>
 #include <tuple>
 
+#include "core/count.h"
 #include "core/error.h"
 
 namespace haarlight {
 
 namespace {
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// Points 0, stride, 2 stride ... of a line; a point is `width` numbers.
 struct Line {

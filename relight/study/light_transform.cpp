@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "relight/basis/haar.h"
 #include "relight/study/dyadic_transform.h"
@@ -14,8 +15,6 @@
 namespace haarlight {
 
 namespace {
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 bool is_power_of_two(int n) { return n > 0 && (n & (n - 1)) == 0; }
 

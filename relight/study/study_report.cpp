@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/log_plot.h"
+#include "core/plot.h"
 
 namespace haarlight {
 
@@ -433,10 +433,10 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
   std::vector<StudyFigure> figures;
   figures.push_back(
       {"sizes.svg",
-       draw_log_panels("Error of the whole stack, by size",
-                       {basis_panel(study, "numbers", "numbers a pixel", numbers, stack),
-                        basis_panel(study, "bytes", "bytes, packed", bytes, stack)},
-                       2)});
+       draw_panels("Error of the whole stack, by size",
+                   {basis_panel(study, "numbers", "numbers a pixel", numbers, stack),
+                    basis_panel(study, "bytes", "bytes, packed", bytes, stack)},
+                   2)});
   std::vector<PlotPanel> pictures;
   std::vector<PlotPanel> regions;
   for (std::size_t i = 0; i < study.lightings.size(); ++i) {
@@ -452,9 +452,9 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
     }
   }
   figures.push_back(
-      {"lightings.svg", draw_log_panels("Error of relit pictures, by size", pictures, 3)});
+      {"lightings.svg", draw_panels("Error of relit pictures, by size", pictures, 3)});
   figures.push_back(
-      {"regions.svg", draw_log_panels("Error of relit pictures, regions apart", regions, 4)});
+      {"regions.svg", draw_panels("Error of relit pictures, regions apart", regions, 4)});
   if (!study.binned.empty()) {
     const auto binning_panel = [&](const std::string& title, std::size_t region) {
       PlotPanel panel{title, "bins a side", "relative L2 error", {}};
@@ -474,11 +474,11 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
       }
       return panel;
     };
-    figures.push_back({"fewer_lights.svg",
-                       draw_log_panels("The array with fewer lights",
-                                       {binning_panel("whole picture", 0),
-                                        binning_panel("cast shadow", index(Region::cast))},
-                                       2)});
+    figures.push_back(
+        {"fewer_lights.svg", draw_panels("The array with fewer lights",
+                                         {binning_panel("whole picture", 0),
+                                          binning_panel("cast shadow", index(Region::cast))},
+                                         2)});
   }
   return figures;
 }

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "relight/basis/plate/plate.h"
@@ -17,8 +18,6 @@ namespace {
 constexpr int kLargestTile = 128;
 constexpr int kSmallestTile = 8;
 constexpr std::size_t kPiece = 64;  // pixels
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 }  // namespace
 

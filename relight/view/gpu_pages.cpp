@@ -13,6 +13,7 @@
 #include <Eigen/Core>
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/parallel.h"
 
@@ -23,9 +24,7 @@ namespace {
 constexpr std::size_t kHeaderBytes = 16;
 constexpr std::size_t kRecordBytes = 8;
 
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
-
-/// The positions of one tile's pixels in its pages.
+/// The places that pixels of one tile have in its pages.
 struct PagePlaces {
   TileRect rect;
   int side = 0;

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -15,14 +16,7 @@ namespace {
 // 8 sigma keeps false alarms below one in 10^14 normal pixels.
 constexpr double kHotSigmas = 8.0;
 constexpr double kHotShare = 0.01;
-constexpr double kSigmaPerMad = 1.4826;
 constexpr std::size_t kMostBad = 20;  // one in that many
-
-float median_of(std::vector<float>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 
@@ -30,11 +24,11 @@ void mark_hot(const Image<float>& dark, double range, BadPixelMap& map) {
   map.is_bad.resize(static_cast<std::size_t>(dark.height()) *
                     static_cast<std::size_t>(dark.width()));
   std::vector<float> values(dark.pixels().begin(), dark.pixels().end());
-  const float median = median_of(values);
+  const float median = upper_median(std::span(values));
   for (float& value : values) {
     value = std::abs(value - median);
   }
-  const double sigma = kSigmaPerMad * median_of(values);
+  const double sigma = kSigmaPerMad * upper_median(std::span(values));
   const double limit = median + std::max(kHotSigmas * sigma, kHotShare * range);
   for (std::size_t i = 0; i < dark.pixels().size(); ++i) {
     const std::size_t pixel = i / static_cast<std::size_t>(dark.channels());
@@ -96,7 +90,7 @@ void inpaint(const FrameForm& form, const BadPixelMap& map, int y0, Image<float>
         for (const float value : good) {
           squares += (value - mean) * (value - mean);
         }
-        rows(y, x, c) = median_of(good);
+        rows(y, x, c) = upper_median(std::span(good));
         const auto n = static_cast<double>(std::max<std::size_t>(good.size() - 1, 1));
         variance(y, x, c) = is_bound ? -1.0F : static_cast<float>(squares / n);
       }

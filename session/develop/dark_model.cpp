@@ -12,10 +12,10 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kLeastSpread = 0.5;    // steps rms: below it slopes are only noise
+constexpr double kLeastSpread = 0.5;    // steps rms: below it slopes are mere noise
 constexpr double kSameExposure = 1e-3;  // relative: exposures read back differ by a line
 constexpr double kSameGainDb = 0.01;
-constexpr double kLeastSpanC = 0.5;  // of the darks: below it temperature says nothing
+constexpr double kLeastSpanC = 0.5;  // of the darks: below it temperature is ignored
 
 /// Linear between the neighbours of x, constant beyond the ends.
 template <class Point, class Abscissa>
@@ -192,7 +192,7 @@ double DarkModel::level_of(const Session& session, const FrameRecord& frame) con
                 "take light and dark frames at one gain");
   }
   const double exposure_us = exposure_us_of(session, frame);
-  // One point an exposure: its level at this frame's time and temperature.
+  // One point per exposure: its level at this frame's time and temperature.
   std::vector<Point> by_exposure;
   for (std::size_t begin = 0; begin < points_.size();) {
     std::size_t end = begin + 1;
@@ -211,7 +211,7 @@ double DarkModel::level_of(const Session& session, const FrameRecord& frame) con
   }
   if (by_exposure.size() == 1) {
     const Point& only = by_exposure.front();
-    // Without a measured black level nothing says which part grows with the exposure.
+    // Without a measured black level the part that grows with the exposure is unknown.
     return is_black_known_ && only.exposure_us > 0.0
                ? only.level * exposure_us / only.exposure_us
                : only.level;

@@ -10,14 +10,14 @@
 #include "session/develop/lineariser.h"
 
 /// @file
-/// What the camera sees without light, at any exposure, time and temperature, from the dark
-/// frames of a session:
+/// Predicts what the camera sees without light, at any exposure, time and temperature, from the
+/// dark frames of a session:
 ///
 ///     D(pixel) = base(pixel) + slope(pixel) (m - mean m),    m = the frame's mean dark level
 ///
 /// base and slope by least squares over all dark frames, so that their noise averages out; only
-/// the one number m is interpolated: by time between the dark frames around a frame, outside of
-/// them by the controller's temperature, then linearly by exposure.
+/// the single number m is interpolated: by time between the dark frames around a frame,
+/// elsewhere by the controller's temperature, then linearly by exposure.
 
 namespace haarlight {
 
@@ -25,22 +25,22 @@ class DarkModel {
  public:
   DarkModel() = default;
   /// @param darks  at least one; frames of one gain
-  /// @throws Error  dark frames of several gains
+  /// @throws Error  dark frames with different gains
   DarkModel(const Session& session, const std::vector<const FrameRecord*>& darks,
             const Lineariser& linear, const SensorResponse& response);
 
   [[nodiscard]] bool is_empty() const { return base_.is_empty(); }
-  /// Mean dark level, in steps above black, expected in a frame.
-  /// @throws Error  a frame of another gain than the dark frames
+  /// Mean dark level expected in a frame, in steps above black.
+  /// @throws Error  a frame with a gain other than the dark frames'
   [[nodiscard]] double level_of(const Session& session, const FrameRecord& frame) const;
-  /// To be subtracted from sample i at a level.
+  /// The value to subtract from sample i at a level.
   [[nodiscard]] float at(std::size_t i, double level) const {
     const auto moved = static_cast<float>(level - mean_level_);
     return base_.pixels()[i] + (slope_.is_empty() ? moved : slope_.pixels()[i] * moved);
   }
-  /// Variance of that by the dark frames' own noise, steps^2; the same for all pixels.
+  /// Its variance from the dark frames' own noise, steps^2; the same for all pixels.
   [[nodiscard]] double variance(double level) const;
-  /// The picture at the highest level that a dark frame had.
+  /// The picture at the highest level of any dark frame.
   [[nodiscard]] Image<float> brightest() const;
 
   [[nodiscard]] int n_frames() const { return static_cast<int>(points_.size()); }
@@ -71,9 +71,9 @@ class DarkModel {
 };
 
 /// Time of a frame for interpolation: its exposure's start in ns, or its shot's number where
-/// times are not known (an import).
+/// times are unknown (an import).
 [[nodiscard]] std::int64_t time_of(const FrameRecord& frame);
-/// As read back, else as planned; 0: not known.
+/// As read back, otherwise as planned; 0: unknown.
 [[nodiscard]] double exposure_us_of(const Session& session, const FrameRecord& frame);
 
 }  // namespace haarlight

@@ -31,8 +31,8 @@ class Mirrored {
   ImageView<const float> view_;
 };
 
-/// Mean of the neighbours that have `colour` in the 3 x 3 window around a sample of another
-/// one: the cross for green, else the row, the column or the diagonals.
+/// Mean of the neighbours of `colour` in the 3 x 3 window around a sample of another colour:
+/// the cross for green, otherwise the row, the column or the diagonals.
 template <class Sample>
 float neighbour_mean(const Sample& sample, BayerPattern pattern, int y, int x, int colour) {
   if (bayer_colour(pattern, y, x + 1) == colour) {
@@ -49,8 +49,8 @@ float neighbour_mean(const Sample& sample, BayerPattern pattern, int y, int x, i
                   (sample(y + 1, x - 1) + sample(y + 1, x + 1)));
 }
 
-/// Green everywhere [Hamilton97]: along the direction where green and the own colour change
-/// less, corrected by the own colour's second difference.
+/// Green everywhere [Hamilton97]: along the direction in which green and the sample's own
+/// colour change less, corrected by the own colour's second difference.
 Image<float> interpolate_green(ImageView<const float> mosaic, BayerPattern pattern) {
   const Mirrored s(mosaic);
   Image<float> green(mosaic.height(), mosaic.width(), 1);
@@ -130,7 +130,7 @@ std::string_view to_string(Demosaic method) noexcept {
 }
 
 int bayer_colour(BayerPattern pattern, int y, int x) noexcept {
-  // Red sits at (ry, rx) of each 2 x 2 cell, blue diagonally opposite, green elsewhere.
+  // Red is at (ry, rx) of each 2 x 2 cell, blue diagonally opposite, green elsewhere.
   const int ry = pattern == BayerPattern::bggr || pattern == BayerPattern::gbrg ? 1 : 0;
   const int rx = pattern == BayerPattern::bggr || pattern == BayerPattern::grbg ? 1 : 0;
   const bool is_red_row = ((y ^ ry) & 1) == 0;

@@ -7,7 +7,7 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// From a Bayer mosaic to three channels, linear in and out. Error on a known picture:
+/// Bayer mosaic to three channels, linear in and out. Error on a known picture:
 /// docs/reference/session-format.md, "Demosaic". Pure.
 
 namespace haarlight {
@@ -20,15 +20,14 @@ enum class Demosaic {
 };
 [[nodiscard]] std::string_view to_string(Demosaic method) noexcept;
 
-/// Rows above and below that the result of a row depends on; even, so that bands keep the
-/// phase.
+/// Rows above and below that a row's result depends on; even, so that bands keep the phase.
 inline constexpr int kDemosaicMargin = 4;
 
 /// The colour of a mosaic's sample: 0 red, 1 green, 2 blue.
 [[nodiscard]] int bayer_colour(BayerPattern pattern, int y, int x) noexcept;
 
-/// Measured samples are kept unchanged; borders mirror about the outermost sample, which keeps
-/// the phase.
+/// Measured samples are kept unchanged; borders are mirrored about the outermost sample, which
+/// keeps the phase.
 /// @param mosaic   (h, w, 1), row 0 of the pattern's phase 0; at least 2 x 2
 /// @param method   not none
 /// @return         (h, w, 3)

@@ -30,7 +30,7 @@ std::vector<LightDrive> drives_of(const std::vector<LightLevel>& pattern) {
   return drives;
 }
 
-/// Patterns without a recipe: as they are.
+/// Patterns without parameters: as they are.
 MatchedShots match_any(const Session& session, PatternRecipe recipe,
                        const std::vector<std::vector<LightLevel>>& patterns) {
   std::vector<std::vector<LightDrive>> shots;
@@ -67,7 +67,7 @@ MatchedShots match_shots(const Session& session,
                        to_string(recipe.family), recipe.n_lights(), n_lights),
            "the file was changed after the capture: rebuild it (haarlight rebuild)");
   }
-  // Shots by the lights they light; a set of lights may stand in the recipe twice.
+  // Shots by the lights they light; a set of lights may occur twice in the parameters.
   std::map<std::vector<int>, std::size_t> by_lights;
   const std::uint16_t level = patterns.front().front().level;
   for (std::size_t i = 0; i < patterns.size(); ++i) {
@@ -131,7 +131,7 @@ void demultiplex(const PatternInverse& inverse, const std::vector<double>& power
   for (std::size_t k = 0; k < n_lights; ++k) {
     lights.emplace_back(height, width, static_cast<int>(channels));
   }
-  // 16 pixels: 1024 shots of them are 128 KB, which a core's cache holds.
+  // 16 pixels: 1024 shots of them are 128 KB, which fits into a core's cache.
   constexpr int kRun = 16;
   const auto runs_a_row = static_cast<std::size_t>((width + kRun - 1) / kRun);
   const bool has_plate = inverse.needs_plate() && !plate.is_empty();
@@ -210,8 +210,8 @@ void demultiplex_variance_rows(const PatternInverse& inverse, const std::vector<
                                std::vector<Image<float>>& variances) {
   HAARLIGHT_EXPECTS(common_sigma.size() == static_cast<std::size_t>(inverse.n_shots()),
                     "a sigma a shot");
-  // A picture in shares of the range a second has variances below 1e6; squares of the inverse's
-  // entries that matter are above 1e-12.
+  // A picture in fractions of the range per second has variances below 1e6; squares of the
+  // significant entries of the inverse are above 1e-12.
   constexpr double kMark = 1e30;
   constexpr double kMarked = 1e15;
   const bool has_common = std::any_of(common_sigma.begin(), common_sigma.end(),

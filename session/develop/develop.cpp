@@ -13,12 +13,12 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/log.h"
 #include "core/parallel.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/radiometry.h"
-#include "session/json_value.h"
 
 namespace haarlight {
 
@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kRecipe =
     "develop 3";  // part of the cache's key: bump when results change
-/// (rows, width, channels) a light -> (channels, rows, width, lights).
+/// (rows, width, channels) per light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
   constexpr std::size_t kBlock = 16;  // lights side by side: a line of the cache
   const auto count_of = [](int n) { return static_cast<std::size_t>(n); };
@@ -66,15 +66,16 @@ struct Job {
   const Session* session = nullptr;
   ExposurePlan plan;
   Demosaic demosaic = Demosaic::none;
-  StackShape shape;
+  StackDims shape;
+  int band_rows = 0;
   int margin = 0;
   bool has_error = false;
   bool marks_clipped = false;
   std::vector<double> power;  ///< of each light, relative
-  PlatePixels plate;          ///< for shots that hold less than their lights do
+  PlatePixels plate;          ///< for shots that do not resolve their lights
 };
 
-/// Rows a band so that raw pictures, demosaiced ones and the band together stay in the budget.
+/// Rows per band such that raw pictures, demosaiced ones and the band together fit the budget.
 int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   const FrameForm& form = job.session->info().form;
   const std::uint64_t n = std::max<std::uint64_t>(
@@ -83,7 +84,7 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
   const bool is_mosaic = job.demosaic != Demosaic::none;
   const auto channels = static_cast<std::uint64_t>(job.shape.channels);
   constexpr std::uint64_t kOne = 1;
-  // Values and, while they are measured, their variances.
+  // Values and, where computed, their variances.
   const bool has_variances = job.has_error || (job.marks_clipped && !job.plan.is_single);
   const std::uint64_t raw_copies =
       (job.plan.is_single ? kOne : 2 * kOne) * (has_variances ? 2 : 1);
@@ -92,7 +93,7 @@ int choose_band_rows(const Job& job, std::uint64_t memory_bytes) {
       marks + row * (static_cast<std::uint64_t>(form.channels) * raw_copies +
                      channels * (job.has_error ? 2 : 1) + (is_mosaic ? channels : 0));
   const std::uint64_t margins = 2 * static_cast<std::uint64_t>(job.margin) * a_row;
-  // Corrections, one frame being read by each thread, and the stack's pages on their way out.
+  // Corrections, one frame being read by each thread, and the stack's pages being written.
   const std::uint64_t fixed = 16 * static_cast<std::uint64_t>(form.width) *
                                   static_cast<std::uint64_t>(form.height) *
                                   static_cast<std::uint64_t>(form.channels) +
@@ -130,7 +131,7 @@ Image<float> demosaic_variance(const Image<float>& variance, BayerPattern bayer)
 }
 
 /// Variances of the patterns become the lights'; a flat field's error is common to all of them
-/// and comes out as the same share of each light.
+/// and comes out as the same fraction of each light.
 void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
                         const std::vector<Image<float>>& lights,
                         std::vector<Image<float>>& variances) {
@@ -151,8 +152,8 @@ void demultiplex_errors(const Job& job, const Radiometry& radiometry, int y0,
   }
 }
 
-/// Marks of (rows, width, channels), 1 where the variance is that of a lower bound; empty where
-/// none is.
+/// Marks of (rows, width, channels), 1 where the variance is that of a lower bound; empty if
+/// there are none.
 Image<std::uint8_t> clipped_marks(const Image<float>& variance) {
   const std::span<const float> values = variance.pixels();
   if (std::none_of(values.begin(), values.end(), [](float v) { return v < 0.0F; })) {
@@ -175,7 +176,7 @@ Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<flo
 }
 
 /// As interleave(), of few marks: lines without one are passed over.
-std::vector<std::uint8_t> interleave_marks(const StackShape& shape,
+std::vector<std::uint8_t> interleave_marks(const StackDims& shape,
                                            const std::vector<Image<std::uint8_t>>& marks,
                                            int skip, int rows) {
   const auto width = static_cast<std::size_t>(shape.width);
@@ -302,7 +303,7 @@ Developer::Rows develop_rows(const Job& job, const Radiometry& radiometry, int y
   return band;
 }
 
-/// The curve of the samples, an unknown one only under the name that the user gave it.
+/// The transfer curve of the samples; an unknown one only under the name given by the user.
 Transfer transfer_of(const Session& session, const DevelopOptions& options) {
   const Transfer transfer = session.info().form.transfer;
   if (transfer != Transfer::unknown) {
@@ -320,7 +321,7 @@ Transfer transfer_of(const Session& session, const DevelopOptions& options) {
   return *options.unknown_as;
 }
 
-/// How colours are made of a mosaic; none where there is no mosaic, or it is to be kept.
+/// How a mosaic becomes colours; none where there is no mosaic, or it is to be kept.
 Demosaic demosaic_of(const Session& session, const DevelopOptions& options) {
   const FrameForm& form = session.info().form;
   const bool is_mosaic = form.bayer != BayerPattern::none && !options.keep_bayer &&
@@ -328,7 +329,7 @@ Demosaic demosaic_of(const Session& session, const DevelopOptions& options) {
   return is_mosaic ? options.demosaic : Demosaic::none;
 }
 
-/// What the sharing out of light depends on; empty where no capture of its family needs it.
+/// What the distribution of light depends on; empty where no capture of its family needs it.
 std::string plate_key_of(const Session& session, const DevelopOptions& options) {
   const PatternFamily family = session.info().patterns.family;
   const bool may_need_plate = family == PatternFamily::bins || family == PatternFamily::haar ||
@@ -358,7 +359,7 @@ std::string cache_key(const Session& session, Demosaic method, Transfer transfer
                                   session_info_to_json(info)));
 }
 
-/// A cached stack, or nothing when there is none or it is damaged (then it is made again).
+/// A cached stack, or nothing when there is none or it is damaged (then it is recomputed).
 std::optional<LightStack> open_cached(const fs::path& file) {
   std::error_code ignored;
   if (!fs::exists(file, ignored)) {
@@ -453,7 +454,7 @@ Developer::Developer(const Session& session, const DevelopOptions& options)
   const bool needs_margin =
       job.demosaic != Demosaic::none || impl_->radiometry->has_bad_pixels();
   job.margin = needs_margin ? 2 * kDemosaicMargin : 0;
-  job.shape.band_rows = choose_band_rows(job, options.memory_bytes);
+  job.band_rows = choose_band_rows(job, options.memory_bytes);
   for (const SessionLight& light : session.info().lights) {
     job.power.push_back(light.relative_power);
   }
@@ -466,7 +467,11 @@ Developer::Developer(const Session& session, const DevelopOptions& options)
 Developer::~Developer() = default;
 Developer::Developer(Developer&&) noexcept = default;
 
-const StackShape& Developer::shape() const noexcept { return impl_->job.shape; }
+StackDims Developer::dims() const noexcept { return impl_->job.shape; }
+
+StackBands Developer::bands() const noexcept {
+  return {impl_->job.shape.height, impl_->job.band_rows};
+}
 const std::string& Developer::key() const noexcept { return impl_->key; }
 
 Developer::Rows Developer::rows(int y0, int y1) {
@@ -521,16 +526,16 @@ Developed develop_all(const Session& session, const DevelopOptions& options) {
   }
   const fs::path file = folder / fmt::format("stack-{}.hls", key);
   const fs::path error_file = folder / fmt::format("error-{}.hls", key);
-  const StackShape& shape = developer.shape();
-  LightStackWriter writer(file, shape);
+  const StackDims dims = developer.dims();
+  const StackBands bands = developer.bands();
+  LightStackWriter writer(file, dims, bands.rows);
   std::optional<LightStackWriter> error_writer;
   if (has_error) {
-    error_writer.emplace(error_file, shape);
+    error_writer.emplace(error_file, dims, bands.rows);
   }
-  Progress progress("develop", static_cast<std::size_t>(shape.n_bands()), options.progress);
-  for (int i = 0; i < shape.n_bands(); ++i) {
-    const Developer::Rows band =
-        developer.rows(i * shape.band_rows, std::min(shape.height, (i + 1) * shape.band_rows));
+  Progress progress("develop", static_cast<std::size_t>(bands.n()), options.progress);
+  for (int i = 0; i < bands.n(); ++i) {
+    const Developer::Rows band = developer.rows(bands.first_row(i), bands.end_row(i));
     writer.append_band(band.values);
     if (error_writer) {
       error_writer->append_band(band.errors);

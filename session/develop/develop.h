@@ -10,14 +10,14 @@
 
 #include "core/picture/image_io.h"
 #include "core/progress.h"
+#include "core/stack/light_stack.h"
 #include "session/develop/demosaic.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/radiometry.h"
-#include "session/light_stack.h"
 #include "session/session.h"
 
 /// @file
-/// From raw frames to the light stack. Its own target, haarlight::develop (it uses oneTBB,
+/// From raw frames to the light stack. A target of its own, haarlight::develop (it uses oneTBB,
 /// which the daemon does not link).
 
 namespace haarlight {
@@ -26,29 +26,30 @@ struct DevelopOptions {
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   Demosaic demosaic = Demosaic::bilinear;
   bool keep_bayer = false;  ///< the same as Demosaic::none
-  /// What stands in for a curve that nobody knows (Transfer::unknown); empty: refused.
+  /// The curve assumed in place of an unknown one (Transfer::unknown); empty: refused.
   std::optional<Transfer> unknown_as{};
-  bool use_cache = true;  ///< false: make it again even if the cached one fits
-  /// Empty: SESSION/cache. Name a folder for a read-only archive.
+  bool use_cache = true;  ///< false: recompute even if the cached one matches
+  /// Empty: SESSION/cache. Give a folder for a read-only archive.
   std::filesystem::path cache_folder{};
   ProgressStyle progress = ProgressStyle::none;
-  /// For bins, target and partial haar captures: how a shot's light is shared out. Empty: an
-  /// error for these, unless share_evenly.
+  /// For bins, target and partial haar captures: clean plate by which a shot's light is
+  /// distributed. Empty: an error for these, unless share_evenly.
   PlatePixels plate{};
   bool share_evenly = false;
   RadiometryOptions radiometry{};
   /// Make a second stack of the values' standard errors; -1 where every exposure (of a shot
-  /// that the light needs) is clipped. Noise alone: not what a plate shares out wrongly.
+  /// that the light needs) is clipped. Noise only: does not include what a clean plate
+  /// distributes wrongly.
   bool has_standard_error = false;
-  /// Of Developer::rows(): mark the values that are lower bounds.
+  /// For Developer::rows(): mark the values that are lower bounds.
   bool marks_clipped = false;
 };
 
-/// A light stack and what is known of it.
+/// A light stack and what is known about it.
 struct Developed {
   LightStack stack;
-  std::optional<LightStack> standard_error;  ///< same shape; when asked for
-  /// What each step did, as JSON (docs/reference/session-format.md); beside the stack as
+  std::optional<LightStack> standard_error;  ///< same shape; if requested
+  /// What each step did, as JSON (docs/reference/session-format.md); next to the stack as
   /// stack-KEY.json.
   std::string record;
   std::uint64_t n_saturated = 0;  ///< values clipped in every exposure: lower bounds
@@ -56,9 +57,9 @@ struct Developed {
 };
 
 /// Linear steps above black -> dark -> exposure, gain, drift, drive and power -> flat -> merge
-/// of exposures -> bad pixels -> demultiplexing -> demosaic, for every light of a session. Made
-/// once and then cached in SESSION/cache/ under a key of everything it depends on. Out of core:
-/// bands are sized to the memory budget.
+/// of exposures -> bad pixels -> demultiplexing -> demosaic, for every light of a session.
+/// Computed once and then cached in SESSION/cache/ under a key of everything it depends on. Out
+/// of core: bands are sized to the memory budget.
 ///
 /// Values: T = ((DN - black) / (white - black)) / (exposure in s * 10^(gain/20) * level/65535 *
 /// relative power); an exposure of 0 (an import) counts as 1 s. Two sessions of one rig are
@@ -66,12 +67,12 @@ struct Developed {
 /// greatest lower bound: counted in the record, -1 in the standard error.
 /// @throws Error  samples through an unknown curve (a camera's YUYV) unless `unknown_as` names
 ///                one; a light without a frame, a frame that does not fit, NaN (by name), drift
-///                or exposures out of bounds, no noise known for a standard error, disk full
+///                or exposures out of bounds, a standard error without known noise, disk full
 [[nodiscard]] Developed develop_all(const Session& session, const DevelopOptions& options = {});
 /// The stack alone.
 [[nodiscard]] LightStack develop(const Session& session, const DevelopOptions& options = {});
 
-/// The same values row by row, straight from the frames: nothing is written, no stack is held.
+/// The same values row by row, straight from the frames: nothing is written, no stack is kept.
 class Developer {
  public:
   /// Borrows the session. @throws Error  as develop_all()
@@ -82,28 +83,29 @@ class Developer {
   Developer(const Developer&) = delete;
   Developer& operator=(const Developer&) = delete;
 
-  /// band_rows: the most rows that fit the memory budget at a time.
-  [[nodiscard]] const StackShape& shape() const noexcept;
+  [[nodiscard]] StackDims dims() const noexcept;
+  /// As many rows at a time as fit the memory budget.
+  [[nodiscard]] StackBands bands() const noexcept;
   /// Hash of everything that the values depend on: the key of develop_all()'s cache.
   [[nodiscard]] const std::string& key() const noexcept;
 
   struct Rows {
     std::vector<float> values;  ///< (channels, y1 - y0, width, n_lights)
-    std::vector<float> errors;  ///< the same, standard errors; empty unless asked for
-    /// The same: 1 where every exposure (of a shot that the light needs) is clipped, or that of
-    /// a neighbour whose colour was taken; empty where none is, or unless asked for.
+    std::vector<float> errors;  ///< likewise, standard errors; empty unless requested
+    /// Likewise: 1 where every exposure (of a shot that the light needs) is clipped, or that of
+    /// a neighbour whose colour was used; empty where none is, or unless requested.
     std::vector<std::uint8_t> clipped;
   };
-  /// Rows [y0, y1). One caller at a time; frames are read by several threads. Frames lie in
-  /// strips of 64 rows: whole strips are read once.
+  /// Rows [y0, y1). One caller at a time; frames are read by several threads. Frames are stored
+  /// in strips of 64 rows: whole strips are read once.
   [[nodiscard]] Rows rows(int y0, int y1);
 
-  /// What one step of the camera is in each light's values, (n_lights); empty where values come
-  /// of several samples (exposures, patterns, colours from a mosaic) or of a curve. Values are
+  /// The size of one camera step in each light's values, (n_lights); empty where values combine
+  /// several samples (exposures, patterns, colours from a mosaic) or follow a curve. Values are
   /// whole multiples where neither dark frames nor a flat field are applied.
   [[nodiscard]] std::vector<double> steps() const;
 
-  /// When every row was asked for: what each step did (Developed::record).
+  /// After all rows have been computed: what each step did (Developed::record).
   /// @throws Error  exposures that contradict each other by more than the bound
   [[nodiscard]] std::string record() const;
 

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
@@ -101,9 +102,7 @@ DriftModel::DriftModel(const Session& session, const std::vector<const FrameReco
   for (const Point& point : points_) {
     gains.push_back(point.gain);
   }
-  const auto middle = gains.begin() + static_cast<std::ptrdiff_t>(gains.size() / 2);
-  std::nth_element(gains.begin(), middle, gains.end());
-  const double unit = *middle;
+  const double unit = upper_median(gains);
   for (Point& point : points_) {
     point.gain /= unit;
     point.sigma /= unit;
@@ -119,8 +118,8 @@ double DriftModel::bend(std::size_t i) const {
   return bend;
 }
 
-// Linear interpolation of a curve errs by its second difference / 8 at most; a quarter of it
-// allows for a bend that grows between the sentinels.
+// Linear interpolation of a curve errs by at most its second difference / 8; a quarter of it
+// allows for curvature that grows between the sentinels.
 DriftGain DriftModel::at(std::int64_t time) const {
   if (points_.empty()) {
     return {};

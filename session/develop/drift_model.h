@@ -14,14 +14,14 @@
 /// the sums over the pixels that are not clipped in either; the best ratio under photon noise.
 /// The median, not the first: it is near the settled brightness after a warm-up, and a lamp
 /// that fails at the end does not move it. Linear in time between sentinels. A sentinel sees
-/// what all lights share (supply, ambient temperature, the camera's gain), not what one LED
-/// does by itself.
+/// what is common to all lights (supply, ambient temperature, the camera's gain), not what one
+/// LED does by itself.
 
 namespace haarlight {
 
 struct DriftGain {
   double gain = 1.0;   ///< brightness relative to the median of the sentinels
-  double sigma = 0.0;  ///< standard error: the sentinels' noise, and a quarter of the bend
+  double sigma = 0.0;  ///< standard error: the sentinels' noise, and a quarter of the curvature
 };
 
 class DriftModel {

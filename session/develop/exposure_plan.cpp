@@ -128,7 +128,7 @@ ExposurePlan plan_exposures(const Session& session) {
     group.lit = shot.lit;
     group.frames.push_back({&frame, exposure_scale(shot, frame)});
   }
-  // A target shot of one light is still a lighting, and one bin may hold one light.
+  // A target shot of one light is still a lighting, and a bin may hold a single light.
   const PatternFamily family = info.patterns.family;
   if (is_single && (family == PatternFamily::list || family == PatternFamily::one_at_a_time)) {
     make_single(session, by_pattern, plan);

@@ -9,12 +9,12 @@
 
 /// @file
 /// Which frames of a session measure what: the light shots grouped by pattern, how each is
-/// scaled, and how single lights come out of the groups. From session.json alone; reads no
-/// pixels. Pure.
+/// scaled, and how single lights are recovered from the groups. From session.json alone; reads
+/// no pixels. Pure.
 
 namespace haarlight {
 
-/// A frame's part in a measurement: linear signal / scale = radiance at unit drive and power.
+/// A frame's role in a measurement: linear signal / scale = radiance at unit drive and power.
 struct ScaledFrame {
   const FrameRecord* frame = nullptr;
   double scale = 1.0;  ///< exposure in s * 10^(gain_db/20) [* drive * power]
@@ -27,7 +27,7 @@ struct PatternGroup {
 };
 
 struct ExposurePlan {
-  /// One a light, in order, when single; else one a pattern.
+  /// One per light, in order, when single; otherwise one per pattern.
   std::vector<PatternGroup> groups;
   bool is_single = true;  ///< every group is one light: nothing to demultiplex
   /// From the groups, in their order, to the lights times their relative powers; null when
@@ -38,7 +38,8 @@ struct ExposurePlan {
   std::vector<const FrameRecord*> sentinels;
 };
 
-/// @throws Error  a light that no committed shot lights, patterns that do not tell lights apart
+/// @throws Error  a light that no committed shot lights, patterns that do not separate the
+///     lights
 [[nodiscard]] ExposurePlan plan_exposures(const Session& session);
 
 }  // namespace haarlight

@@ -16,7 +16,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr float kDeadShare = 0.02F;  // of the mean: less light than this is a dead pixel
+constexpr float kDeadShare = 0.02F;  // of the mean: a pixel with less light is dead
 constexpr double kMostClipped = 1e-3;
 constexpr int kDegree = 4;
 constexpr int kTerms = (kDegree + 1) * (kDegree + 2) / 2;
@@ -37,7 +37,7 @@ void for_each(const FrameForm& form, Visit visit) {
   }
 }
 
-/// The monomials of degree 4 and less in x and y, both from -1 to 1.
+/// The monomials of degree up to 4 in x and y, both from -1 to 1.
 Terms terms_at(const FrameForm& form, int y, int x) {
   const double u = (2.0 * x + 1.0) / form.width - 1.0;
   const double v = (2.0 * y + 1.0) / form.height - 1.0;
@@ -80,7 +80,7 @@ void remove_smooth_part(const FrameForm& form, const BadPixelMap& bad, Image<flo
   });
 }
 
-/// Mean 1 of the good pixels of each colour.
+/// Scales to a mean of 1 over the good pixels of each colour.
 void normalise(const FrameForm& form, const BadPixelMap& bad, Image<float>& flat) {
   std::array<double, 3> sum{};
   std::array<double, 3> count{};

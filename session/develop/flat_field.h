@@ -12,7 +12,7 @@
 
 namespace haarlight {
 
-/// What of the flat frames is sensitivity.
+/// Which part of the flat frames is sensitivity.
 enum class FlatKind {
   whole,  ///< all of it: the target was lit evenly (integrating sphere, opal glass, sky)
   /// What a polynomial of degree 4 in x and y does not explain: pixels, dust, fixed pattern.
@@ -22,11 +22,11 @@ enum class FlatKind {
 [[nodiscard]] std::string_view to_string(FlatKind kind) noexcept;
 
 struct FlatField {
-  Image<float> relative;  ///< mean 1 of the good pixels of each colour; empty: none
+  Image<float> relative;  ///< mean 1 over the good pixels of each colour; empty: none
   int n_frames = 0;
   double least = 1.0;
   double greatest = 1.0;
-  double relative_variance = 0.0;  ///< of a typical pixel, by the flat frames' own noise
+  double relative_variance = 0.0;  ///< of a typical pixel, from the flat frames' own noise
 };
 
 /// Mean of the frames, dark subtracted; marks pixels below 2 % of the mean as dead.

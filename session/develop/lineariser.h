@@ -6,7 +6,7 @@
 #include "session/develop/sensor_response.h"
 
 /// @file
-/// The first step of develop: stored samples to linear steps above black.
+/// The first step of develop: from stored samples to linear steps above black.
 
 namespace haarlight {
 
@@ -22,13 +22,13 @@ class Lineariser {
     }
     return is_srgb_ ? decode(dn) : dn - black_;
   }
-  /// At or above the level from which samples say only "at least".
+  /// At or above the level from which samples only mean "at least".
   [[nodiscard]] bool is_clipped(float dn) const { return dn >= clip_; }
   /// The clip level, linear.
   [[nodiscard]] double clip() const { return (*this)(clip_); }
-  /// One step of the camera is the same everywhere.
+  /// One step of the camera has the same size everywhere.
   [[nodiscard]] bool is_linear() const { return !is_srgb_; }
-  /// White minus black: what a value of 1 share of the range is.
+  /// White minus black: the full range in steps.
   [[nodiscard]] double range() const { return range_; }
 
  private:

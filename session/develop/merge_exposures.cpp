@@ -14,13 +14,13 @@ namespace {
 
 constexpr int kMaxPasses = 12;
 constexpr double kConverged = 1e-3;   // of a standard error: far below what noise shows
-constexpr double kLevelSlack = 0.02;  // of the level: LEDs and exposures are not truer
-// Trust in a sample falls linearly from 1 to 0 over this span of sigmas below the clip level.
-// Selecting by a noisy sample biases by slope * sigma^2: 1/20 of its sigma here.
+constexpr double kLevelSlack = 0.02;  // of the level: LEDs and exposures are no more accurate
+// The weight of a sample falls linearly from 1 to 0 over this span of sigmas below the clip
+// level. Selecting by a noisy sample biases by slope * sigma^2: 1/20 of its sigma here.
 constexpr double kRampSigmas = 20.0;
-constexpr double kRampTopSigmas = 4.0;  // above it samples clip: one in 30000 at its end
+constexpr double kRampTopSigmas = 4.0;  // samples clip above it: one in 30000 at its end
 
-/// How far a sample is to be trusted that may be clipped the next time.
+/// How far to trust a sample that may be clipped the next time.
 double trust(const ExposureSample& s) {
   if (!std::isfinite(s.clip)) {
     return 1.0;
@@ -30,7 +30,7 @@ double trust(const ExposureSample& s) {
   return std::clamp((top - s.electrons) / (kRampSigmas * sigma), 0.0, 1.0);
 }
 
-/// Every sample is clipped: the radiance is at least what each of them says.
+/// Every sample is clipped: the radiance is at least the bound from each.
 MergedRadiance lower_bound(std::span<const ExposureSample> samples) {
   MergedRadiance merged;
   merged.is_saturated = true;
@@ -62,14 +62,14 @@ MergedRadiance merge_by_photons(std::span<const ExposureSample> samples) {
 
 // With W_i = t_i a_i^2 / v_i, v_i = a_i x + c_i, t_i the trust:
 //   x = sum W_i (n_i / a_i) / sum W_i,    var x = sum W_i^2 v_i / a_i^2 / (sum W_i)^2
-// iterated in v; an error of v enters x in second order only.
+// iterated in v; an error of v enters x only to second order.
 MergedRadiance merge_exposures(std::span<const ExposureSample> samples) {
   HAARLIGHT_EXPECTS(!samples.empty(), "at least one exposure");
   MergedRadiance merged = merge_by_photons(samples);
   if (merged.is_saturated) {
     return merged;
   }
-  // The shortest exposure that is not clipped is trusted wholly: nothing can replace it.
+  // The shortest unclipped exposure is trusted fully: nothing can replace it.
   double shortest = std::numeric_limits<double>::infinity();
   for (const ExposureSample& s : samples) {
     shortest = s.is_clipped() ? shortest : std::min(shortest, s.per_unit);

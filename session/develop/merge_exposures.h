@@ -7,10 +7,10 @@
 /// @file
 /// Radiance of one pixel from several exposures under the camera's measured noise: each sample
 /// is n ~ Poisson(a x) + N(0, c), of variance a x + c at the common estimate x (not at each
-/// noisy sample, which would bias). The weights a^2 / (a x + c) are those of [Granados10]
-/// and [Hasinoff10]. Samples near the clip level lose their weight gradually, over 20 of
-/// their sigmas: a hard limit would keep a sample only when its noise is low, which biases; the
-/// ramp leaves less than 0.1 sigma. Accuracy: docs/numerics/exposure.md.
+/// noisy sample, which would bias). The weights a^2 / (a x + c) are those of [Granados10] and
+/// [Hasinoff10]. Samples near the clip level lose their weight gradually, over 20 of their
+/// sigmas: a hard limit would keep a sample only when its noise is low, which biases; the ramp
+/// leaves less than 0.1 sigma. Accuracy: docs/numerics/exposure.md.
 
 namespace haarlight {
 
@@ -27,10 +27,10 @@ struct ExposureSample {
 struct MergedRadiance {
   double radiance = 0.0;  ///< may be negative. Saturated: the greatest lower bound
   double variance = 0.0;  ///< of `radiance`; 0 where saturated
-  /// Sum of squared residuals over their variance (2 % of the level allowed besides) of the
-  /// samples that are not clipped.
+  /// Sum of squared residuals over their variance (plus a tolerance of 2 % of the level) of the
+  /// unclipped samples.
   double chi_square = 0.0;
-  int n_used = 0;             ///< samples that are not clipped
+  int n_used = 0;             ///< unclipped samples
   bool is_saturated = false;  ///< every sample is clipped
 };
 
@@ -38,8 +38,8 @@ struct MergedRadiance {
 /// Pure; O(samples), 2 to 4 passes.
 [[nodiscard]] MergedRadiance merge_exposures(std::span<const ExposureSample> samples);
 
-/// The same for a camera whose noise nobody measured: sum of signals / sum of a over the
-/// unclipped samples, the best weights under photon noise alone. Variance and chi_square are 0.
+/// The same for a camera with unmeasured noise: sum of signals / sum of a over the unclipped
+/// samples, the best weights under photon noise alone. Variance and chi_square are 0.
 [[nodiscard]] MergedRadiance merge_by_photons(std::span<const ExposureSample> samples);
 
 }  // namespace haarlight

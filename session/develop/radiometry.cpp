@@ -19,11 +19,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kStrip = 64;  // rows of a TIFF's strip, read at once
-// Two exposures are compared where a sample's neighbours let expect this signal to noise ratio
-// of the shorter, and less than this share of the clip level of the longer.
+// Two exposures are compared where a sample's neighbours predict this signal to noise ratio in
+// the shorter, and less than this fraction of the clip level in the longer.
 constexpr double kComparedSnr = 10.0;
 constexpr double kComparedShare = 0.7;
-constexpr double kSureSigmas = 5.0;  // of the levels' ratio: beyond it is no noise
+constexpr double kSureSigmas = 5.0;  // of the levels' ratio: beyond it is not noise
 constexpr double kMovedSigmas = 6.0;
 
 double rounded(double value) {
@@ -79,7 +79,7 @@ double LevelPair::sigma() const {
   return std::sqrt(var_longer + ratio() * ratio() * var_predicted) / sum_predicted;
 }
 
-/// What is the same for all samples of one frame. In steps (DN) where the noise is unknown:
+/// Constants of one frame's samples. In steps (DN) where the noise is unknown:
 /// electrons_per_step is then 1.
 struct Radiometry::Factors {
   double electrons_per_step = 1.0;
@@ -88,7 +88,7 @@ struct Radiometry::Factors {
   double dark_floor = 0.0;  ///< of it: the dark model's
   double dark_level = 0.0;
   double drift_sigma = 0.0;
-  double scale = 1.0;  ///< exposure and gain: names the exposure in the tally
+  double scale = 1.0;  ///< exposure and gain: identifies the exposure in the tally
 };
 
 Radiometry::Radiometry(const Session& session, const ExposurePlan& plan, Transfer transfer,
@@ -218,7 +218,7 @@ void Radiometry::compare_levels(const StripRow& row, std::vector<LevelPair>& lev
       if (shorter.is_clipped() || longer.is_clipped()) {
         continue;
       }
-      // What the neighbours see in both exposures: their noise is not this sample's.
+      // What the neighbours see in both exposures: their noise is independent of this sample's.
       double signal = 0.0;
       double per_unit = 0.0;
       for (const std::size_t j : {i - step, i + step}) {

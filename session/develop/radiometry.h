@@ -12,12 +12,12 @@
 
 /// @file
 /// From a session's raw frames to linear radiance, pattern by pattern: the steps of develop
-/// before demultiplexing and demosaicing. Each step can be left out by name, and what each did
-/// is told as JSON.
+/// before demultiplexing and demosaicing. Each step can be disabled by name, and what each did
+/// is reported as JSON.
 
 namespace haarlight {
 
-/// The steps that can be left out, and how the others work.
+/// The steps that can be disabled, and how the others work.
 struct RadiometryOptions {
   bool has_dark = true;   ///< subtract the dark frames' picture
   bool has_flat = true;   ///< divide by the flat field
@@ -28,25 +28,25 @@ struct RadiometryOptions {
   std::filesystem::path flat_session{};
   BadPixels bad_pixels = BadPixels::inpaint;
   double max_drift = 0.25;  ///< refused beyond
-  /// Relative distance of two exposures' levels, beyond which the merge is refused.
+  /// Relative deviation between two exposures' levels beyond which the merge is refused.
   double max_level_error = 0.1;
   [[nodiscard]] std::string key() const;
 };
 
-/// The level of a longer exposure against what the one before it predicts, over samples chosen
-/// by their neighbours of the same colour: whether a sample counts says nothing about its own
-/// noise.
+/// The level of a longer exposure against the prediction from the one before it, over samples
+/// selected by their neighbours of the same colour: whether a sample counts is independent of
+/// its own noise.
 struct LevelPair {
   double sum_longer = 0.0;
   double sum_predicted = 0.0;
-  double var_longer = 0.0;  ///< of the sums, by photon and read noise
+  double var_longer = 0.0;  ///< of the sums, from photon and read noise
   double var_predicted = 0.0;
   [[nodiscard]] double ratio() const { return sum_longer / sum_predicted; }
   /// Standard error of ratio().
   [[nodiscard]] double sigma() const;
 };
 
-/// Counted while pictures are measured; summed over bands and patterns.
+/// Counted while pictures are computed; summed over bands and patterns.
 struct MergeTally {
   std::uint64_t n_pixels = 0;     ///< samples of all patterns
   std::uint64_t n_saturated = 0;  ///< clipped in every exposure
@@ -66,7 +66,7 @@ struct RadianceRows {
 /// All corrections of one session, measured once. Safe to share between threads (const calls).
 class Radiometry {
  public:
-  /// @throws Error  as its parts do; drift beyond max_drift
+  /// @throws Error  as its parts; drift beyond max_drift
   Radiometry(const Session& session, const ExposurePlan& plan, Transfer transfer,
              RadiometryOptions options);
 
@@ -77,8 +77,8 @@ class Radiometry {
     int y1 = 0;
     int count_from = 0;
     int count_to = 0;
-    /// The pattern is one of many that will be combined: its variance is without the noise that
-    /// it shares with the others, the dark model's and the flat field's.
+    /// The pattern is one of many to be combined: its variance excludes the noise that it has
+    /// in common with the others, the dark model's and the flat field's.
     bool is_combined = false;
   };
   /// @throws Error  a sample that is not a finite number, a frame that cannot be read
@@ -88,18 +88,18 @@ class Radiometry {
   /// and 5 standard errors of the ratio
   void require_levels(const MergeTally& tally) const;
 
-  /// Standard deviation of a pattern's radiance by the dark model's own noise, the same in
+  /// Standard deviation of a pattern's radiance due to the dark model's own noise, the same in
   /// every pattern of these exposures. With several exposures: of the longest, which weighs
   /// most where dark noise matters (an approximation: the others weigh less and have more).
   [[nodiscard]] double dark_sigma(const PatternGroup& group) const;
-  /// Relative variance of the flat field: of every pattern the same at a pixel.
+  /// Relative variance of the flat field: at a pixel the same for every pattern.
   [[nodiscard]] double flat_variance() const { return flat_.relative_variance; }
 
-  /// What one step of the camera is in the radiance of a frame's pattern, flat field left out;
+  /// The size of one camera step in the radiance of a frame's pattern, without the flat field;
   /// 0 where the curve is not linear, or channels have gains of their own.
   [[nodiscard]] double step_of(const ScaledFrame& frame) const;
 
-  /// Pixels around a band that inpainting looks at, 0 when nothing is bad.
+  /// Pixels around a band that inpainting needs, 0 when nothing is bad.
   [[nodiscard]] bool has_bad_pixels() const { return !bad_.is_empty(); }
   [[nodiscard]] const SensorResponse& response() const { return response_; }
   /// What each step did, as a JSON object.

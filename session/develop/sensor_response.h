@@ -4,8 +4,8 @@
 #include "session/session.h"
 
 /// @file
-/// How a session's samples stand for electrons, from the noise that the rig file holds
-/// (measured by `haarlight rig commission`, or the maker's). Pure.
+/// Converts a session's samples to electrons, using the noise in the rig file (measured by
+/// `haarlight rig commission`, or the manufacturer's). Pure.
 
 namespace haarlight {
 
@@ -17,13 +17,13 @@ struct SensorResponse {
   double read_e = 0.0;            ///< rms
   double black_dn = 0.0;
   double white_dn = 65535.0;
-  /// From here on a sample is clipped (session/clip_level.h).
+  /// Samples are clipped from here on (session/clip_level.h).
   double clip_dn = 65535.0;
-  /// The rig file gives the noise. Else samples are weighted as if only photons made noise, and
-  /// no standard error can be given.
+  /// The rig file gives the noise. Otherwise samples are weighted as if there were only photon
+  /// noise, and no standard error can be given.
   bool is_measured = false;
 
-  /// Amplification divides the electrons that make one step.
+  /// Gain reduces the electrons per step.
   [[nodiscard]] double electrons_per_dn_at(double frame_gain_db) const;
   /// Variance without light, electrons^2: read noise and rounding.
   [[nodiscard]] double floor_variance(double frame_gain_db) const;
@@ -32,7 +32,7 @@ struct SensorResponse {
 
 /// The response of a session's frames.
 /// @throws Error  a gain of zero, a white level at or below black, a black level above the
-///                picture (every light frame's mean lies below it), a noise model for samples
+///                picture (every light frame's mean is below it), a noise model for samples
 ///                that are not linear
 [[nodiscard]] SensorResponse sensor_response(const Session& session);
 

@@ -42,7 +42,7 @@ void check_finite(const Image<float>& pixels, const fs::path& path) {
   }
 }
 
-/// A frame's numbers are linear or sRGB's: those of another profile become linear floats,
+/// A frame's numbers are linear or sRGB: those with another profile become linear floats,
 /// unless the user says what they are. Finite.
 PictureFile read_for_session(const fs::path& path, const ImportOptions& options) {
   PictureFile picture = read_picture(path);
@@ -56,7 +56,7 @@ PictureFile read_for_session(const fs::path& path, const ImportOptions& options)
   return picture;
 }
 
-/// Of the whole picture as the file has it.
+/// For the whole picture in the file.
 FrameForm form_of(const PictureFile& picture, const fs::path& path,
                   const ImportOptions& options) {
   FrameForm form;
@@ -101,12 +101,12 @@ void check_same_form(const FrameForm& form, const FrameForm& first, const fs::pa
   }
 }
 
-/// What all pictures share: the first one's form, and the rectangles in it.
+/// What all pictures have in common: the first one's form, and the rectangles in it.
 struct Frame {
   fs::path first;
   std::string profile;
   FrameForm whole;
-  int orientation = 1;                  ///< EXIF's; matters to rectangles alone
+  int orientation = 1;                  ///< from EXIF; matters only for rectangles
   std::optional<PixelRectangle> crop;   ///< of the stored pixels
   std::optional<PixelRectangle> white;  ///< of the stored pixels
 };
@@ -141,7 +141,7 @@ PictureFile read_in_frame(const fs::path& path, const Frame& frame,
   return picture;
 }
 
-/// What is seen of the pictures before the first is written.
+/// What is learnt from the pictures before the first is written.
 struct Survey {
   float largest = 0.0F;  ///< of all lights' values
   std::vector<PatchSample> patches;
@@ -177,7 +177,7 @@ Survey survey(const std::vector<LightPicture>& pictures, std::size_t n_lights,
   return seen;
 }
 
-/// The mean of the dark pictures' patches is taken from the lights'.
+/// The dark pictures' mean patch is subtracted from the lights'.
 std::vector<PatchSample> lit_patches(const Survey& seen, std::size_t n_lights) {
   std::vector<PatchSample> lit(seen.patches.begin(),
                                seen.patches.begin() + static_cast<std::ptrdiff_t>(n_lights));
@@ -202,7 +202,7 @@ Image<T> to_integers(const Image<float>& pixels, float white) {
   return result;
 }
 
-/// One picture as a frame's bytes; the evidence's pixel part is filled.
+/// Encodes one picture as a frame; fills in the pixel part of its evidence.
 template <class T>
 std::vector<std::byte> encode(const Image<T>& pixels, const FrameForm& form,
                               FrameDescription& description) {
@@ -227,7 +227,7 @@ nlohmann::ordered_json to_json(const PixelRectangle& r) {
   return {r.x, r.y, r.width, r.height};
 }
 
-/// What was asked, with the sources' hashes: the session's plan.json.
+/// The request, with the sources' hashes: the session's plan.json.
 std::string make_plan(const std::vector<LightPicture>& pictures, const std::string& lights,
                       const std::vector<std::string>& hashes, const ImportOptions& options,
                       const std::optional<WhiteReference>& white) {
@@ -261,7 +261,7 @@ std::string now_for_people() {
   return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)));
 }
 
-/// Into the order of the grid that the lights' positions form, if they form one.
+/// Sorts into the order of the grid that the lights' positions form, if they form one.
 void order_by_grid(const fs::path& light_file, LightList& list,
                    std::vector<LightPicture>& pictures, SessionInfo& info) {
   const std::optional<PositionGrid> grid = find_position_grid(list.lights);
@@ -298,7 +298,7 @@ void take_grid(const std::array<int, 2>& grid, std::size_t n_lights, SessionInfo
 
 /// Everything that is known before a picture is written.
 struct Job {
-  fs::path lights_from;  ///< for people: the list, or the folder whose pictures name them
+  fs::path lights_from;  ///< for display: the list, or the folder of the pictures
   LightList list;
   std::vector<LightPicture> pictures;  ///< the lights', then the dark ones
   std::size_t n_lights = 0;
@@ -336,7 +336,7 @@ void find_pictures(const fs::path& folder, const fs::path& light_file,
 void take_white(const Survey& seen, const fs::path& folder, const ImportOptions& options,
                 Job& job) {
   std::vector<PatchSample> patches = lit_patches(seen, job.n_lights);
-  if (job.info.form.clip_level) {  // floating-point values without an end
+  if (job.info.form.clip_level) {  // floating-point values have no upper limit
     for (PatchSample& patch : patches) {
       patch.is_clipped = false;
     }
@@ -357,7 +357,7 @@ void take_white(const Survey& seen, const fs::path& folder, const ImportOptions&
   }
 }
 
-/// The frames' form, and what is told of it.
+/// Chooses the frames' form, and notes how.
 void choose_form(const fs::path& folder, const ImportOptions& options, Job& job) {
   job.frame = frame_of(job.pictures[0].path, options);
   const FrameForm& whole = job.frame.whole;
@@ -390,7 +390,7 @@ void choose_form(const fs::path& folder, const ImportOptions& options, Job& job)
   }
 }
 
-/// The session without its frames. @return  plan.json
+/// Describes the session without its frames. @return  plan.json
 std::string describe_session(const ImportOptions& options, Job& job) {
   SessionInfo& info = job.info;
   info.evidence = EvidenceKind::asserted;
@@ -453,13 +453,13 @@ std::vector<PictureFacts> write_frames(const fs::path& folder, const ImportOptio
   return facts;
 }
 
-/// Files may differ where the pixels taken do not; `verify` would not let that pass.
+/// Files may differ where the imported pixels do not; `verify` would reject that.
 void check_different_pixels(const Job& job) {
   std::map<std::string, std::size_t> seen;
   for (std::size_t i = 0; i < job.n_lights; ++i) {
     const FrameEvidence& e = job.info.frames[i].evidence;
     if (!(1.0 - e.saturated_share - e.black_share > 0.0)) {
-      continue;  // nothing but black or white: alike by nature
+      continue;  // nothing but black or white: naturally alike
     }
     const auto [at, is_new] = seen.emplace(e.pixel_hash, i);
     if (!is_new) {

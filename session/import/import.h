@@ -15,13 +15,13 @@
 #include "session/session.h"
 
 /// @file
-/// Others' captures (a folder of pictures and a list of lights) become a session like any
-/// other, with asserted evidence. Its own target, haarlight::session_import: it brings the
-/// libraries of picture files, which the daemon does not link.
+/// Captures made elsewhere (a folder of pictures and a list of lights) become an ordinary
+/// session, with asserted evidence. A target of its own, haarlight::session_import: it needs
+/// the image file libraries, which the daemon does not link.
 
 namespace haarlight {
 
-/// Where a neutral patch is in every picture.
+/// The position of a neutral patch in every picture.
 struct WhitePatch {
   PixelRectangle patch;               ///< of the whole upright picture
   std::optional<double> reflectance;  ///< of it; nothing: only its colour counts
@@ -29,39 +29,39 @@ struct WhitePatch {
 
 struct ImportOptions {
   LightPlaces places = LightPlaces::automatic;
-  /// What the numbers of integer pictures stand for; nothing: as the files say (display
+  /// The meaning of the numbers in integer pictures; nothing: as the files say (display
   /// pictures are sRGB).
   std::optional<Transfer> transfer{};
-  MatchOptions match{};  ///< which picture is whose
+  MatchOptions match{};  ///< which picture belongs to which light
   /// Rows and columns of each face's lights, which are listed row by row, face after face;
-  /// nothing: looked for in the lights' positions (session/import/position_grid.h).
+  /// nothing: detected from the lights' positions (session/import/position_grid.h).
   std::optional<std::array<int, 2>> grid{};
   /// The frames' gains come from this patch (session/import/white_reference.h).
   std::optional<WhitePatch> white{};
-  /// Only these pixels of the upright pictures enter; nothing: all.
+  /// Only these pixels of the upright pictures are imported; nothing: all.
   std::optional<PixelRectangle> crop{};
-  bool force = false;  ///< replace an imported session of that name
+  bool force = false;  ///< replace an imported session of the same name
   ProgressStyle progress = ProgressStyle::none;
 };
 
 struct ImportResult {
   SessionInfo info;
-  std::vector<std::string> notes;          ///< what was assumed or passed over, for people
-  std::vector<std::string> disagreements;  ///< of list and folder: each a warning
-  std::optional<WhiteReference> white;     ///< where one was asked for
+  std::vector<std::string> notes;          ///< what was assumed or skipped, for display
+  std::vector<std::string> disagreements;  ///< between list and folder: each a warning
+  std::optional<WhiteReference> white;     ///< if requested
 };
 
 /// Reads the pictures that match_pictures() finds in the order of the light list and writes the
-/// session `target`, which appears whole or not at all. 8-bit pictures stay as coded with their
+/// session `target`, which appears whole or not at all. 8-bit pictures stay encoded with their
 /// transfer named; those with a colour profile that is neither sRGB nor linear become linear
-/// floats (unless `transfer` is given) and the notes name it; EXIF rotation is ignored and
-/// noted, but rectangles are of the upright picture.
-/// @param light_file  empty: each picture says where its light is
+/// floats (unless `transfer` is given), as the notes report; EXIF rotation is ignored and
+/// noted, but rectangles refer to the upright picture.
+/// @param light_file  empty: each picture states its light's position
 /// (session/import/picture_lights.h)
 /// @throws Error  naming picture and pixel: a picture missing, of another size or kind, with a
-///                number that is none, with another one's pixels; a wrong count; a rectangle
-///                outside of the pictures, or in pictures that are turned differently; no light
-///                under which the white patch can be used; a target that exists
+///                value that is not a number, or with another one's pixels; a wrong count; a
+///                rectangle outside the pictures, or in pictures of different orientation; no
+///                light under which the white patch is usable; a target that exists
 [[nodiscard]] ImportResult import_pictures(const std::filesystem::path& folder,
                                            const std::filesystem::path& light_file,
                                            const std::filesystem::path& target,

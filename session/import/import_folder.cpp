@@ -41,7 +41,7 @@ PendingFolder::PendingFolder(fs::path target) : target_(std::move(target)) {
   std::error_code error;
   fs::create_directories(target_.parent_path().empty() ? "." : target_.parent_path(), error);
   if (!error) {
-    fs::remove_all(path_, error);  // left by a killed import with this process number
+    fs::remove_all(path_, error);  // left by a killed import with the same process id
     fs::create_directories(path_ / "frames", error);
   }
   if (error) {

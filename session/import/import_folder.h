@@ -7,14 +7,14 @@
 #include <string>
 
 /// @file
-/// Where an import is written: a folder that appears whole or not at all.
+/// The output folder of an import, which appears whole or not at all.
 
 namespace haarlight {
 
-/// A folder beside `target` that is removed unless it got that name.
+/// A folder next to `target` that is removed unless it is renamed to it.
 class PendingFolder {
  public:
-  /// Makes it, with a folder frames/ in it. @throws Error(io)
+  /// Creates it, with a folder frames/ in it. @throws Error(io)
   explicit PendingFolder(std::filesystem::path target);
   ~PendingFolder();
   PendingFolder(const PendingFolder&) = delete;
@@ -22,7 +22,7 @@ class PendingFolder {
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
 
-  /// Everything durable, then the name. An older session there is exchanged in one step.
+  /// Makes everything durable, then renames. An older session is exchanged in one step.
   /// @throws Error(io)
   void commit(bool replace);
 
@@ -33,8 +33,8 @@ class PendingFolder {
   std::filesystem::path path_;
 };
 
-/// @return  whether an older import is to be replaced
-/// @throws Error  it exists and is none, or `force` is not given
+/// @return  whether an older import will be replaced
+/// @throws Error  it exists and is not an import, or `force` is not given
 [[nodiscard]] bool check_import_target(const std::filesystem::path& target, bool force);
 
 /// @throws Error(io)

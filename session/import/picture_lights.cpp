@@ -28,7 +28,7 @@ const std::string* find_note(const std::vector<PictureNote>& notes, std::string_
   return nullptr;
 }
 
-/// As many finite numbers as the text has, blanks between.
+/// All numbers of the text, finite and separated by blanks.
 std::vector<double> numbers_of(const std::string& text) {
   std::vector<double> numbers;
   const char* at = text.data();

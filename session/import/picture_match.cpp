@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 
 bool is_digit(char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; }
 
-/// Behind the run of digits at `at`.
+/// The end of the run of digits at `at`.
 std::size_t end_of_digits(const std::string& text, std::size_t at) {
   while (at < text.size() && is_digit(text[at])) {
     ++at;
@@ -63,7 +63,7 @@ bool is_before_naturally(const std::string& a, const std::string& b) {
   return a.size() - i < b.size() - j;
 }
 
-/// ASCII letters only: other letters' case is a matter of the language.
+/// ASCII letters only: the case of other letters depends on the language.
 std::string lower(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) {
     return c < 128 ? static_cast<char>(std::tolower(c)) : static_cast<char>(c);
@@ -82,7 +82,7 @@ bool is_file(const fs::path& path) {
   return fs::is_regular_file(path, ignored);
 }
 
-/// A list's name as a path below some folder; nothing: absolute, or it leads out of it.
+/// A list's name as a path below some folder; nothing: absolute, or it leads outside.
 std::optional<fs::path> path_within(std::string name) {
   std::replace(name.begin(), name.end(), '\\', '/');
   const fs::path path = fs::path(name).lexically_normal();
@@ -103,10 +103,10 @@ bool is_same_file(const fs::path& a, const fs::path& b) {
   return fs::equivalent(a, b, ignored);
 }
 
-/// What the notes of a match gather: one line each, however many pictures it concerns.
+/// What the notes of a match collect: one line each, however many pictures it concerns.
 struct MatchNotes {
   std::vector<std::string> bare;   ///< found by their last part
-  std::vector<std::string> cased;  ///< found in other letters' case
+  std::vector<std::string> cased;  ///< found with different case
   std::vector<std::string> away;   ///< found in pictures_from
 };
 
@@ -142,7 +142,7 @@ class PictureFinder {
     }
     const std::string bare = last_part(name);
     if (!bare.empty() && bare != ".." && is_file(folder_ / bare)) {
-      // A name written from where the list stands is no other machine's.
+      // A name relative to the list's own folder is not from another machine.
       if (!within || !is_same_file(list_folder_ / *within, folder_ / bare)) {
         notes.bare.push_back(name);
       }
@@ -204,7 +204,7 @@ void require_once(const std::vector<LightPicture>& pictures, const fs::path& lig
   }
 }
 
-/// Pictures of the folder that no light has.
+/// Pictures of the folder that belong to no light.
 std::vector<std::string> unnamed_pictures(const fs::path& folder,
                                           const std::vector<std::string>& present,
                                           const std::vector<LightPicture>& pictures) {
@@ -257,8 +257,7 @@ std::vector<LightPicture> match_in_order(const fs::path& folder, const fs::path&
   return pictures;
 }
 
-/// Takes lines off the list's end that its own count leaves out and whose pictures are not
-/// there.
+/// Drops lines at the list's end that its own count excludes and whose pictures are absent.
 void drop_uncounted(const PictureFinder& finder, LightList& list) {
   std::vector<std::string> dropped;
   while (list.announced > 0 && list.lights.size() > list.announced) {
@@ -377,7 +376,7 @@ PictureFacts tell_facts(const std::vector<PictureFacts>& pictures,
   const auto n_turned =
       std::count_if(pictures.begin(), pictures.end(),
                     [](const PictureFacts& one) { return one.orientation != 1; });
-  if (n_turned > 0) {  // of all: that is how the camera stood; of some: the pictures differ
+  if (n_turned > 0) {  // of all: the camera was rotated; of some: the pictures differ
     const bool are_all = static_cast<std::size_t>(n_turned) == pictures.size();
     (are_all ? notes : disagreements)
         .push_back(fmt::format("{} of {} pictures carry an EXIF rotation: ignored, pixels are "

@@ -21,7 +21,7 @@ using Eigen::Vector3d;
 constexpr std::size_t kMostLights = 16384;
 constexpr double kTolerance = 0.25;  // of the pitch
 
-/// Positions in their own plane, and how far they are off it.
+/// Positions in their own plane, and their distance from it.
 struct Flat {
   std::vector<Vector2d> at;
   Vector3d u, v;
@@ -70,7 +70,7 @@ Vector2d row_direction(const std::vector<Vector2d>& at) {
   return {std::cos(angle), std::sin(angle)};
 }
 
-/// Numbers cut into `n` groups of as many each: which group each is in, and the groups' pitch.
+/// Numbers divided into `n` groups of equal size: each one's group, and the groups' pitch.
 struct Groups {
   std::vector<int> of;
   double pitch = 0.0;  ///< 0: no such groups
@@ -100,7 +100,7 @@ Groups cut_evenly(const std::vector<double>& values, int n) {
   return groups;
 }
 
-/// Lights by row and column; empty where two share a place.
+/// Lights by row and column; empty where two fall on one position.
 std::vector<int> order_of(const std::vector<int>& row, const std::vector<int>& col,
                           int n_cols) {
   std::vector<int> order(row.size(), -1);
@@ -121,7 +121,8 @@ std::vector<int> reversed(const std::vector<int>& index, int n) {
   return out;
 }
 
-/// The eight ways to count a grid. @return  as listed if one of them is; else by the frame
+/// The eight ways to number a grid. @return  as listed if one of them matches; otherwise by the
+/// frame
 PositionGrid count_grid(const std::vector<int>& along_u, int n_u,
                         const std::vector<int>& along_v, int n_v, Vector3d u, Vector3d v) {
   std::vector<PositionGrid> ways;

@@ -7,33 +7,27 @@
 #include <fmt/format.h>
 
 #include "core/error.h"
+#include "core/order_statistics.h"
 
 namespace haarlight {
 
 namespace {
 
-double median_of(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const std::size_t n = values.size();
-  return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
-}
-
 /// Of a normal distribution its standard deviation, whatever a few lights do.
 double relative_scatter(const std::vector<double>& values, double median) {
-  constexpr double kSigmaOfMedian = 1.4826;
   std::vector<double> distances;
   distances.reserve(values.size());
   for (const double value : values) {
     distances.push_back(std::abs(value - median));
   }
-  return kSigmaOfMedian * median_of(std::move(distances)) / median;
+  return kSigmaPerMad * haarlight::median(distances) / median;
 }
 
 double least_of(const PatchSample& patch) {
   return *std::min_element(patch.mean.begin(), patch.mean.end());
 }
 
-/// The lights that count; the others are counted by why.
+/// The usable lights; the others are counted by reason.
 std::vector<std::size_t> usable_lights(const std::vector<PatchSample>& patches,
                                        bool are_integers, WhiteReference& white) {
   double brightest = 0.0;
@@ -69,7 +63,7 @@ void find_furthest(const std::vector<std::vector<double>>& ratios,
   }
 }
 
-/// The factor on top of the gains that brings the patch to its reflectance.
+/// The factor on top of the gains that scales the patch to its reflectance.
 void scale_to_reflectance(const std::vector<PatchSample>& patches,
                           const std::vector<SessionLight>& lights,
                           const std::vector<std::size_t>& used, const WhiteTask& task,
@@ -91,7 +85,7 @@ void scale_to_reflectance(const std::vector<PatchSample>& patches,
                 task.where,
                 "leave the reflectance out: the patch then says what is neutral alone");
   }
-  const double factor = median_of(factors);
+  const double factor = median(factors);
   white.reflectance_scatter = relative_scatter(factors, factor);
   for (double& gain : white.gains) {
     gain *= factor;
@@ -140,7 +134,7 @@ WhiteReference find_white_reference(const std::vector<PatchSample>& patches,
     for (const std::size_t k : used) {
       ratios[c].push_back(patches[k].mean[green] / patches[k].mean[c]);
     }
-    white.gains.push_back(median_of(ratios[c]));
+    white.gains.push_back(median(ratios[c]));
     white.scatter.push_back(relative_scatter(ratios[c], white.gains[c]));
   }
   find_furthest(ratios, white.gains, used, white);

@@ -14,58 +14,14 @@ import tempfile
 import tomllib
 import unittest
 
-from programs import (SOURCE, Programs, free_port, png_bytes, report_problems, rig_on_free_ports,
-                      wait_for)
+from chessboards import BOARD, LENS, draw_flat_board, draw_lens_boards, write_lab
+from programs import SOURCE, Programs, free_port, report_problems, wait_for
 
 # Truth: the face lower, aside and tilted by 1 degree about x.
 TILT = math.radians(1.0)
 TRUTH = [("centre", "[7.0, -4.0, 620.0]"),
          ("v", f"[0.0, {math.cos(TILT)!r}, {math.sin(TILT)!r}]"),
          ("emits", f"[0.0, {math.sin(TILT)!r}, {-math.cos(TILT)!r}]")]
-
-
-WIDTH, HEIGHT = 192, 144
-COLS, ROWS, SQUARE = 9, 6, 40.0
-
-
-def turned(axis, angle):
-    """A rotation matrix about the x, y or z axis."""
-    c, s = math.cos(angle), math.sin(angle)
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    m = [[float(a == b) for b in range(3)] for a in range(3)]
-    m[i][i] = m[j][j] = c
-    m[i][j], m[j][i] = -s, s
-    return m
-
-
-def times(a, b):
-    return [[sum(a[i][k] * b[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
-
-
-def draw_board(path, k, turn, middle):
-    """A chessboard seen by a pinhole camera: each of 3 x 3 samples of a pixel meets the board's plane.
-    turn: the board's axes in the camera's frame, as columns; middle: of the board there, mm."""
-    fx, fy, cx, cy = k
-    n = [turn[i][2] for i in range(3)]
-    d = sum(n[i] * middle[i] for i in range(3))
-    offsets = [(i + 0.5) / 3 for i in range(3)]
-    rows = []
-    for y in range(HEIGHT):
-        row = bytearray()
-        for x in range(WIDTH):
-            white = 0
-            for oy in offsets:
-                for ox in offsets:
-                    way = ((x + ox - cx) / fx, (y + oy - cy) / fy, 1.0)
-                    t = d / (n[0] * way[0] + n[1] * way[1] + n[2])
-                    at = [t * way[i] - middle[i] for i in range(3)]
-                    u = sum(turn[i][0] * at[i] for i in range(3)) / SQUARE + 0.5 * (COLS + 1)
-                    v = sum(turn[i][1] * at[i] for i in range(3)) / SQUARE + 0.5 * (ROWS + 1)
-                    on = 0 <= u < COLS + 1 and 0 <= v < ROWS + 1
-                    white += 0 if on and (int(u) + int(v)) % 2 else 1
-            row.append(15 + 25 * white)
-        rows.append(bytes(row))
-    path.write_bytes(png_bytes(WIDTH, HEIGHT, rows))
 
 
 class Calibrate(unittest.TestCase):
@@ -78,12 +34,9 @@ class Calibrate(unittest.TestCase):
         self.url = f"http://127.0.0.1:{self.port}"
 
     def write_rigs(self):
-        # Large LEDs: taken as points they stand off by about 0.6 w^2 / h, 3.5 mm. A larger picture than the test rig's.
+        # Large LEDs: taken as points they stand off by about 0.6 w^2 / h, 3.5 mm.
         rig = self.folder / "lab.toml"
-        rig_on_free_ports(SOURCE / "configs/rigs/small8.toml", rig, self.folder, self.port,
-                          [("emitter", "[60.0, 60.0]"), ("size", "[192, 152]"),
-                           ("active_area", "144"), ("fps", "60.0"), ("exposure_us", "8000.0"),
-                           ("K", "[[263.76, 0.0, 96.0], [0.0, 263.76, 72.0], [0.0, 0.0, 1.0]]")])
+        write_lab(rig, self.folder, self.port, [("emitter", "[60.0, 60.0]")])
         text = rig.read_text()
         rig.write_text(re.sub(r"(?m)^centre = .*", "centre = [0.0, 0.0, 600.0]", text))
         truth = text
@@ -108,39 +61,25 @@ class Calibrate(unittest.TestCase):
 
     def test_finds_the_lens_and_the_plane(self):
         rig = self.write_rigs()
-        truth = (270.0, 268.0, 97.5, 70.5)
-        pictures = []
-        for i, (ax, ay, az, x, y) in enumerate([(0.5, 0.0, 0.0, 0.0, 0.0), (-0.5, 0.1, 0.2, 30.0, 0.0),
-                                                (0.1, 0.5, -0.2, -30.0, 10.0), (0.0, -0.5, 0.3, 20.0, -20.0),
-                                                (0.35, 0.35, 0.1, -20.0, -15.0)]):
-            turn = times(turned(2, az), times(turned(1, ay), turned(0, ax)))
-            pictures += ["--picture", self.folder / f"board{i}.png"]
-            draw_board(pictures[-1], truth, turn, [x, y, 680.0])
-        board = ["--board", f"{COLS},{ROWS}", "--square", SQUARE]
-        done = self.programs.run("rig", "calibrate", "camera", rig, *pictures, *board, "--report",
+        boards = [self.folder / f"board{i}.png" for i in range(5)]
+        draw_lens_boards(boards)
+        pictures = [word for board in boards for word in ("--picture", board)]
+        done = self.programs.run("rig", "calibrate", "camera", rig, *pictures, *BOARD, "--report",
                                  self.folder / "report.json")
         print(done.stdout)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         self.assertEqual(report_problems(self.folder / "report.json", "rig"), [])
         measured = self.folder / "lab.measured.toml"
         camera = tomllib.loads(measured.read_text())["measured"]["camera"][0]
-        for found, sigma, true in zip(camera["lens_k"], camera["lens_k_sigma"], truth):
+        for found, sigma, true in zip(camera["lens_k"], camera["lens_k_sigma"], LENS):
             self.assertLess(abs(found - true), 5.0 * sigma + 0.05, camera)
         self.assertIn("board4.png", (self.folder / "lab.camera.html").read_text())
 
         # The plane 3 mm up and tilted by half a degree about x, from the rig file's camera.
-        cam = [[1, 0, 0, 0], [0, -0.643509750887, 0.765437914212, -560],
-               [0, -0.765437914212, -0.643509750887, 520]]
         tilt = math.radians(0.5)
-        world_from_board = times(turned(0, tilt), turned(0, math.pi))  # x right, y to the camera
-        cam_from_world = [[cam[j][i] for j in range(3)] for i in range(3)]
-        turn = times(cam_from_world, world_from_board)
-        centre = [cam[i][3] for i in range(3)]
-        middle = [sum(cam_from_world[i][j] * ([0.0, 5.0, 3.0][j] - centre[j]) for j in range(3))
-                  for i in range(3)]
-        draw_board(self.folder / "flat.png", truth, turn, middle)
+        draw_flat_board(self.folder / "flat.png", tilt)
         done = self.programs.run("rig", "calibrate", "plane", rig, "--picture",
-                                 self.folder / "flat.png", *board)
+                                 self.folder / "flat.png", *BOARD)
         print(done.stdout)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         plane = tomllib.loads(measured.read_text())["measured"]["plane"][0]

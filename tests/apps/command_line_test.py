@@ -173,6 +173,7 @@ class CommandLine(unittest.TestCase):
     def setUpClass(cls):
         cls.programs = Programs(BIN)
         cls.verbs = cls.programs.verbs()
+        cls.whole_verbs = cls.programs.whole_verbs()
         cls.place = tempfile.TemporaryDirectory(prefix="haarlight-cli.")
         cls.folder = pathlib.Path(cls.place.name)
         write_capture(cls.folder / "photos")
@@ -205,9 +206,9 @@ class CommandLine(unittest.TestCase):
                 for ending in endings or []]
 
     def test_help_shows_usage_and_an_example_of_the_verb(self):
-        for verb in self.verbs:
+        for verb in self.whole_verbs:
             with self.subTest(verb=verb):
-                shown = self.programs.run(verb, "--help")
+                shown = self.programs.run(*verb.split(), "--help")
                 self.assertEqual(shown.returncode, DONE)
                 self.assertEqual(shown.stderr, "")
                 self.assertIn(f"Usage: haarlight {verb} ", shown.stdout)
@@ -221,10 +222,40 @@ class CommandLine(unittest.TestCase):
                 for option in ("--report FILE", "--quiet", "--memory", "--threads", "--force"):
                     self.assertIn(option, shown.stdout)
 
+    def test_a_verb_of_verbs_lists_them_and_takes_the_options_of_none(self):
+        groups = {" ".join(words[:i]) for whole in self.whole_verbs
+                  for words in [whole.split()] for i in range(1, len(words))}
+        self.assertEqual(groups, {"rig", "rig calibrate"})
+        for group in groups:
+            with self.subTest(group=group):
+                shown = self.programs.run(*group.split(), "--help")
+                self.assertEqual((shown.returncode, shown.stderr), (DONE, ""))
+                self.assertIn(f"Usage: haarlight {group} ", shown.stdout)
+                self.assertEqual([line for line in shown.stdout.splitlines() if len(line) > 80], [])
+                alone = self.programs.run(*group.split())
+                self.assertEqual(alone.returncode, USAGE)
+                self.assertIn(f"cure: haarlight {group} --help", alone.stderr)
+        for line, option in (("rig doctor {rig} --lobe free", "--lobe"),
+                             ("rig doctor {rig} --flash-ok", "--flash-ok"),
+                             ("rig predict {rig} --object-height 5,10 --session x", "--session"),
+                             ("rig calibrate lights {rig} --picture a.png", "--picture"),
+                             ("rig calibrate camera {rig} --region 0,1,0,1", "--region")):
+            with self.subTest(line=line):
+                shown = self.run_line(line)
+                self.assertEqual((shown.returncode, shown.stdout), (USAGE, ""))
+                self.assertIn(f"there is no option {option}", shown.stderr)
+        for line, words in (("rig docter x", "docter is not a verb of haarlight rig: did you mean doctor?"),
+                            ("rig calibrate light x", "light is not a verb of haarlight rig calibrate: "
+                                                      "did you mean lights?")):
+            with self.subTest(line=line):
+                shown = self.run_line(line)
+                self.assertEqual(shown.returncode, USAGE)
+                self.assertIn(words, shown.stderr)
+
     def test_an_unknown_option_or_verb_is_a_usage_error_that_names_it(self):
-        for verb in self.verbs:
+        for verb in self.whole_verbs:
             with self.subTest(verb=verb):
-                shown = self.programs.run(verb, "--no-such-option", cwd=self.folder)
+                shown = self.programs.run(*verb.split(), "--no-such-option", cwd=self.folder)
                 self.assertEqual(shown.returncode, USAGE)
                 self.assertEqual(shown.stdout, "")
                 self.assertRegex(shown.stderr, "no-such-option|is required")
@@ -243,7 +274,7 @@ class CommandLine(unittest.TestCase):
                 ("relight object.hlb other.hlb --light 0 -o new.png", "what is other.hlb?")):
             with self.subTest(line=line):
                 shown = self.run_line(line)
-                verb = line.split()[0]
+                verb = "rig doctor" if line.startswith("rig") else line.split()[0]
                 self.assertEqual(shown.returncode, USAGE)
                 self.assertEqual(shown.stderr, f"haarlight {verb}: {problem}\n  cure: haarlight {verb} "
                                                "--help tells what it takes\n")

@@ -14,6 +14,7 @@ import tempfile
 import time
 import unittest
 
+from chessboards import draw_flat_board, draw_lens_boards, write_lab
 from programs import (SOURCE, Programs, VirtualRig, footer_examples, free_port, report_problems,
                       rig_on_free_ports, wait_for, write_capture,
                       write_relightable)
@@ -124,10 +125,10 @@ class Examples(unittest.TestCase):
         return capture
 
     def examples_of(self, verb):
-        return footer_examples(self.programs.run(verb, "--help").stdout)
+        return footer_examples(self.programs.run(*verb.split(), "--help").stdout)
 
     def test_examples_of_every_verb(self):
-        left = self.programs.verbs()
+        left = self.programs.whole_verbs()
 
         def run_examples(*verbs):
             for verb in verbs:
@@ -139,7 +140,11 @@ class Examples(unittest.TestCase):
         self.begin_simulator("configs/rigs/small8.toml")
         self.capture_sheet("configs/rigs/small8.toml")
         self.draw_calibrations(self.folder)
-        run_examples("rig", "calibrate")
+        write_lab(self.folder / "lab.toml", self.folder, free_port())
+        draw_lens_boards([self.folder / f"{name}.png" for name in "abc"])
+        draw_flat_board(self.folder / "flat.png", 0.0)
+        run_examples("rig doctor", "rig commission", "rig calibrate camera", "rig calibrate plane",
+                     "rig calibrate lights", "rig predict", "calibrate")
         rig = VirtualRig(self.programs, "configs/rigs/cube32.toml", "configs/scenes/airplane.toml",
                          self.folder, self.url, cwd=self.folder)
         try:

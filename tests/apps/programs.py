@@ -30,9 +30,16 @@ class Programs:
         return subprocess.run([self.haarlight, *map(str, words)], capture_output=True, text=True,
                               cwd=cwd, timeout=timeout, env={**os.environ, **environment})
 
-    def verbs(self):
-        text = self.run("--help").stdout
-        return re.findall(r"^  ([a-z][a-z-]*)\s", text.split("Subcommands:", 1)[1], re.M)
+    def verbs(self, *above):
+        """Those of the command, or of a verb that has some of its own."""
+        text = self.run(*above, "--help").stdout
+        block = text.split("Subcommands:", 1)[1] if "Subcommands:" in text else ""
+        return re.findall(r"^  ([a-z][a-z-]*)\s", block, re.M)
+
+    def whole_verbs(self, *above):
+        """Those that do something: "rig doctor", not "rig"."""
+        return [whole for verb in self.verbs(*above)
+                for whole in self.whole_verbs(*above, verb) or [" ".join((*above, verb))]]
 
 
 def footer_examples(help_text):

@@ -2,7 +2,7 @@
 /// A whole capture (sequencer, model rig on a virtual clock, session writer) stopped at every
 /// operation that reaches the disk, with three kinds of crash; the restarted capture must end
 /// in the undisturbed session, bit by bit: time is virtual, so the same frames come. On a real
-/// clock another clean exposure may stand for a shot (capture/README.md).
+/// clock another clean exposure may stand for a shot (capture/daemon/README.md).
 
 #include <cerrno>
 #include <cstdlib>

@@ -427,8 +427,7 @@ TEST_F(DaemonTest, AControllerWithoutATableIsRefusedWhereTheCameraLeads) {
   }));
 }
 
-// ---- HTTP
-// ------------------------------------------------------------------------------------
+// ---- HTTP ----
 
 class DaemonHttpTest : public DaemonTest {
  protected:

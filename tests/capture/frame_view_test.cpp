@@ -44,12 +44,11 @@ Image<std::uint16_t> words_from(int height, int width, F value) {
   return words;
 }
 
-PixelRegion whole(const Image<std::uint16_t>& words) {
+PixelRectangle whole(const Image<std::uint16_t>& words) {
   return {0, 0, words.width(), words.height()};
 }
 
-// ---- the overview
-// ----------------------------------------------------------------------------
+// ---- the overview ----
 
 TEST(Overview, IsTheMeanOfEachBlockAndNotOneOfItsPixels) {
   // A chequerboard finer than a block: nearest neighbours show one of its two words.
@@ -83,8 +82,7 @@ TEST(Overview, IsAtMost640PixelsLongWhateverTheCamera) {
   }
 }
 
-// ---- a crop
-// ----------------------------------------------------------------------------------
+// ---- a crop ----
 
 TEST(Crop, ShowsEachPixelAtItsPlace) {
   const auto words = words_from(20, 30, [](int y, int x) { return 100 + 40 * y + x; });
@@ -121,8 +119,7 @@ TEST(Crop, OfACameraOfOnePixelIsThatPixel) {
   }
 }
 
-// ---- counts
-// ----------------------------------------------------------------------------------
+// ---- counts ----
 
 TEST(Histogram16, CountsEveryWordOfItsColourOnce) {
   const auto words = words_from(40, 60, [](int y, int x) {
@@ -150,8 +147,7 @@ TEST(Histogram16, AWordBeyondWhiteStaysInTheLastBin) {
   EXPECT_EQ(count_words(words.view(), scale, whole(words))[0].bins[255], 4U);
 }
 
-// ---- sharpness
-// -------------------------------------------------------------------------------
+// ---- sharpness ----
 
 /// A pattern of stripes, blurred as by a lens out of focus, exposed, with shot and read noise.
 Image<std::uint16_t> exposed(double blur_pixels, double exposure, double black, unsigned seed,
@@ -229,8 +225,7 @@ TEST(Sharpness, OfDarknessIsNothing) {
   EXPECT_EQ(measure_sharpness(words.view(), scale, whole(words)).value, 0.0);
 }
 
-// ---- the copies for people
-// -------------------------------------------------------------------
+// ---- the copies for people ----
 
 std::shared_ptr<const Frame> frame_of(const Image<std::uint16_t>& words, std::uint64_t sequence,
                                       std::atomic<int>& n_released) {
@@ -351,12 +346,12 @@ TEST_F(ViewTest, WhoHasTheNewestFrameIsToldSo) {
 
 TEST(PngResponse, RefusesACropBeyondItsLimit) {
   const auto words = words_from(4, kMaxCrop + 1, [](int, int) { return 9; });
-  EXPECT_THROW((void)png_response(words.view(), {}, PixelRegion{0, 0, kMaxCrop + 1, 4}), Error);
-  EXPECT_EQ(png_response(words.view(), {}, PixelRegion{1, 0, kMaxCrop, 4}).status, 200);
+  EXPECT_THROW((void)png_response(words.view(), {}, PixelRectangle{0, 0, kMaxCrop + 1, 4}),
+               Error);
+  EXPECT_EQ(png_response(words.view(), {}, PixelRectangle{1, 0, kMaxCrop, 4}).status, 200);
 }
 
-// ---- the devices' past
-// -----------------------------------------------------------------------
+// ---- the devices' past ----
 
 Rig small_rig() { return read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml"); }
 

@@ -151,11 +151,11 @@ class Twin : public ::testing::Test {
           }
         }
       }
-      const StackShape& shape = stack.shape();
-      for (int i_band = 0; i_band < shape.n_bands(); ++i_band) {
+      const StackBands& bands = stack.bands();
+      for (int i_band = 0; i_band < bands.n(); ++i_band) {
         const std::span<const float> band = stack.band(i_band);
-        const int y0 = i_band * shape.band_rows;
-        const int rows = std::min(shape.band_rows, kHeight - y0);
+        const int y0 = bands.first_row(i_band);
+        const int rows = bands.n_rows(i_band);
         for (int p = 0; p < rows * kWidth; ++p) {
           double relit = 0.0;
           for (int k = 0; k < 1024; ++k) {

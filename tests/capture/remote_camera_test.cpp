@@ -297,8 +297,7 @@ TEST_F(RemoteCameraTest, FramesBeforeTheAnswerToAnExposureAreKept) {
   EXPECT_EQ(frame->info().sequence, 5U);
 }
 
-// ---- memory files, and servers that don't keep to the rules
-// ---------------------------------
+// ---- memory files, and servers that don't keep to the rules ----
 
 /// A sparse memory file: its length costs nothing until it is read.
 Fd make_file(std::size_t bytes, std::uint16_t first_word, int seals = F_SEAL_SHRINK) {

@@ -141,8 +141,7 @@ TEST(SequencerSimulation, AbortsAloneCostNoShotItsFrame) {
   EXPECT_GT(n_starts, 400U);
 }
 
-// ---- single steps
-// ----------------------------------------------------------------------------
+// ---- single steps ----
 
 struct Driver {
   SequencerState state;

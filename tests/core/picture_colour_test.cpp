@@ -127,8 +127,8 @@ TEST(ColourProfile, IsHonouredInPngTiffAndJpeg) {
     write_jpeg(folder / "a.jpg",
                {.width = kSide, .height = kSide, .icc = icc, .icc_piece = 100}, samples);
     for (const std::string name : {"a.png", "a.tif", "a.jpg"}) {
-      // A JPEG's colours are rounded to codes twice: two codes at the curve's
-      // steepest, 2.2/255.
+      // A JPEG's colours are rounded to codes twice: two codes at the curve's steepest,
+      // 2.2/255.
       const double tolerance = name == "a.jpg" ? 2.0 * 2.2 / 255.0 : kProfileRounding;
       expect_pixel(read_linear_image(folder / name), expected, tolerance);
       const PictureFile file = read_picture(folder / name);

@@ -76,7 +76,7 @@ CompressSource source_of(const Twin& twin, const Rig& rig, const StackSource* pl
   CompressSource source;
   source.stack = &twin.stack;
   source.plate = plate;
-  source.plate_kind = "computed";
+  source.plate_origin = PlateOrigin::computed;
   source.grid = {8, 8};
   source.rig_toml = rig.text;
   source.name = "twin";

@@ -155,7 +155,7 @@ struct TrueCapture {
 
 Distances distances(const RelitPicture& relit, const TrueCapture& capture,
                     const LightWeights& w) {
-  const Image<float> truth = relight_stack(LightStackSource(capture.stack), w);
+  const Image<float> truth = relight_stack(capture.stack, w);
   Distances found;
   for (std::size_t p = 0; p < truth.pixels().size(); ++p) {
     const double off = double{relit.picture.pixels()[p]} - double{truth.pixels()[p]};
@@ -180,8 +180,8 @@ TrueCapture true_capture(const Session& session, const Session& bracket) {
   std::vector<float> truth(capture.clipped.size());
   std::vector<float> seen(capture.clipped.size());
   const TileRect whole{0, 0, kWidth, kHeight};
-  LightStackSource(capture.stack).read_tile(whole, truth);
-  LightStackSource(capture.seen).read_tile(whole, seen);
+  capture.stack.read_tile(whole, truth);
+  capture.seen.read_tile(whole, seen);
   for (std::size_t i = 0; i < seen.size(); ++i) {
     if (capture.clipped[i] != 0) {
       capture.excess = std::max(capture.excess, double{truth[i]} / double{seen[i]} - 1.0);

@@ -82,7 +82,7 @@ Session make(const fs::path& folder, const SessionInfo& info) {
 /// Largest error of all lights against the truth.
 double worst_error(const LightStack& stack) {
   double worst = 0.0;
-  for (int k = 0; k < stack.shape().n_lights; ++k) {
+  for (int k = 0; k < stack.dims().n_lights; ++k) {
     const Image<float> image = stack.light_image(k);
     for (int y = 0; y < image.height(); ++y) {
       for (int x = 0; x < image.width(); ++x) {
@@ -121,10 +121,10 @@ TEST(Develop, IsCachedAndTheKeySeesTheMethod) {
     }
     return n;
   };
-  EXPECT_EQ(develop(session).shape().channels, 3);
-  EXPECT_EQ(develop(session).shape().channels, 3);
+  EXPECT_EQ(develop(session).dims().channels, 3);
+  EXPECT_EQ(develop(session).dims().channels, 3);
   EXPECT_EQ(n_files(), 1);
-  EXPECT_EQ(develop(session, {.keep_bayer = true}).shape().channels, 1);
+  EXPECT_EQ(develop(session, {.keep_bayer = true}).dims().channels, 1);
   EXPECT_EQ(n_files(), 2);
   (void)develop(session, {.demosaic = Demosaic::edge_aware});
   EXPECT_EQ(n_files(), 3);
@@ -139,12 +139,12 @@ TEST(Develop, BandsAndThreadsDoNotChangeABit) {
   }
   const Session session = make(folder.path() / "s", info);
   const LightStack whole = develop(session);
-  ASSERT_EQ(whole.shape().n_bands(), 1);
+  ASSERT_EQ(whole.bands().n(), 1);
   for (const int n_threads : {1, 2, 7}) {
     for (const std::uint64_t memory : {300'000ULL, 160'000ULL}) {
       const ThreadLimit limit(n_threads);
       const LightStack banded = develop(session, {.memory_bytes = memory, .use_cache = false});
-      ASSERT_GT(banded.shape().n_bands(), 2);
+      ASSERT_GT(banded.bands().n(), 2);
       banded.check();
       for (int k = 0; k < 5; ++k) {
         const Image<float> a = whole.light_image(k);
@@ -351,9 +351,8 @@ TEST(Develop, CorrectsTheDriftThatTheSentinelSees) {
 
 TEST(LightStack, NamesLightAndPixelOfANumberThatIsNone) {
   TemporaryFolder folder;
-  LightStackWriter writer(
-      folder.path() / "a.hls",
-      {.width = 3, .height = 4, .channels = 1, .n_lights = 2, .band_rows = 2});
+  LightStackWriter writer(folder.path() / "a.hls",
+                          {.width = 3, .height = 4, .channels = 1, .n_lights = 2}, 2);
   std::vector<float> values(12, 1.0F);
   writer.append_band(values);
   values[2 * (3 + 1) + 1] = NAN;  // row 1 of the band, x 1, light 1
@@ -369,8 +368,7 @@ TEST(LightStack, RefusesDamage) {
   TemporaryFolder folder;
   const fs::path file = folder.path() / "a.hls";
   {
-    LightStackWriter writer(
-        file, {.width = 3, .height = 4, .channels = 1, .n_lights = 2, .band_rows = 4});
+    LightStackWriter writer(file, {.width = 3, .height = 4, .channels = 1, .n_lights = 2}, 4);
     writer.append_band(std::vector<float>(24, 1.0F));
     EXPECT_FALSE(fs::exists(file));
     writer.finish();

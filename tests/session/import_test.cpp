@@ -787,7 +787,7 @@ TEST(RealImport, TakesEightLedsAndTheirAmbientPicture) {
   EXPECT_EQ(result.info.shots.size(), 9U);
   const VerifyReport report = verify_session(folder.path() / "out");
   EXPECT_TRUE(report.is_good()) << report.problems[0];
-  EXPECT_EQ(develop(Session::open(folder.path() / "out")).shape().n_lights, 8);
+  EXPECT_EQ(develop(Session::open(folder.path() / "out")).dims().n_lights, 8);
 }
 
 }  // namespace

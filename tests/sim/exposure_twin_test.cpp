@@ -180,7 +180,7 @@ class ExposureTwin : public ::testing::Test {
     out.ms = std::chrono::duration<double, std::milli>(t1 - t0).count();
     double n = 0.0;
     double n_all = 0.0;
-    for (int k = 0; k < developed.stack.shape().n_lights; ++k) {
+    for (int k = 0; k < developed.stack.dims().n_lights; ++k) {
       const Image<float> value = developed.stack.light_image(k);
       const Image<float> sigma = developed.standard_error->light_image(k);
       for (std::size_t i = 0; i < value.pixels().size(); ++i) {

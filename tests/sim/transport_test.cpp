@@ -8,9 +8,9 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/stack/light_stack.h"
 #include "render/analytic/polygon_light.h"
 #include "render/rig_lights.h"
-#include "session/light_stack.h"
 #include "sim/transport_stack.h"
 #include "tests/temporary_folder.h"
 
@@ -178,7 +178,7 @@ TEST(Transport, BecomesALightStackInUnitsOfItsScale) {
       make_transport(tiny_rig(), 0, plate_and_ball(), options_in(folder));
   write_light_stack(transport, folder / "truth.stack");
   const LightStack stack = LightStack::open(folder / "truth.stack");
-  EXPECT_EQ(stack.shape().n_lights, 64);
+  EXPECT_EQ(stack.dims().n_lights, 64);
   const Image<float> light = stack.light_image(19);
   for (int y = 0; y < 15; ++y) {
     for (int x = 0; x < 20; ++x) {

@@ -5,14 +5,14 @@
 #include <cmath>
 #include <limits>
 
+#include "core/count.h"
+
 namespace haarlight {
 
 namespace {
 
 constexpr std::size_t kLanes = 8;
 constexpr int kHighUnit = 1 << 16;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// A part of a coefficient that fits 16 bits.
 struct Part {

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/error_gram.h"
@@ -20,8 +21,6 @@ namespace {
 
 constexpr double kFloatIsEnough = 1e-4;  // requested errors; floats round to 6e-8 of a value
 constexpr int kMaxShift = 40;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// One coefficient that was kept.
 struct Kept {
@@ -87,7 +86,8 @@ class PixelRows {
         plate_, std::span(terms_).subspan((y * count(tile_.width) + x) * n_terms_, n_terms_),
         coding_.vectors.vectors, direction_);
     as_float_.assign(direction_.begin(), direction_.end());
-    if (coding_.header.kind == "plate") {  // the plate itself: its length along the direction
+    if (coding_.header.content ==
+        BasisContent::plate) {  // the plate itself: its length along the direction
       double along = 0.0;
       double norm = 0.0;
       for (std::size_t k = 0; k < t.size(); ++k) {

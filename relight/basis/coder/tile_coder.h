@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "core/stack/stack_source.h"
 #include "relight/basis/basis_file.h"
 #include "relight/basis/coder/quantiser.h"
 #include "relight/basis/plate/plate.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// What compress does with one tile: subtract the clean plate, transform, quantise, measure,

@@ -12,6 +12,7 @@
 #include <Eigen/Core>
 #include <fmt/format.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/random.h"
@@ -29,8 +30,6 @@ constexpr double kTolerance = 1e-12;  // of each value: floats keep 6e-8
 constexpr int kIterations = 4;        // the plate's spectrum falls by 3-10 a vector
 constexpr int kOversampling = 8;      // [Halko11] recommends 5 to 10
 constexpr double kDarkLight = 1e-6;   // of the pixel's largest B: below it T/B is noise
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 

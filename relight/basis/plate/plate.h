@@ -10,7 +10,7 @@
 #include <Eigen/Core>
 
 #include "core/rig/rig.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "render/analytic/plane_irradiance.h"
 #include "render/scene.h"
 

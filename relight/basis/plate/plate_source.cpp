@@ -45,7 +45,7 @@ OpenPlate open_plate(const Rig* rig, const StackDims& dims, const PlateChoice& c
       const int camera = camera_of_size(*rig, dims.width, dims.height);
       if (camera >= 0) {
         plate.source = std::make_unique<ComputedPlate>(*rig, camera);
-        plate.kind = "computed";
+        plate.origin = PlateOrigin::computed;
         plate.hash = rig->hash;
         plate.key = plate.hash;
       }
@@ -54,7 +54,9 @@ OpenPlate open_plate(const Rig* rig, const StackDims& dims, const PlateChoice& c
     case PlateChoice::Kind::file:
       plate.basis = std::make_unique<BasisFile>(BasisFile::open(choice.path));
       plate.source = std::make_unique<BasisSource>(*plate.basis);
-      plate.kind = plate.basis->header().kind == "plate" ? "computed" : "captured";
+      plate.origin = plate.basis->header().content == BasisContent::plate
+                         ? PlateOrigin::computed
+                         : PlateOrigin::captured;
       plate.hash = plate.basis->header().rig_hash;
       plate.key = plate.basis->content_key();
       break;
@@ -64,9 +66,8 @@ OpenPlate open_plate(const Rig* rig, const StackDims& dims, const PlateChoice& c
       develop_options.memory_bytes = options.memory_bytes;
       develop_options.progress = options.progress;
       develop_options.unknown_as = options.unknown_as;
-      plate.stack = std::make_unique<LightStack>(develop(*plate.session, develop_options));
-      plate.source = std::make_unique<LightStackSource>(*plate.stack);
-      plate.kind = "captured";
+      plate.source = std::make_unique<LightStack>(develop(*plate.session, develop_options));
+      plate.origin = PlateOrigin::captured;
       plate.hash = plate.session->info().plan_hash;
       plate.key = Developer(*plate.session, develop_options).key();
       break;

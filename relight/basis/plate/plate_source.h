@@ -10,9 +10,8 @@
 #include "core/picture/image_io.h"
 #include "core/progress.h"
 #include "core/rig/rig.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/basis_file.h"
-#include "relight/basis/stack_source.h"
-#include "session/light_stack.h"
 #include "session/session.h"
 
 /// @file
@@ -42,10 +41,9 @@ struct PlateChoice {
 /// A clean plate, and the owners of what it is read from. Move-only.
 struct OpenPlate {
   std::unique_ptr<Session> session;
-  std::unique_ptr<LightStack> stack;
   std::unique_ptr<BasisFile> basis;
   std::unique_ptr<StackSource> source;  ///< null: none
-  std::string kind = "none";            ///< none, computed, captured
+  PlateOrigin origin = PlateOrigin::none;
   std::string hash;
   std::string key;  ///< of its values
 };

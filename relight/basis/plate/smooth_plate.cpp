@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
@@ -24,8 +25,6 @@ constexpr std::size_t kSampleRows = 1024;  // for the space over the lights
 constexpr int kSampleNodes = 4;            // of a tile's nodes per axis, the outermost included
 constexpr int kSpare = 16;                 // vectors beyond the file's: they span the remainder
 constexpr double kLeastRho = 3.0;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 int tiles_across(int size, int tile) { return (size + tile - 1) / tile; }
 

@@ -7,8 +7,8 @@
 
 #include <Eigen/Core>
 
+#include "core/stack/stack_source.h"
 #include "relight/basis/plate/plate.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// A computed clean plate from few of its pixels: over a tile, each light's irradiance is an

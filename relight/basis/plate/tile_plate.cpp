@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/random.h"
@@ -20,8 +21,6 @@ namespace {
 using Eigen::MatrixXd;
 
 constexpr std::size_t kPlateLanes = 8;  // pixels whose sums are held in registers at a time
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 /// T_0 .. T_degree at x.
 std::array<double, kMaxPlateDegree + 1> chebyshev(double x, int degree) {

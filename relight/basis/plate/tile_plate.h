@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
+#include "core/stack/stack_source.h"
 #include "relight/basis/plate/plate.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// The clean plate within one tile. As vectors over the lights, the plate's rows at

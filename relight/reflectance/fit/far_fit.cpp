@@ -159,7 +159,7 @@ class BlockFitter {
   std::vector<double> added_;
 };
 
-void require_shapes(const PictureShape& shape, const FarFit& fit) {
+void require_shapes(const StackDims& shape, const FarFit& fit) {
   const Index n_in = fit.model.colour == ReflectanceColour::pca ? 3 * Index{shape.n_lights}
                                                                 : Index{shape.n_lights};
   HAARLIGHT_EXPECTS(fit.matrix.cols() == n_in && fit.matrix.rows() == fit.model.n_terms &&
@@ -196,7 +196,7 @@ Eigen::VectorXd planes_of(const FarFit& fit, const Eigen::VectorXd& values) {
 }
 
 FitResult fit_far(PictureRows& rows, const FarFit& fit, const FarFitOptions& options) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   require_shapes(shape, fit);
   const auto width = static_cast<std::size_t>(shape.width);
   const auto n_lights = static_cast<std::size_t>(shape.n_lights);

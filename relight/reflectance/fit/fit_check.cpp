@@ -49,7 +49,7 @@ double FitError::mean_psnr_db() const {
 
 FitError measure_fit(const ReflectanceModel& model, PictureRows& rows,
                      const std::vector<Eigen::Vector3d>& directions, std::uint64_t most) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   HAARLIGHT_EXPECTS(shape.n_lights == static_cast<int>(directions.size()) &&
                         model.planes.width() == shape.width &&
                         model.planes.height() == shape.height,

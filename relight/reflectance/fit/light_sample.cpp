@@ -27,7 +27,7 @@ Eigen::MatrixXd LightSample::products() const {
 }
 
 LightSample sample_lights(PictureRows& rows, std::size_t n_pixels) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   const auto width = static_cast<std::size_t>(shape.width);
   const auto height = static_cast<std::size_t>(shape.height);
   const auto n_lights = static_cast<std::size_t>(shape.n_lights);

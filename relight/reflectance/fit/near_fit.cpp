@@ -84,7 +84,7 @@ struct LightsSeen {
   VectorXd gains;                           ///< 0: ignored
 };
 
-double reference_of(const NearGeometry& geometry, const PictureShape& shape) {
+double reference_of(const NearGeometry& geometry, const StackDims& shape) {
   if (geometry.reference_mm > 0.0) {
     return geometry.reference_mm;
   }
@@ -147,8 +147,8 @@ MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
   return solve_symmetric(normal, MatrixXd(terms.transpose()));
 }
 
-/// Linear and cubic interpolation between knots must suffice for every light.
-void require_fine_knots(const NearGeometry& geometry, const PictureShape& shape, int grid,
+/// Straight lines and cubics between knots must do for every light.
+void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, int grid,
                         double reference) {
   const Knots across(shape.width, grid);
   const Knots down(shape.height, grid);
@@ -184,7 +184,7 @@ void require_fine_knots(const NearGeometry& geometry, const PictureShape& shape,
   }
 }
 
-void require_lights(const NearGeometry& geometry, const PictureShape& shape,
+void require_lights(const NearGeometry& geometry, const StackDims& shape,
                     const NearFitOptions& options) {
   HAARLIGHT_EXPECTS(static_cast<int>(geometry.lights.size()) == shape.n_lights,
                     "one place a light");
@@ -222,8 +222,8 @@ void require_lights(const NearGeometry& geometry, const PictureShape& shape,
   }
 }
 
-/// Codes of a plane's coefficients: the range possible with the middle's matrix, with a margin.
-std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const PictureShape& shape,
+/// Codes of a plane's coefficients: what the middle's matrix could give at most, with room.
+std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const StackDims& shape,
                                    const NearFitOptions& options) {
   const LightsSeen seen =
       lights_seen(geometry, reference_of(geometry, shape),
@@ -254,7 +254,7 @@ struct RowBetween {
 /// Everything that blocks of pixels share.
 class NearFitter {
  public:
-  NearFitter(const NearGeometry& geometry, const PictureShape& shape,
+  NearFitter(const NearGeometry& geometry, const StackDims& shape,
              const NearFitOptions& options)
       : geometry_(geometry),
         options_(options),
@@ -543,7 +543,7 @@ class NearFitter {
 
   const NearGeometry& geometry_;
   const NearFitOptions& options_;
-  PictureShape shape_;
+  StackDims shape_;
   double reference_;
   VectorXd ridge_;
   NearForm form_;
@@ -601,7 +601,7 @@ VectorXd near_planes_of(const NearGeometry& geometry, const NearFitOptions& opti
 
 FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
                    const NearFitOptions& options) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   HAARLIGHT_EXPECTS(rows.transfer() == Transfer::linear, "linear rows");
   require_lights(geometry, shape, options);
   const NearFitter fitter(geometry, shape, options);

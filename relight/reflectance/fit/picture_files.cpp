@@ -131,7 +131,7 @@ class KeptRows final : public PictureRows {
       }
     });
   }
-  [[nodiscard]] PictureShape shape() const override { return shape_; }
+  [[nodiscard]] StackDims dims() const override { return shape_; }
   [[nodiscard]] Transfer transfer() const override { return Transfer::srgb; }
   void rewind() override { y_ = 0; }
   void skip(int n_rows) override { y_ += static_cast<std::size_t>(n_rows); }
@@ -146,7 +146,7 @@ class KeptRows final : public PictureRows {
   }
 
  private:
-  PictureShape shape_;
+  StackDims shape_;
   std::size_t n_row_;
   CodeStore store_;
   std::size_t y_ = 0;

@@ -40,9 +40,9 @@ bool is_display_coded(const Session& session, Transfer transfer) {
 class CodedRows final : public PictureRows {
  public:
   explicit CodedRows(const Session& session) : session_(&session) {}
-  [[nodiscard]] PictureShape shape() const override {
+  [[nodiscard]] StackDims dims() const override {
     const SessionInfo& info = session_->info();
-    return {info.form.width, info.form.height, static_cast<int>(info.lights.size())};
+    return {info.form.width, info.form.height, 3, static_cast<int>(info.lights.size())};
   }
   [[nodiscard]] Transfer transfer() const override { return session_->info().form.transfer; }
   void rewind() override { y_ = 0; }
@@ -85,15 +85,16 @@ class DevelopedRows final : public PictureRows {
         transfer_(options.transfer),
         table_(options.transfer),
         white_(options.white > 0.0 ? options.white : choose_white()) {}
-  [[nodiscard]] PictureShape shape() const override {
-    const StackShape& shape = developer_.shape();
-    return {shape.width, shape.height, shape.n_lights};
+  [[nodiscard]] StackDims dims() const override {
+    StackDims dims = developer_.dims();
+    dims.channels = 3;
+    return dims;
   }
   [[nodiscard]] Transfer transfer() const override { return transfer_; }
   void rewind() override { y_ = 0; }
   void skip(int n_rows) override { y_ += n_rows; }
   void read(int n_rows, std::span<std::uint16_t> out) override {
-    const StackShape& shape = developer_.shape();
+    const StackDims shape = developer_.dims();
     const Developer::Rows rows = developer_.rows(y_, y_ + n_rows);
     const auto width = static_cast<std::size_t>(shape.width);
     const auto n_lights = static_cast<std::size_t>(shape.n_lights);
@@ -120,7 +121,7 @@ class DevelopedRows final : public PictureRows {
  private:
   /// As in `haarlight export`: nearly everything is below white.
   double choose_white() {
-    const int height = developer_.shape().height;
+    const int height = developer_.dims().height;
     constexpr int kRows = 16;
     std::vector<float> sample;
     for (int i = 0; i < kRows; ++i) {
@@ -153,8 +154,8 @@ class ImageRows final : public PictureRows {
       : pictures_(std::move(pictures)), transfer_(transfer) {
     HAARLIGHT_EXPECTS(!pictures_.empty(), "at least one picture");
   }
-  [[nodiscard]] PictureShape shape() const override {
-    return {pictures_[0].width(), pictures_[0].height(), static_cast<int>(pictures_.size())};
+  [[nodiscard]] StackDims dims() const override {
+    return {pictures_[0].width(), pictures_[0].height(), 3, static_cast<int>(pictures_.size())};
   }
   [[nodiscard]] Transfer transfer() const override { return transfer_; }
   void rewind() override { y_ = 0; }
@@ -183,8 +184,8 @@ class SelectedRows final : public PictureRows {
  public:
   SelectedRows(PictureRows& all, std::vector<int> lights)
       : all_(&all), lights_(std::move(lights)) {}
-  [[nodiscard]] PictureShape shape() const override {
-    PictureShape shape = all_->shape();
+  [[nodiscard]] StackDims dims() const override {
+    StackDims shape = all_->dims();
     shape.n_lights = static_cast<int>(lights_.size());
     return shape;
   }
@@ -192,7 +193,7 @@ class SelectedRows final : public PictureRows {
   void rewind() override { all_->rewind(); }
   void skip(int n_rows) override { all_->skip(n_rows); }
   void read(int n_rows, std::span<std::uint16_t> out) override {
-    const PictureShape shape = all_->shape();
+    const StackDims shape = all_->dims();
     const std::size_t n_row = static_cast<std::size_t>(shape.width) * 3;
     const auto n_all = static_cast<std::size_t>(shape.n_lights);
     band_.resize(static_cast<std::size_t>(n_rows) * n_all * n_row);
@@ -215,15 +216,15 @@ class CroppedRows final : public PictureRows {
  public:
   CroppedRows(std::unique_ptr<PictureRows> whole, const PixelRectangle& rectangle)
       : whole_(std::move(whole)), rectangle_(rectangle) {
-    const PictureShape shape = whole_->shape();
+    const StackDims shape = whole_->dims();
     HAARLIGHT_EXPECTS(rectangle.x >= 0 && rectangle.y >= 0 && rectangle.height > 0 &&
                           rectangle.x + rectangle.width <= shape.width &&
                           rectangle.y + rectangle.height <= shape.height,
                       "a rectangle of the pictures");
     CroppedRows::rewind();
   }
-  [[nodiscard]] PictureShape shape() const override {
-    return {rectangle_.width, rectangle_.height, whole_->shape().n_lights};
+  [[nodiscard]] StackDims dims() const override {
+    return {rectangle_.width, rectangle_.height, 3, whole_->dims().n_lights};
   }
   [[nodiscard]] Transfer transfer() const override { return whole_->transfer(); }
   void rewind() override {
@@ -232,7 +233,7 @@ class CroppedRows final : public PictureRows {
   }
   void skip(int n_rows) override { whole_->skip(n_rows); }
   void read(int n_rows, std::span<std::uint16_t> out) override {
-    const PictureShape shape = whole_->shape();
+    const StackDims shape = whole_->dims();
     const std::size_t n_whole = static_cast<std::size_t>(shape.width) * 3;
     const std::size_t n_row = static_cast<std::size_t>(rectangle_.width) * 3;
     const std::size_t lines =

@@ -12,6 +12,7 @@
 
 #include "core/picture/image_io.h"
 #include "core/picture/picture_rectangle.h"
+#include "core/stack/stack_source.h"
 #include "session/develop/develop.h"
 #include "session/session.h"
 
@@ -22,12 +23,6 @@
 
 namespace haarlight {
 
-struct PictureShape {
-  int width = 0;
-  int height = 0;
-  int n_lights = 0;
-};
-
 class PictureRows {
  public:
   PictureRows() = default;
@@ -35,7 +30,7 @@ class PictureRows {
   PictureRows(const PictureRows&) = delete;
   PictureRows& operator=(const PictureRows&) = delete;
 
-  [[nodiscard]] virtual PictureShape shape() const = 0;
+  [[nodiscard]] virtual StackDims dims() const = 0;
   [[nodiscard]] virtual Transfer transfer() const = 0;
   /// Back to the first row.
   virtual void rewind() = 0;

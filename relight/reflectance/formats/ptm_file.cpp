@@ -11,8 +11,8 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/picture/jpeg.h"
 #include "relight/reflectance/formats/header_reader.h"
-#include "relight/reflectance/formats/jpeg.h"
 #include "relight/reflectance/formats/quantise.h"
 
 namespace haarlight {
@@ -284,13 +284,14 @@ void write_jpegs(PendingFile& file, const ReflectanceModel& model, const PtmOpti
   std::string sizes;
   std::string zeros;
   for (std::size_t p = 0; p < n_planes; ++p) {
-    pictures.push_back(encode_jpeg(
-        shape, 1, options.quality, where, [&](int y, std::span<std::uint8_t> samples) {
-          const auto row = model.planes.view().row(shape.height - 1 - y);
-          for (std::size_t x = 0; x < samples.size(); ++x) {
-            samples[x] = row[x * n_planes + p];
-          }
-        }));
+    pictures.push_back(
+        encode_jpeg(shape, JpegQuality{.channels = 1, .quality = options.quality}, where,
+                    [&](int y, std::span<std::uint8_t> samples) {
+                      const auto row = model.planes.view().row(shape.height - 1 - y);
+                      for (std::size_t x = 0; x < samples.size(); ++x) {
+                        samples[x] = row[x * n_planes + p];
+                      }
+                    }));
     order += fmt::format("{} ", p);
     references += "-1 ";
     sizes += fmt::format("{} ", pictures.back().size());

@@ -14,20 +14,6 @@
 
 namespace haarlight {
 
-std::string_view to_string(ReflectanceBasis basis) noexcept {
-  switch (basis) {
-    case ReflectanceBasis::ptm:
-      return "ptm";
-    case ReflectanceBasis::hsh:
-      return "hsh";
-    case ReflectanceBasis::rbf:
-      return "rbf";
-    case ReflectanceBasis::bilinear:
-      return "bilinear";
-  }
-  return "?";
-}
-
 int n_planes_of(ReflectanceColour colour, int n_terms) noexcept {
   switch (colour) {
     case ReflectanceColour::rgb:

@@ -3,12 +3,14 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "core/enum_words.h"
 #include "core/image.h"
 #include "core/picture/image_io.h"
 
@@ -28,7 +30,11 @@ enum class ReflectanceBasis {
   rbf,       ///< radial basis functions around the lights, PCA over the lights
   bilinear,  ///< a grid on the octahedral map, PCA over its knots
 };
-[[nodiscard]] std::string_view to_string(ReflectanceBasis basis) noexcept;
+inline constexpr auto kReflectanceBasisWords =
+    std::to_array<std::string_view>({"ptm", "hsh", "rbf", "bilinear"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(ReflectanceBasis) noexcept {
+  return kReflectanceBasisWords;
+}
 
 /// How planes become colours.
 enum class ReflectanceColour {
@@ -36,6 +42,11 @@ enum class ReflectanceColour {
   lrgb,  ///< terms of a luminance factor, then three planes R, G, B that it multiplies
   pca,   ///< planes are weights of axes that carry colours: ReflectanceModel::axes
 };
+inline constexpr auto kReflectanceColourWords =
+    std::to_array<std::string_view>({"rgb", "lrgb", "pca"});
+[[nodiscard]] constexpr std::span<const std::string_view> words_of(ReflectanceColour) noexcept {
+  return kReflectanceColourWords;
+}
 
 /// HSH beyond 9 terms: which power of sqrt(c - c^2) the terms 9 and 15 carry.
 enum class HshOrder4 {

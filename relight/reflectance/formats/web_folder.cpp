@@ -12,12 +12,12 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/json_value.h"
 #include "core/parallel.h"
+#include "core/picture/jpeg.h"
 #include "core/text_limits.h"
-#include "relight/reflectance/formats/jpeg.h"
 #include "relight/reflectance/formats/plane_weights.h"
 #include "relight/reflectance/formats/quantise.h"
-#include "session/json_value.h"
 #include "session/photographed.h"
 
 namespace haarlight {

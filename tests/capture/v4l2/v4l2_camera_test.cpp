@@ -54,8 +54,7 @@ class V4l2CameraTest : public ::testing::Test {
   V4l2Camera camera_{machine_.places()};
 };
 
-// ---- frames
-// -----------------------------------------------------------------------------------
+// ---- frames ----
 
 class V4l2Layout : public V4l2CameraTest,
                    public ::testing::WithParamInterface<std::pair<bool, std::size_t>> {};
@@ -245,8 +244,7 @@ TEST_F(V4l2CameraTest, MotionJpegIsForPreviewAndADamagedPictureHasNoPixels) {
   EXPECT_NE(damaged->info().flags & kFrameShort, 0U);
 }
 
-// ---- what the device does not offer
-// -----------------------------------------------------------
+// ---- what the device does not offer ----
 
 TEST_F(V4l2CameraTest, AFormatSizeOrRateThatIsNotOfferedListsWhatIs) {
   machine_.plug(0, usual_camera());
@@ -287,8 +285,7 @@ TEST_F(V4l2CameraTest, NoBandwidthOnTheBusIsNotCalledAFullDisk) {
   EXPECT_THAT(setup.error().what, HasSubstr("USB bandwidth"));
 }
 
-// ---- controls
-// ---------------------------------------------------------------------------------
+// ---- controls ----
 
 TEST_F(V4l2CameraTest, ModesAreSetFirstThenExposureGainAndTheRestAndReadBack) {
   spec_.v4l2.controls = {{"focus_absolute", 15, ""}, {"power_line_frequency", 0, "60 Hz"}};
@@ -429,8 +426,7 @@ TEST_F(V4l2CameraTest, GainInDecibelsNeedsItsUnitToo) {
   EXPECT_DOUBLE_EQ(setup->gain_db, 6.0);
 }
 
-// ---- faults of the stream, loss and return
-// ----------------------------------------------------
+// ---- faults of the stream, loss and return ----
 
 TEST_F(V4l2CameraTest, ABrokenStreamIsBegunAnewAndTheCountShowsAGap) {
   ASSERT_TRUE(start(usual_camera()).has_value());

@@ -42,8 +42,7 @@ class V4l2Settings : public ::testing::Test {
   V4l2Camera camera_{machine_.places()};
 };
 
-// ---- controls
-// ---------------------------------------------------------------------------------
+// ---- controls ----
 
 /// As Nvidia's drivers for sensors offer them: everything in 64 bits, with ids of their own.
 shim::Camera tegra_camera() {
@@ -139,8 +138,7 @@ TEST_F(V4l2Settings, WhatHasMoreThanOneValueIsListedAndNotSet) {
                           HasSubstr("control exposure = 33: 28 to 10000000000")));
 }
 
-// ---- a region of the sensor
-// -------------------------------------------------------------------
+// ---- a region of the sensor ----
 
 shim::Camera sensor_camera() {
   shim::Camera camera = usual_camera();
@@ -210,8 +208,7 @@ TEST_F(V4l2Settings, TheListTellsOfRegionsAndButtons) {
               Not(HasSubstr("region")));
 }
 
-// ---- triggers
-// ---------------------------------------------------------------------------------
+// ---- triggers ----
 
 TEST_F(V4l2Settings, AFrameComesForEachTriggerAndNoOther) {
   shim::Camera device = usual_camera();

@@ -343,8 +343,7 @@ std::size_t n_open() {
 
 }  // namespace haarlight::shim
 
-// ---- in the C library's place
-// -----------------------------------------------------------------
+// ---- in the C library's place ----
 
 namespace shim = haarlight::shim;
 

@@ -198,8 +198,7 @@ int set_control(World& w, int fd, Device& device, std::uint32_t id, std::int64_t
 
 namespace {
 
-// ---- the ioctls
-// -------------------------------------------------------------------------------
+// ---- the ioctls ----
 
 const Offer* offer_of(const Device& device, std::uint32_t fourcc) {
   for (const Offer& offer : device.camera.offers) {

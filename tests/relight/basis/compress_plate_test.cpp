@@ -111,7 +111,7 @@ Made make_and_judge(const Rig& rig, double asked, const TemporaryFolder& folder)
   const BasisFile file = BasisFile::open(path);
   made.error = true_error(file, exact_rows(rig));
   judge(file, asked, made.error);
-  EXPECT_EQ(file.header().kind, "plate");
+  EXPECT_EQ(file.header().content, BasisContent::plate);
   return made;
 }
 
@@ -136,10 +136,10 @@ TEST(CompressPlateFile, StatesWhatItsOwnModelMisses) {
   CompressSource source;
   source.stack = &plate;
   source.plate = &plate;
-  source.plate_kind = "computed";
+  source.plate_origin = PlateOrigin::computed;
   source.grid = {32, 32};
   source.rig_toml = rig.text;
-  source.kind = "plate";
+  source.content = BasisContent::plate;
   const auto path = folder.path() / "plate.hlb";
   const auto summary = compress_smooth_plate(plate, source, path, {.relative_l2 = 0.01}, 1);
   ASSERT_TRUE(summary);

@@ -93,7 +93,7 @@ TEST(CompressPlate, RigsPlateIsAFileThatGivesThePlateBack) {
   const CompressSummary summary = compress_plate(rig, file, {.relative_l2 = 1e-4});
   EXPECT_TRUE(summary.is_reached());
   const BasisFile basis = BasisFile::open(file);
-  EXPECT_EQ(basis.header().kind, "plate");
+  EXPECT_EQ(basis.header().content, BasisContent::plate);
   EXPECT_EQ(basis.header().grid, (HaarGrid{8, 8}));
   EXPECT_EQ(basis.header().rig_hash, rig.hash);
   EXPECT_EQ(parse_rig(basis.header().rig_toml, "x").n_lights(), 64);
@@ -121,10 +121,9 @@ TEST(CompressSession, SessionBecomesABasisFileThatKnowsItsLights) {
   LightWeights w = LightWeights::Zero(16, 1);
   w(3, 0) = 0.5;
   w(9, 0) = 2.0;
-  EXPECT_EQ(compare(relight(basis, w).picture.pixels(),
-                    relight_stack(LightStackSource(stack), w).pixels())
-                .worst_pixel,
-            0.0);
+  EXPECT_EQ(
+      compare(relight(basis, w).picture.pixels(), relight_stack(stack, w).pixels()).worst_pixel,
+      0.0);
   EXPECT_TRUE(!basis.header().rig_toml.empty() || basis.header().lights.size() == 16U);
 }
 

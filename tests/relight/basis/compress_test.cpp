@@ -295,7 +295,7 @@ TEST_F(Compress, PlateWithZerosIsNoTrouble) {
   }
   const auto summary = compress_stack(made_source(stack, 16, &plate), file("a.hlb"), {});
   EXPECT_LE(measure_error(BasisFile::open(file("a.hlb")), stack).relative_l2, 0.01);
-  EXPECT_EQ(summary.header.plate, "captured");
+  EXPECT_EQ(summary.header.plate, PlateOrigin::captured);
   const MemoryStack black({40, 36, 1, 256});
   const auto none = compress_stack(made_source(stack, 16, &black), file("b.hlb"), {});
   EXPECT_EQ(none.header.plate_rank, 0);

@@ -11,8 +11,8 @@
 #include <Eigen/Geometry>
 
 #include "core/random.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/compress.h"
-#include "relight/basis/stack_source.h"
 
 /// @file
 /// Light stacks made from closed forms: a sphere over a plane under an n x n array at 900 mm,
@@ -130,7 +130,7 @@ inline CompressSource made_source(const MemoryStack& stack, const HaarGrid& grid
   CompressSource source;
   source.stack = &stack;
   source.plate = plate;
-  source.plate_kind = plate != nullptr ? "captured" : "none";
+  source.plate_origin = plate != nullptr ? PlateOrigin::captured : PlateOrigin::none;
   source.grid = grid;
   source.lights = made_lights(stack.dims().n_lights);
   source.name = "made";

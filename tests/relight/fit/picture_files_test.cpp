@@ -33,7 +33,7 @@ std::vector<std::uint8_t> samples_of(int phase) {
 const testing::PngForm kPng{.width = kWidth, .height = kHeight};
 
 std::vector<std::uint16_t> read_all(PictureRows& rows) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   const int n = shape.width * shape.height * shape.n_lights * 3;
   std::vector<std::uint16_t> all(static_cast<std::size_t>(n));
   const std::span<std::uint16_t> out(all);

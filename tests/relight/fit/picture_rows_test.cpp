@@ -53,7 +53,7 @@ void write_jpeg(const fs::path& path, int n_channels, bool is_progressive, int p
 
 /// All rows, some passed over, then all again: (height, n_lights, width, 3).
 std::vector<std::uint16_t> read_all(PictureRows& rows) {
-  const PictureShape shape = rows.shape();
+  const StackDims shape = rows.dims();
   const int n_of_row = shape.n_lights * shape.width * 3;
   const auto n_row = static_cast<std::size_t>(n_of_row);
   std::vector<std::uint16_t> all(n_row * static_cast<std::size_t>(shape.height));
@@ -69,7 +69,7 @@ std::vector<std::uint16_t> read_all(PictureRows& rows) {
 
 void expect_skipping_changes_nothing(PictureRows& rows) {
   const std::vector<std::uint16_t> all = read_all(rows);
-  const std::size_t n_row = all.size() / static_cast<std::size_t>(rows.shape().height);
+  const std::size_t n_row = all.size() / static_cast<std::size_t>(rows.dims().height);
   std::vector<std::uint16_t> row(n_row);
   for (int round = 0; round < 2; ++round) {
     rows.rewind();
@@ -187,8 +187,8 @@ TEST(CroppedRows, AreARectangleOfTheWhole) {
   const std::vector<std::uint16_t> all = read_all(*whole);
   constexpr PixelRectangle kPart{7, 11, 20, 60};  // to the last row
   const auto part = cropped_rows(jpeg_rows({folder / "a.jpg", folder / "b.jpg"}), kPart);
-  EXPECT_EQ(part->shape().width, 20);
-  EXPECT_EQ(part->shape().height, 60);
+  EXPECT_EQ(part->dims().width, 20);
+  EXPECT_EQ(part->dims().height, 60);
   for (int round = 0; round < 2; ++round) {
     const std::vector<std::uint16_t> found = read_all(*part);
     std::size_t at = 0;
@@ -217,7 +217,7 @@ TEST(SessionRows, HaveTheGainsOfTheWhiteReference) {
                         {.white = WhitePatch{{75, 51, 14, 14}, {}}});
   const Session session = Session::open(folder / "s");
   const auto rows = session_rows(session, {});
-  const PictureShape shape = rows->shape();
+  const StackDims shape = rows->dims();
   const std::vector<std::uint16_t> all = read_all(*rows);
   ASSERT_EQ(shape.n_lights, 16);
   for (int k = 0; k < shape.n_lights; ++k) {

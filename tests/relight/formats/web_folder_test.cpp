@@ -11,7 +11,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
-#include "relight/reflectance/formats/jpeg.h"
+#include "core/picture/jpeg.h"
 #include "relight/reflectance/formats/quantise.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
@@ -177,8 +177,8 @@ class OnePixel {
  public:
   void add(int r, int g, int b) {
     const std::array<int, 3> colour{r, g, b};
-    files_[fmt::format("plane_{}.jpg", files_.size())] =
-        encode_jpeg({1, 1}, 3, 100, "test", [&](int, std::span<std::uint8_t> samples) {
+    files_[fmt::format("plane_{}.jpg", files_.size())] = encode_jpeg(
+        {1, 1}, JpegQuality{.quality = 100}, "test", [&](int, std::span<std::uint8_t> samples) {
           for (std::size_t c = 0; c < 3; ++c) {
             samples[c] = static_cast<std::uint8_t>(colour[c]);
           }

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
-#include "session/json_value.h"
+#include "core/json_value.h"
 #include "session/rig_session.h"
 #include "session/transforms_file.h"
 

@@ -10,6 +10,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/random.h"
+#include "relight/shadow/shadow_lookup.h"
 #include "tests/golden_file.h"
 
 namespace haarlight {
@@ -216,15 +217,16 @@ Widths measure_widths(double receiver_height) {
     }
   }
   const WindowSums sums(shadow.value.view(), shadow.known.view());
-  const SquareLight light = square({light_x, 0.0, kH}, kSide);
+  const PlaneLight placed = place_light(frame, square({light_x, 0.0, kH}, kSide));
   std::vector<std::vector<double>> profiles(4);
   constexpr double kStep = 0.02;
   for (double x = -30.0; x < 30.0; x += kStep) {
-    const LightWindow window = project_window({}, light, {x, 0.0, receiver_height});
+    const PlaneSpot receiver = place_point(frame, {x, 0.0, receiver_height});
     profiles[0].push_back(true_visibility(light_x, x, receiver_height));
     for (const WindowRule rule : {WindowRule::none, WindowRule::plain, WindowRule::corrected}) {
       profiles[1 + static_cast<std::size_t>(rule)].push_back(
-          window_visibility(frame, sums, window, rule, kEdge / kH).value);
+          look_up(frame, HeightRange{kEdge, kEdge}, {rule, false}, placed, sums, receiver)
+              .value);
     }
   }
   return {edge_width(profiles[0], kStep), edge_width(profiles[1], kStep),

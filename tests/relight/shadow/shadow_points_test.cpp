@@ -17,6 +17,7 @@
 #include "relight/shadow/receiver_light.h"
 #include "render/light/light_tree.h"
 #include "tests/relight/shadow/shadow_scene.h"
+#include "tests/relight/shadow/window_reference.h"
 
 namespace haarlight {
 namespace {

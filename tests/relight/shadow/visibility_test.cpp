@@ -10,41 +10,14 @@
 namespace haarlight {
 namespace {
 
-Image<float> filled(int height, int width, int channels, float value) {
-  Image<float> image(height, width, channels);
-  for (float& v : image.pixels()) {
-    v = value;
+TEST(VisibilityCount, TellsNoiseFromWhatIsTooBright) {
+  VisibilityCount count;
+  for (const double v : {0.25, 1.25, -0.05, 1.01}) {
+    count.add_value(v);
   }
-  return image;
-}
-
-TEST(DivideByPlate, ClampsAndCounts) {
-  Image<float> shadow = filled(1, 4, 1, 0.5F);
-  const Image<float> plate = filled(1, 4, 1, 2.0F);
-  shadow(0, 1) = 2.5F;
-  shadow(0, 2) = -0.1F;
-  const Visibility v = divide_by_plate(shadow.view(), plate.view());
-  EXPECT_FLOAT_EQ(v.value(0, 0), 0.25F);
-  EXPECT_FLOAT_EQ(v.value(0, 1), 1.0F);
-  EXPECT_FLOAT_EQ(v.value(0, 2), 0.0F);
-  EXPECT_EQ(v.count.n_values, 4U);
-  EXPECT_EQ(v.count.n_excess, 1U);
-  EXPECT_DOUBLE_EQ(v.count.worst_excess, 0.25);
-}
-
-TEST(DivideByPlate, APlateWithAZeroIsUnknownThere) {
-  const Image<float> shadow = filled(2, 2, 3, 1.0F);
-  Image<float> plate = filled(2, 2, 3, 1.0F);
-  for (int c = 0; c < 3; ++c) {
-    plate(1, 0, c) = 0.0F;
-  }
-  const Visibility v = divide_by_plate(shadow.view(), plate.view());
-  EXPECT_EQ(v.known(1, 0), 0);
-  EXPECT_EQ(v.known(0, 0), 1);
-  EXPECT_EQ(v.count.n_no_plate, 1U);
-  const Visibility dark = divide_by_plate(shadow.view(), filled(2, 2, 3, 0.0F).view());
-  EXPECT_EQ(dark.count.n_no_plate, 4U);
-  EXPECT_EQ(dark.count.n_values, 0U);
+  EXPECT_EQ(count.n_values, 4U);
+  EXPECT_EQ(count.n_excess, 1U);
+  EXPECT_DOUBLE_EQ(count.worst_excess, 0.25);
 }
 
 TEST(PlateFalloff, IsCosToTheFourthOverRSquared) {

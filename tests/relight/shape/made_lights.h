@@ -10,7 +10,7 @@
 #include <Eigen/Geometry>
 
 #include "core/image.h"
-#include "relight/basis/stack_source.h"
+#include "core/stack/stack_source.h"
 #include "relight/light/near_light.h"
 
 /// @file

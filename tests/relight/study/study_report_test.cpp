@@ -10,7 +10,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "core/log_plot.h"
+#include "core/plot.h"
 
 namespace haarlight {
 namespace {
@@ -126,7 +126,7 @@ TEST(StudyReport, FiguresAreWholeSvg) {
 }
 
 TEST(LogPlot, PutsDecadesAtEqualDistances) {
-  const std::string svg = draw_log_panels(
+  const std::string svg = draw_panels(
       "t", {{"panel", "x", "y", {{"a", {{1.0, 1.0}, {10.0, 0.1}, {100.0, 0.01}}, 0, false}}}},
       1);
   // The line's points: one path with three places, equally far apart.
@@ -145,7 +145,7 @@ TEST(LogPlot, PutsDecadesAtEqualDistances) {
 }
 
 TEST(LogPlot, LeavesOutWhatHasNoLogarithmAndEscapesNames) {
-  const std::string svg = draw_log_panels(
+  const std::string svg = draw_panels(
       "a < b", {{"none", "x", "y", {{"zero & co", {{0.0, 1.0}, {1.0, -1.0}}, 0, true}}}}, 2);
   EXPECT_NE(svg.find("nothing to show"), std::string::npos);
   EXPECT_NE(svg.find("a &lt; b"), std::string::npos);

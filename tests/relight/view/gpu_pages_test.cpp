@@ -14,6 +14,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
+#include "core/count.h"
 #include "core/error.h"
 #include "relight/basis/plate/tile_plate.h"
 #include "tests/relight/basis/made_stack.h"
@@ -25,8 +26,6 @@ namespace {
 
 using test::made_source;
 using test::make_stack;
-
-std::size_t count(int n) { return static_cast<std::size_t>(n); }
 
 std::uint32_t u32(const std::string& bytes, std::size_t at) {
   std::uint32_t value = 0;

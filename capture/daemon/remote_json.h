@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "capture/daemon/daemon_client.h"
+#include "core/error.h"
+#include "core/text_limits.h"
+
+/// @file
+/// A daemon's answer as a JSON object, for sources that see the JSON library.
+
+namespace haarlight {
+
+/// @throws Error  what the daemon's error body says
+/// @throws Error(unavailable)  no JSON object: not this daemon's
+template <typename Json>
+[[nodiscard]] Json parse_reply(const DaemonReply& reply) {
+  DaemonClient::require_good(reply);
+  Json json = parse_json<Json>(reply.body, "haarlightd");
+  if (!json.is_object()) {
+    throw Error("the daemon's answer is not JSON", "haarlightd",
+                "is another program listening at this address?", ExitCode::unavailable);
+  }
+  return json;
+}
+
+}  // namespace haarlight

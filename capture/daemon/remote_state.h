@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "capture/daemon/daemon_client.h"
+
+/// @file
+/// What a daemon says of itself at /v1/state, read; and requests that are answered by it.
+
+namespace haarlight {
+
+/// Keys of docs/reference/http-api.md; empty or 0 where the daemon does not say.
+struct RemoteState {
+  std::string phase;
+  std::string step;
+  std::string session;
+  std::string folder;
+  std::string reason;
+  bool is_opening = false;
+  int committed = 0;
+  int shots = 0;
+  int frames = 0;
+  int retries = 0;
+  std::optional<double> seconds_left;
+  std::vector<std::string> unfinished;  ///< ids of sessions
+};
+
+/// @throws Error  what the daemon's error body says; an answer that is not this daemon's
+[[nodiscard]] RemoteState read_state(const DaemonReply& reply);
+/// GET /v1/state. @throws Error  the same; (unavailable) nobody answers
+[[nodiscard]] RemoteState ask_state(DaemonClient& client);
+/// POST /v1/NAME: pause, resume, abort, all-off. Errors as above.
+RemoteState request(DaemonClient& client, const std::string& name);
+/// Takes shots of the present session again. Errors as above.
+RemoteState reshoot(DaemonClient& client, const std::vector<int>& shots);
+
+/// For a person: whole lines.
+[[nodiscard]] std::string state_text(const RemoteState& state);
+
+}  // namespace haarlight

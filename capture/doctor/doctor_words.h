@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "capture/doctor/rig_doctor.h"
+#include "core/report.h"
+
+/// @file
+/// What the doctor found, as lines for a person, as JSON and in a report. Pure.
+
+namespace haarlight {
+
+[[nodiscard]] std::string doctor_text(const std::vector<DoctorLine>& lines);
+/// A list of objects: subject, finding, expected, found, cure.
+[[nodiscard]] std::string doctor_json(const std::vector<DoctorLine>& lines);
+void add_to_report(const std::vector<DoctorLine>& lines, Report& report);
+
+}  // namespace haarlight

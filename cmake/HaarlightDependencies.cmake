@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+# The libraries that haarlight's libraries need; packages.txt has their names in Debian 12. The build
+# includes this file, and so does the installed haarlightConfig.cmake. HAARLIGHT_DAEMON, HAARLIGHT_SIM
+# and HAARLIGHT_MPI say which parts there are; HAARLIGHT_REQUIRED is "REQUIRED", or empty where
+# haarlight itself may be missing: then haarlight_FOUND says so.
+#
+# haarlight_pkg(NAME MODULE)     PkgConfig::NAME, as pkg-config describes MODULE
+# haarlight_library(NAME FILE)   haarlight_external::NAME, a library without a description
+
+include(CMakeFindDependencyMacro)
+function(haarlight_pkg NAME MODULE)
+  pkg_check_modules(${NAME} ${HAARLIGHT_REQUIRED} IMPORTED_TARGET GLOBAL ${MODULE})
+  if(NOT ${NAME}_FOUND)
+    set(haarlight_FOUND FALSE PARENT_SCOPE)
+    set(haarlight_NOT_FOUND_MESSAGE "pkg-config knows no ${MODULE}" PARENT_SCOPE)
+  endif()
+endfunction()
+function(haarlight_library NAME FILE)
+  find_library(HAARLIGHT_${NAME}_LIBRARY ${FILE} ${HAARLIGHT_REQUIRED})
+  mark_as_advanced(HAARLIGHT_${NAME}_LIBRARY)
+  if(NOT HAARLIGHT_${NAME}_LIBRARY)
+    set(haarlight_FOUND FALSE PARENT_SCOPE)
+    set(haarlight_NOT_FOUND_MESSAGE "there is no library ${FILE}" PARENT_SCOPE)
+    return()
+  endif()
+  if(TARGET haarlight_external::${NAME})
+    return()
+  endif()
+  add_library(haarlight_external::${NAME} UNKNOWN IMPORTED)
+  set_target_properties(haarlight_external::${NAME} PROPERTIES
+                        IMPORTED_LOCATION ${HAARLIGHT_${NAME}_LIBRARY})
+endfunction()
+
+find_dependency(Threads ${HAARLIGHT_REQUIRED})
+find_dependency(Eigen3 ${HAARLIGHT_REQUIRED})
+find_dependency(TBB ${HAARLIGHT_REQUIRED})
+find_dependency(embree 3 ${HAARLIGHT_REQUIRED})
+find_dependency(fmt ${HAARLIGHT_REQUIRED})
+find_dependency(spdlog ${HAARLIGHT_REQUIRED})
+find_dependency(nlohmann_json ${HAARLIGHT_REQUIRED})
+find_dependency(tl-expected ${HAARLIGHT_REQUIRED})
+find_dependency(tomlplusplus ${HAARLIGHT_REQUIRED})
+find_dependency(ZLIB ${HAARLIGHT_REQUIRED})
+find_dependency(JPEG ${HAARLIGHT_REQUIRED})
+find_dependency(PNG ${HAARLIGHT_REQUIRED})
+find_dependency(PkgConfig ${HAARLIGHT_REQUIRED})
+haarlight_pkg(sqlite3 sqlite3)
+haarlight_pkg(zstd libzstd)
+haarlight_pkg(libcrypto libcrypto)
+haarlight_pkg(xxhash libxxhash)
+haarlight_pkg(tiff libtiff-4)
+haarlight_pkg(lcms2 lcms2)
+haarlight_pkg(openexr OpenEXR)
+# Without its -pthread, which the precompiled headers do not have.
+if(TARGET PkgConfig::openexr)
+  set_property(TARGET PkgConfig::openexr PROPERTY INTERFACE_COMPILE_OPTIONS)
+endif()
+haarlight_pkg(microhttpd libmicrohttpd)
+haarlight_library(lbfgs lbfgs)
+haarlight_library(tomlplusplus tomlplusplus)
+# libraw's pkg-config file asks for the compiler's own OpenMP.
+haarlight_library(raw raw_r)
+# OpenCV's CMake package asks for modules that nothing here needs.
+haarlight_library(opencv_calib3d opencv_calib3d)
+haarlight_library(opencv_imgproc opencv_imgproc)
+haarlight_library(opencv_core opencv_core)
+
+if(HAARLIGHT_DAEMON OR HAARLIGHT_SIM)
+  haarlight_pkg(modbus libmodbus)
+  haarlight_pkg(libusb libusb-1.0)
+endif()
+if(HAARLIGHT_DAEMON)
+  haarlight_pkg(curl libcurl)
+endif()
+if(HAARLIGHT_SIM)
+  haarlight_pkg(usbredirparser libusbredirparser-0.5)
+endif()
+if(HAARLIGHT_MPI)
+  haarlight_pkg(ompi ompi-c)
+endif()

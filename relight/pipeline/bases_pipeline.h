@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/picture/image_io.h"
+#include "core/report.h"
+#include "relight/pipeline/pipeline_settings.h"
+#include "relight/study/basis_study.h"
+
+/// @file
+/// Bases over the lights compared on one's own capture: opens a session or a basis file, runs
+/// the study (relight/study/basis_study.h) and writes its tables, figures and records.
+
+namespace haarlight {
+
+struct BasesOptions {
+  std::string input;   ///< session folder, or a basis file
+  std::string output;  ///< folder for bases.txt, bases.json, records.json, figures, regions.png
+  std::vector<std::string> bases;  ///< names of known_bases(); empty: all
+  std::vector<double> errors;      ///< relative L2 to reach; empty: BasisStudyOptions' own
+  std::vector<double> sizes;       ///< numbers a pixel to spend; empty: the same
+  std::string plate;               ///< as PlateChoice::parse; empty: computed from the rig
+  std::string lightings;           ///< JSON object of names; empty: the default ones
+  std::string regions;             ///< picture of what each pixel is; empty: judged
+  int n_tiles = 8;                 ///< of 128 pixels a side; 0: all
+  int sh_order = 15;
+  int pca_rank = 512;
+  std::optional<Transfer> unknown_as;  ///< for the unknown curve of a camera's YUYV or NV12
+  int threads = 0;                     ///< for the records; 0: one a core
+  PipelineSettings settings;
+};
+
+struct BasesSummary {
+  BasisStudy study;
+  PlateOrigin plate_origin = PlateOrigin::none;
+  bool is_reached = true;  ///< every basis reached every error that it can reach
+  std::uint64_t bytes = 0;
+  std::vector<PipelineNote> notes;  ///< all that was told
+};
+
+/// @throws Error  a capture that cannot be read or does not say where its lights are, a plate,
+///                lightings or regions that do not fit, an output that exists
+[[nodiscard]] BasesSummary compare_bases(const BasesOptions& options);
+
+/// What was asked and reached.
+void add_to_report(const BasesOptions& options, const BasesSummary& summary, Report& report);
+
+}  // namespace haarlight

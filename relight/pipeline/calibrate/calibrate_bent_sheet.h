@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "relight/pipeline/calibrate/sheet_parts.h"
+
+/// @file
+/// Lights from a sheet that is not flat: its shape and the lights in turn.
+
+namespace haarlight {
+
+/// From where a flat sheet would have the lights. No standard errors: lights can hide a bend in
+/// the noise.
+/// @param findings  the alternation: filled
+[[nodiscard]] FoundLights find_by_bent_sheet(const CalibratePipelineOptions& options,
+                                             const ReadSheet& sheet,
+                                             const LightPictures& pictures,
+                                             SheetFindings& findings, PipelineNotes& notes);
+
+/// From the lowest to the highest point of a bent sheet, mm.
+[[nodiscard]] double bent_range_mm(const Alternation& found);
+
+}  // namespace haarlight

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/pipeline/calibrate/calibrate_pipeline.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/error.h"
+#include "relight/pipeline/calibrate/calibrate_balls.h"
+#include "relight/pipeline/calibrate/calibrate_bent_sheet.h"
+#include "relight/pipeline/calibrate/calibrate_rig.h"
+#include "relight/pipeline/calibrate/calibrate_sheet.h"
+#include "relight/pipeline/calibrate/light_pictures.h"
+
+namespace haarlight {
+
+namespace {
+
+enum class CalibrateMethod { ball, sheet, rig };
+
+const char* to_string(CalibrateMethod method) noexcept {
+  switch (method) {
+    case CalibrateMethod::ball:
+      return "ball";
+    case CalibrateMethod::sheet:
+      return "sheet";
+    case CalibrateMethod::rig:
+      break;
+  }
+  return "rig";
+}
+
+CalibrateMethod method_of(const CalibratePipelineOptions& options,
+                          const LightPictures& pictures) {
+  const bool has_rig = pictures.session() != nullptr && pictures.session()->rig().has_value();
+  const bool has_balls = !options.ball.masks.empty() || !options.ball.radius_mm.empty();
+  std::optional<LightTarget> target = options.target;
+  if (!target && (has_rig || has_balls)) {
+    target = has_balls ? LightTarget::ball : LightTarget::sheet;
+  }
+  if (!target) {
+    throw Error("what do the pictures show?", options.input.string(),
+                "--target ball or --target sheet", ExitCode::usage);
+  }
+  if (*target == LightTarget::ball) {
+    return CalibrateMethod::ball;
+  }
+  if (has_balls) {
+    throw Error("a ball's option for a sheet", "--ball, --radius-mm", "--target ball",
+                ExitCode::usage);
+  }
+  if (!has_rig && !options.rig.empty()) {
+    throw Error("a rig's lights are found from a capture of the rig", options.input.string(),
+                "give its session; or leave --rig out, for lights of which nothing is known");
+  }
+  if (has_rig && (options.sheet.is_bent || options.sheet.grid)) {
+    throw Error("a rig's faces are rigid and its sheet is flat", "--bent, --grid",
+                "leave them out", ExitCode::usage);
+  }
+  return has_rig ? CalibrateMethod::rig : CalibrateMethod::sheet;
+}
+
+LightPictures open_pictures(const CalibratePipelineOptions& options) {
+  LightPicturesOptions pictures;
+  pictures.input = options.input;
+  pictures.exclude = options.exclude;
+  pictures.masks = options.ball.masks;
+  pictures.transfer = options.transfer;
+  return LightPictures::open(pictures, options.settings);
+}
+
+/// What the lights are found by, into its place of the summary.
+FoundLights find_lights(CalibrateMethod method, const CalibratePipelineOptions& options,
+                        const LightPictures& pictures, CalibrateSummary& summary,
+                        PipelineNotes& notes) {
+  switch (method) {
+    case CalibrateMethod::ball:
+      return find_by_balls(options, pictures, summary.balls.emplace(), notes);
+    case CalibrateMethod::sheet:
+      return find_by_sheet(options, pictures, summary.sheet.emplace(), notes);
+    case CalibrateMethod::rig:
+      break;
+  }
+  return find_by_rig(options, *pictures.session(), summary.rig.emplace(), notes);
+}
+
+void report_balls(const BallFindings& balls, Report& report) {
+  std::vector<double> numbers;
+  for (const MeasuredBall& ball : balls.balls) {
+    numbers.insert(numbers.end(), {ball.circle.x, ball.circle.y, ball.circle.radius});
+  }
+  report.add_reached("balls_px", numbers);
+  if (balls.camera_mm) {
+    report.add_reached("camera_mm", *balls.camera_mm);
+  }
+  if (balls.width_mm) {
+    report.add_reached("width_mm", *balls.width_mm);
+  }
+  if (balls.ray_chi2) {
+    report.add_reached("ray_chi2", *balls.ray_chi2);
+  }
+}
+
+void report_sheet(const SheetFindings& sheet, Report& report) {
+  report.add_reached("block_noise", sheet.block_noise);
+  report.add_detail("blocks", std::vector<double>{static_cast<double>(sheet.block_rows),
+                                                  static_cast<double>(sheet.block_cols)});
+  if (sheet.array_start_rms_mm) {
+    report.add_detail("array_start_rms_mm", *sheet.array_start_rms_mm);
+  }
+  if (sheet.flat) {
+    report.add_reached("reduced_chi2", sheet.flat->reduced_chi2);
+    report.add_reached("lobe_mu", sheet.flat->mu);
+    report.add_reached("model_test_sigma", sheet.flat->test.z);
+    report.add_reached("model_test_lobe_sigma", sheet.flat->test.lobe_z);
+    report.add_reached("is_model_right", sheet.flat->test.is_passed());
+  }
+  if (sheet.bent) {
+    report.add_reached("sheet_range_mm", bent_range_mm(*sheet.bent));
+    report.add_reached("rounds", static_cast<std::int64_t>(sheet.bent->moves_mm.size()));
+    report.add_reached("chi2_flat", sheet.bent->chi2.front());
+    report.add_reached("is_settled", sheet.bent->has_converged);
+    report.add_reached("reduced_chi2", sheet.bent->lights.reduced_chi2);
+    report.add_reached("lobe_mu", sheet.bent->lights.mu);
+  }
+}
+
+}  // namespace
+
+CalibrateSummary calibrate_capture_lights(const CalibratePipelineOptions& options) {
+  require_writable(options.out, options.settings.overwrites);
+  const LightPictures pictures = open_pictures(options);
+  const CalibrateMethod method = method_of(options, pictures);
+  if (options.sheet.is_bent && options.sheet.grid) {
+    throw Error("an array on a sheet that is not flat is not fitted", "--bent",
+                "leave --bent out: an array cannot follow a bend", ExitCode::usage);
+  }
+  PipelineNotes notes(options.settings.tell);
+  CalibrateSummary summary;
+  summary.method = to_string(method);
+  summary.found = find_lights(method, options, pictures, summary, notes);
+  const std::vector<FoundLight>& lights = summary.found.lights;
+  const auto is_seen = [](const FoundLight& light) { return light.is_seen(); };
+  if (std::none_of(lights.begin(), lights.end(), is_seen)) {
+    throw Error("not one light was found: " + lights.front().finding, options.input.string(),
+                "look at the pictures' exposure");
+  }
+  summary.are_all_seen = std::all_of(lights.begin(), lights.end(), is_seen);
+  summary.bytes = write_found(summary.found, options.out);
+  summary.notes = notes.all();
+  return summary;
+}
+
+void report_calibration(const CalibrateSummary& summary, Report& report) {
+  report.add_asked("target", summary.method);
+  if (summary.balls) {
+    report_balls(*summary.balls, report);
+  }
+  if (summary.sheet) {
+    report_sheet(*summary.sheet, report);
+  }
+  if (summary.rig) {
+    report_faces(summary.rig->rig, summary.rig->faces, report);
+  }
+  report.set_bytes(summary.bytes);
+  report_found(summary.found, report);
+}
+
+}  // namespace haarlight

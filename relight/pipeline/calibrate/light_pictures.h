@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/image.h"
+#include "core/picture/image_io.h"
+#include "relight/pipeline/pipeline_settings.h"
+#include "session/session.h"
+
+/// @file
+/// The pictures that lights are found from: of a session, or of a folder.
+
+namespace haarlight {
+
+/// Which pictures, and what their numbers are.
+struct LightPicturesOptions {
+  std::filesystem::path input;  ///< a session's folder, or a folder with one picture per light
+  std::vector<std::string> exclude{};  ///< pictures whose names contain one of these
+  std::vector<std::filesystem::path>
+      masks{};                         ///< pictures of the folder that are none of a light
+  std::optional<Transfer> transfer{};  ///< of integer pictures; nothing: as the file says
+};
+
+/// One picture a light, read when it is asked for.
+class LightPictures {
+ public:
+  /// A session, or a folder of pictures in natural order of their names.
+  /// @throws Error  nothing there, fewer than one picture, one picture twice, a session that
+  ///                holds a part of its pictures or of which some are to be left out
+  [[nodiscard]] static LightPictures open(const LightPicturesOptions& options,
+                                          const PipelineSettings& settings);
+
+  [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+  [[nodiscard]] int size() const { return static_cast<int>(names_.size()); }
+  /// Of the first picture.
+  [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] int height() const { return height_; }
+  [[nodiscard]] int channels() const { return channels_; }
+  [[nodiscard]] const Session* session() const { return session_ ? &*session_ : nullptr; }
+
+  /// In order, each in linear light. `clip`: from here on a value is saturated.
+  /// @throws Error  naming the picture that cannot be read, is of another size, or holds a
+  ///                number that is none
+  using Visit = std::function<void(int light, const Image<float>& picture, float clip)>;
+  void for_each(const Visit& visit) const;
+
+ private:
+  void for_each_file(const Visit& visit) const;
+
+  std::filesystem::path folder_;
+  std::vector<std::string> names_;
+  std::optional<Transfer> transfer_;
+  std::optional<Session> session_;
+  PipelineSettings settings_;
+  int width_ = 0;
+  int height_ = 0;
+  int channels_ = 0;
+};
+
+}  // namespace haarlight

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/picture/image_io.h"
+#include "core/report.h"
+#include "relight/basis/compress.h"
+#include "relight/pipeline/pipeline_settings.h"
+
+/// @file
+/// From a session to a basis file: which basis its lights allow, which error its noise is worth,
+/// and the compression itself (relight/basis/compress_session.h).
+
+namespace haarlight {
+
+/// Which basis over the lights.
+enum class BasisChoice {
+  automatic,  ///< Haar where the lights form grids, else direct; the latter is told
+  haar,       ///< an Error where they form none
+  direct,     ///< the lights themselves
+};
+[[nodiscard]] std::string to_string(BasisChoice choice);
+
+struct CompressCaptureOptions {
+  std::string session;
+  std::string output;
+  /// Relative L2 error of the whole stack, in [0, 1]; 0 is exact. Nothing: kNoiseTarget times the
+  /// capture's noise, or 0.01 where nobody measured it.
+  std::optional<double> max_error;
+  std::optional<double> worst_pixel;  ///< bound on every pixel's own error; nothing: none
+  bool is_integer = false;            ///< every value as whole steps of the camera, exactly
+  std::string plate;                  ///< as PlateChoice::parse; empty: automatic
+  BasisChoice basis = BasisChoice::automatic;
+  std::optional<Transfer> unknown_as;  ///< for the unknown curve of a camera's YUYV or NV12
+  Rank rank;                           ///< of several processes that share the work
+  PipelineSettings settings;
+};
+
+struct CompressCaptureSummary {
+  CompressSummary compressed;
+  double relative_l2_asked = 0.0;   ///< infinite for whole steps
+  std::string asked_reason;         ///< where that comes from, for a person
+  std::optional<double> noise;      ///< of the capture, where it was measured and asked
+  std::vector<PipelineNote> notes;  ///< all that was told
+};
+
+/// Killed, it goes on where it was when it is called again.
+/// @throws Error  a session that cannot be read, a plate that does not fit, lights without grids
+///                for Haar, an output that exists; as compress_session()
+[[nodiscard]] CompressCaptureSummary compress_capture(const CompressCaptureOptions& options);
+
+/// What was asked and reached.
+void add_to_report(const CompressCaptureOptions& options, const CompressCaptureSummary& summary,
+                   Report& report);
+
+}  // namespace haarlight

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include "core/picture/image_io.h"
+#include "relight/pipeline/pipeline_settings.h"
+#include "relight/shape/corrected_light.h"
+
+/// @file
+/// A capture's pictures without their near lights' fall-off. What `haarlight correct` does, for
+/// programs that link it. Source: corrected_light.h.
+
+namespace haarlight {
+
+struct CorrectOptions {
+  std::filesystem::path session;  ///< with lights whose places are known
+  std::filesystem::path out;      ///< folder to write
+  FallOff fall_off = FallOff::plane;
+  std::optional<Transfer> transfer{};  ///< stands in for a curve that is not known
+  double width_mm = 0.0;               ///< of an import: what the picture shows; 0: not known
+  std::optional<double> height_mm{};   ///< mean height of the object above the rig's plane
+  PipelineSettings settings{};
+};
+
+struct CorrectSummary {
+  int n_lights = 0;
+  /// Of any pixel under any light, of what the middle of the picture has under it; 1 where none is
+  /// weaker.
+  double least_fall_off = 1.0;
+  std::uint64_t bytes = 0;  ///< of the pictures written
+};
+
+/// Writes light_0000.exr ... (linear), fall-off/light_0000.exr ... (each light's attenuation, 1
+/// in the middle) and lights.lp with directions, since the lights are far once corrected.
+/// @throws Error  a folder that exists, lights known by direction only, an import without a
+///                width; as what opens and develops sessions
+[[nodiscard]] CorrectSummary correct_fall_off(const CorrectOptions& options);
+
+}  // namespace haarlight

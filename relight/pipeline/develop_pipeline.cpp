@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/pipeline/develop_pipeline.h"
+
+#include <filesystem>
+
+#include <fmt/format.h>
+
+#include "core/files.h"
+#include "core/progress.h"
+#include "relight/basis/compress_session.h"
+#include "relight/light/near_light.h"
+#include "relight/pipeline/picture_notes.h"
+#include "session/session.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kMuchMoved = 1e-3;  // of the values: noise alone gives 1e-8
+
+std::string_view word_of(Demosaic demosaic) {
+  switch (demosaic) {
+    case Demosaic::none:
+      return "none";
+    case Demosaic::bilinear:
+      return "bilinear";
+    case Demosaic::edge_aware:
+      return "edge-aware";
+  }
+  return "?";
+}
+
+/// One EXR a light; with standard errors light_0000.error.exr beside it.
+std::uint64_t write_pictures(const Session& session, const LightStack& stack,
+                             const std::string& ending, const fs::path& folder,
+                             const PipelineSettings& settings) {
+  fs::create_directories(folder);
+  Progress progress("write EXR", static_cast<std::size_t>(stack.dims().n_lights),
+                    settings.progress);
+  std::uint64_t bytes = 0;
+  const std::vector<SessionLight> seen = lights_in_picture(session);
+  for_each_light_image(
+      stack, settings.memory_bytes / 2, [&](int k, const Image<float>& picture) {
+        const fs::path file = folder / fmt::format("light_{:04}{}.exr", k, ending);
+        PictureNotes notes = notes_of(session.info());
+        add_light(session.info(), k, notes);
+        if (ending.empty()) {  // standard errors are no light's picture
+          add_seen_light(session.info(), seen, k, notes);
+        }
+        write_image(file, picture.view(), 1.0, notes);
+        bytes += fs::file_size(file);
+        progress.advance();
+      });
+  return bytes;
+}
+
+DevelopOptions develop_options(const DevelopSessionOptions& options, const Session& session) {
+  DevelopOptions how;
+  how.memory_bytes = options.settings.memory_bytes;
+  how.progress = options.settings.progress;
+  how.use_cache = !options.settings.overwrites;
+  how.cache_folder = options.cache;
+  how.unknown_as = options.unknown_as;
+  how.demosaic = options.demosaic;
+  how.radiometry = options.radiometry;
+  how.has_standard_error = options.has_standard_error;
+  how.share_evenly = options.plate == "even";
+  if (!how.share_evenly) {
+    how.plate = sharing_plate(session, PlateChoice::parse(options.plate));
+  }
+  return how;
+}
+
+void tell_developed(const DevelopSessionOptions& options, const DevelopSummary& summary,
+                    PipelineNotes& notes) {
+  const StackDims& shape = summary.dims;
+  notes.add(NoteKind::result,
+            fmt::format("{}: {} x {} x {} under {} lights, {} band{}", options.session,
+                        shape.width, shape.height, shape.channels, shape.n_lights,
+                        summary.n_bands, summary.n_bands == 1 ? "" : "s"));
+  notes.add(NoteKind::result,
+            fmt::format("  kept in {} for compress, relight and the others{}", summary.cache,
+                        options.exr.empty() ? "; --exr DIR writes pictures" : ""));
+  if (summary.n_saturated > 0) {
+    notes.add(NoteKind::result,
+              fmt::format("{} values are clipped in every exposure: lower bounds, not "
+                          "measurements",
+                          summary.n_saturated));
+  }
+  if (summary.moved_share > kMuchMoved) {
+    notes.add(NoteKind::result,
+              fmt::format("{:.2g} of the compared values contradict each other between "
+                          "exposures: did something move?",
+                          summary.moved_share));
+  }
+}
+
+}  // namespace
+
+DevelopSummary develop_session(const DevelopSessionOptions& options) {
+  const Session session = Session::open(options.session);
+  const Developed developed = develop_all(session, develop_options(options, session));
+  DevelopSummary summary;
+  summary.dims = developed.stack.dims();
+  summary.n_bands = developed.stack.bands().n();
+  summary.n_saturated = static_cast<std::uint64_t>(developed.n_saturated);
+  summary.moved_share = developed.moved_share;
+  summary.record = developed.record;
+  summary.cache = options.cache.empty() ? (session.folder() / "cache").string() : options.cache;
+  summary.bytes = sizeof(float) * static_cast<std::uint64_t>(summary.dims.width) *
+                  static_cast<std::uint64_t>(summary.dims.height) *
+                  static_cast<std::uint64_t>(summary.dims.channels) *
+                  static_cast<std::uint64_t>(summary.dims.n_lights);
+  if (!options.exr.empty()) {
+    require_absent(options.exr, options.settings.overwrites);
+    summary.bytes +=
+        write_pictures(session, developed.stack, "", options.exr, options.settings);
+    if (developed.standard_error) {
+      summary.bytes += write_pictures(session, *developed.standard_error, ".error", options.exr,
+                                      options.settings);
+    }
+  }
+  PipelineNotes notes(options.settings.tell);
+  tell_developed(options, summary, notes);
+  summary.notes = notes.all();
+  return summary;
+}
+
+void add_to_report(const DevelopSessionOptions& options, const DevelopSummary& summary,
+                   Report& report) {
+  report.add_input(options.session);
+  report.add_asked("demosaic", std::string(word_of(options.demosaic)));
+  report.add_asked("memory_bytes", static_cast<std::int64_t>(options.settings.memory_bytes));
+  report.add_reached("lights", std::int64_t{summary.dims.n_lights});
+  report.add_reached("bands", std::int64_t{summary.n_bands});
+  report.add_reached("saturated_in_all", static_cast<std::int64_t>(summary.n_saturated));
+  report.add_reached("moved_share", summary.moved_share);
+  report.add_detail("steps", summary.record);
+  report.set_bytes(summary.bytes);
+}
+
+}  // namespace haarlight

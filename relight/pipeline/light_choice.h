@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "render/light/cubemap.h"
+
+/// @file
+/// What lights a picture: an environment, or lights named one by one.
+
+namespace haarlight {
+
+struct LightChoice {
+  std::string cubemap;              ///< environment; empty: none
+  std::vector<std::string> lights;  ///< words for weights_from_words()
+  double rotate_deg = 0.0;  ///< of the environment about z, counter-clockwise from above
+};
+
+/// The environment, turned.
+/// @throws Error  as Environment::read
+[[nodiscard]] Environment read_environment(const LightChoice& choice);
+
+}  // namespace haarlight

@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/pipeline/relight_pipeline.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <span>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "core/picture/image_io.h"
+#include "core/rig/rig.h"
+#include "relight/basis/compress_session.h"
+#include "relight/basis/prepared_basis.h"
+#include "relight/basis/weight_list.h"
+#include "relight/light/light_weights.h"
+#include "relight/pipeline/display_exposure.h"
+#include "relight/pipeline/picture_notes.h"
+#include "relight/pipeline/result_lines.h"
+#include "session/develop/develop.h"
+#include "session/session.h"
+
+namespace haarlight {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// Directions of the lights of a capture without a rig.
+std::vector<Eigen::Vector3d> light_directions(const BasisHeader& header) {
+  std::vector<Eigen::Vector3d> directions;
+  for (const BasisLight& light : header.lights) {
+    directions.push_back(light.place.normalized());
+  }
+  return directions;
+}
+
+EnvironmentWeights integrate(const Environment& environment, const BasisHeader& header,
+                             const std::string& basis) {
+  return header.rig_toml.empty()
+             ? voronoi_weights(environment, light_directions(header))
+             : rig_weights(environment, parse_rig(header.rig_toml, basis + " (rig)"));
+}
+
+void note_missing(const RelightSummary& summary, PipelineNotes& notes) {
+  if (*summary.missing_share > 1e-6) {
+    notes.add(NoteKind::result,
+              fmt::format("  {:.1f} % of the environment's light comes from where the rig has "
+                          "no lights",
+                          100.0 * *summary.missing_share));
+  }
+}
+
+LightWeights environment_weights(const RelightPictureOptions& options, RelightSummary& summary,
+                                 PipelineNotes& notes) {
+  const Environment environment = read_environment(options.light);
+  summary.layout = std::string(to_string(environment.layout()));
+  const EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
+  summary.missing_share = found.missing_share;
+  summary.conservation_error = found.conservation_error;
+  note_missing(summary, notes);
+  return found.weights;
+}
+
+LightWeights read_weights(const RelightPictureOptions& options, RelightSummary& summary,
+                          PipelineNotes& notes) {
+  const int n_sources = (options.light.cubemap.empty() ? 0 : 1) +
+                        (options.light.lights.empty() ? 0 : 1) +
+                        (options.weights.empty() ? 0 : 1);
+  if (n_sources != 1) {
+    throw Error("give one of --cubemap, --light and --weights", "command line",
+                "name the light once", ExitCode::usage);
+  }
+  if (!options.light.cubemap.empty()) {
+    return environment_weights(options, summary, notes);
+  }
+  if (!options.weights.empty()) {
+    return weights_from_json(options.weights, summary.basis.dims.n_lights);
+  }
+  return weights_from_words(options.light.lights, summary.basis.dims.n_lights);
+}
+
+/// What the picture is beside the stack itself.
+Achieved compare_with_session(const RelightPictureOptions& options, const LightWeights& weights,
+                              const Image<float>& picture) {
+  DevelopOptions develop_options;
+  develop_options.memory_bytes = options.settings.memory_bytes;
+  develop_options.progress = options.settings.progress;
+  const Session session = Session::open(options.against);
+  develop_options.plate = sharing_plate(session, {});
+  const LightStack stack = develop(session, develop_options);
+  const Image<float> truth = relight_stack(stack, weights);
+  if (truth.height() != picture.height() || truth.width() != picture.width()) {
+    throw Error("the session's frames have another size than the basis file", options.against,
+                "give the session that was compressed");
+  }
+  return compare(picture.pixels(), truth.pixels());
+}
+
+double picture_exposure(const RelightPictureOptions& options, const Image<float>& picture,
+                        PipelineNotes& notes) {
+  const bool is_display = std::filesystem::path(options.output).extension() == ".png";
+  const double factor = std::exp2(options.stops);
+  if (!is_display || options.exposure) {
+    return factor * options.exposure.value_or(1.0);
+  }
+  const double exposure = factor * display_exposure(std::vector<float>(picture.pixels().begin(),
+                                                                       picture.pixels().end()),
+                                                    kDisplayShare);
+  notes.add(NoteKind::result, fmt::format("  exposure {:.6g} for display", exposure));
+  return exposure;
+}
+
+/// Each channel's bound, the largest of several pictures'.
+void add_worst_channels(const RelightBound& bound, std::vector<double>& worst) {
+  worst.resize(std::max(worst.size(), bound.channels.size()));
+  for (std::size_t c = 0; c < bound.channels.size(); ++c) {
+    worst[c] = std::max(worst[c], bound.channels[c].relative_l2);
+  }
+}
+
+std::string channel_words(const std::vector<double>& bounds) {
+  return bounds.size() < 2
+             ? std::string()
+             : fmt::format("  of each channel alone at most {:.3g}\n", fmt::join(bounds, ", "));
+}
+
+/// Says so when the error that was asked for cannot be promised.
+void judge(const RelightPictureOptions& options, RelightSummary& summary,
+           PipelineNotes& notes) {
+  summary.is_error_kept = !options.max_error || summary.relative_l2_bound <= *options.max_error;
+  if (!summary.is_error_kept) {
+    notes.add(NoteKind::warning,
+              fmt::format("an error of {:.3g} cannot be promised from this file: its own error "
+                          "allows {:.3g}; compress with a smaller --max-error",
+                          *options.max_error, summary.relative_l2_bound));
+  }
+}
+
+/// Adds one picture's bounds and terms; the worst count.
+void count_picture(const RelitPicture& relit, RelightSummary& summary) {
+  summary.relative_l2_bound = std::max(summary.relative_l2_bound, relit.bound.relative_l2);
+  add_worst_channels(relit.bound, summary.channel_bounds);
+  const PictureClipping clipping = picture_clipping(relit.bound);
+  summary.clipping.share = std::max(summary.clipping.share, clipping.share);
+  summary.clipping.relative = std::max(summary.clipping.relative, clipping.relative);
+  summary.terms = std::max(summary.terms, relit.terms);
+  summary.method = relit.method;
+}
+
+/// Writes one picture with what it says of itself.
+void write_relit(const std::filesystem::path& name, const RelitPicture& relit,
+                 const LightWeights& weights, const RelightPictureOptions& options,
+                 RelightSummary& summary) {
+  PictureNotes notes = notes_of(summary.basis);
+  add_weights(weights, notes);
+  add_error(options.max_error, relit.bound.relative_l2, notes);
+  add_clipped(relit.bound, notes);
+  write_image(name, relit.picture.view(), summary.exposure, notes);
+  summary.bytes += std::filesystem::file_size(name);
+}
+
+/// OUT.exr to OUT-0007.exr.
+std::filesystem::path frame_name(const std::filesystem::path& output, int frame) {
+  std::filesystem::path name = output;
+  name.replace_filename(
+      fmt::format("{}-{:04}{}", output.stem().string(), frame, output.extension().string()));
+  return name;
+}
+
+/// Pictures of several turns in one reading of the data. A quantised file is unpacked into
+/// memory once; an exact one is read for each batch, so that nothing is lost.
+class FrameRelighter {
+ public:
+  FrameRelighter(const BasisFile& basis, std::uint64_t memory_bytes) : basis_(basis) {
+    if (basis.header().coding == BasisCoding::quantised) {
+      prepared_.emplace(
+          basis, PrepareOptions{.form = PreparedForm::sparse, .memory_bytes = memory_bytes});
+    }
+  }
+  [[nodiscard]] std::vector<RelitPicture> relight(std::span<const LightWeights> weights,
+                                                  const RelightOptions& options) const {
+    return prepared_ ? prepared_->relight(weights, options)
+                     : haarlight::relight(basis_, weights, options);
+  }
+
+ private:
+  const BasisFile& basis_;
+  std::optional<PreparedBasis> prepared_;
+};
+
+/// Every frame's weights; the worst frame's shares go into the summary.
+std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
+                                        RelightSummary& summary, PipelineNotes& notes) {
+  const Environment still = read_environment(options.light);
+  summary.layout = std::string(to_string(still.layout()));
+  std::vector<LightWeights> weights;
+  double missing_share = 0.0;
+  for (int i = 0; i < *options.frames; ++i) {
+    Environment environment = still;
+    environment.rotate(2.0 * std::numbers::pi * i / *options.frames);
+    EnvironmentWeights found = integrate(environment, summary.basis, options.basis);
+    missing_share = std::max(missing_share, found.missing_share);
+    summary.conservation_error = std::max(summary.conservation_error, found.conservation_error);
+    weights.push_back(std::move(found.weights));
+  }
+  summary.missing_share = missing_share;
+  note_missing(summary, notes);
+  return weights;
+}
+
+std::string frames_words(const RelightPictureOptions& options, const RelightSummary& summary) {
+  const int n_frames = *options.frames;
+  return fmt::format(
+      "{} to {}: at most {} terms, relative error at most {:.3g}, {:.1f} ms a frame\n",
+      frame_name(options.output, 0).string(),
+      frame_name(options.output, n_frames - 1).filename().string(), summary.terms,
+      summary.relative_l2_bound, 1e3 * summary.seconds / n_frames);
+}
+
+void relight_frames(const RelightPictureOptions& options, const RelightOptions& terms,
+                    RelightSummary& summary, PipelineNotes& notes) {
+  constexpr std::size_t kMostAtOnce = 32;
+  if (options.light.cubemap.empty()) {
+    throw Error("--frames turns an environment, and none is given", "command line",
+                "give --cubemap", ExitCode::usage);
+  }
+  for (int i = 0; i < *options.frames; ++i) {
+    require_absent(frame_name(options.output, i), options.settings.overwrites);
+  }
+  const BasisFile basis = BasisFile::open(options.basis);
+  summary.basis = basis.header();
+  const std::vector<LightWeights> weights = frame_weights(options, summary, notes);
+  const std::uint64_t memory_bytes = options.settings.memory_bytes;
+  const FrameRelighter relighter(basis, memory_bytes / 2);
+  const std::uint64_t picture_bytes = summary.basis.dims.n_pixels() * 3 * sizeof(float);
+  const std::size_t at_once = std::clamp<std::size_t>(
+      memory_bytes / 4 / std::max<std::uint64_t>(picture_bytes, 1), 1, kMostAtOnce);
+  std::chrono::duration<double> seconds{};
+  for (std::size_t first = 0; first < weights.size(); first += at_once) {
+    const auto start = Clock::now();
+    const std::vector<RelitPicture> pictures = relighter.relight(
+        std::span(weights).subspan(first, std::min(at_once, weights.size() - first)), terms);
+    seconds += Clock::now() - start;
+    if (first == 0) {  // one exposure for all frames: no flicker
+      summary.exposure = picture_exposure(options, pictures[0].picture, notes);
+    }
+    for (std::size_t i = 0; i < pictures.size(); ++i) {
+      count_picture(pictures[i], summary);
+      write_relit(frame_name(options.output, static_cast<int>(first + i)), pictures[i],
+                  weights[first + i], options, summary);
+    }
+  }
+  summary.seconds = seconds.count();
+  tell_lines(frames_words(options, summary), notes);
+  tell_lines(channel_words(summary.channel_bounds), notes);
+  tell_lines(clipped_words(summary.basis, summary.clipping), notes);
+}
+
+void relight_once(const RelightPictureOptions& options, const RelightOptions& terms,
+                  RelightSummary& summary, PipelineNotes& notes) {
+  require_absent(options.output, options.settings.overwrites);
+  const BasisFile basis = BasisFile::open(options.basis);
+  summary.basis = basis.header();
+  const LightWeights weights = read_weights(options, summary, notes);
+  const auto start = Clock::now();
+  const RelitPicture relit = relight(basis, weights, terms);
+  summary.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  count_picture(relit, summary);
+  summary.terms_all = relit.terms_all;
+  summary.bytes_read = relit.bytes_read;
+  tell_lines(fmt::format("{}: {} of {} terms, relative error at most {:.3g}, {:.1f} ms\n",
+                         options.output, summary.terms, summary.terms_all,
+                         summary.relative_l2_bound, 1e3 * summary.seconds),
+             notes);
+  tell_lines(channel_words(summary.channel_bounds), notes);
+  tell_lines(clipped_words(summary.basis, summary.clipping), notes);
+  summary.exposure = picture_exposure(options, relit.picture, notes);
+  if (!options.against.empty()) {
+    summary.against = compare_with_session(options, weights, relit.picture);
+    const Achieved& found = *summary.against;
+    notes.add(NoteKind::result,
+              fmt::format("  against the session: relative error {:.3g}, worst pixel {:.3g}, "
+                          "{:.1f} dB",
+                          found.relative_l2, found.worst_pixel, found.psnr_db));
+  }
+  write_relit(options.output, relit, weights, options, summary);
+}
+
+}  // namespace
+
+RelightSummary relight_picture(const RelightPictureOptions& options) {
+  require_picture_name(options.output);
+  RelightOptions terms;
+  terms.terms = options.terms;
+  terms.max_error = options.max_error;
+  terms.order = options.order;
+  RelightSummary summary;
+  PipelineNotes notes(options.settings.tell);
+  if (options.frames) {
+    relight_frames(options, terms, summary, notes);
+  } else {
+    relight_once(options, terms, summary, notes);
+  }
+  judge(options, summary, notes);
+  summary.notes = notes.all();
+  return summary;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/pipeline/session_stack.h"
+
+#include "relight/basis/compress_session.h"
+
+namespace haarlight {
+
+DevelopOptions develop_options(const Session& session, const PipelineSettings& settings,
+                               std::optional<Transfer> unknown_as) {
+  DevelopOptions options;
+  options.memory_bytes = settings.memory_bytes;
+  options.progress = settings.progress;
+  options.plate = sharing_plate(session, {});
+  options.unknown_as = unknown_as;
+  return options;
+}
+
+std::vector<float> clip_levels(const Session& session) {
+  const FrameForm& form = session.info().form;
+  if (session.rig().has_value() || form.sample == SampleType::f32) {
+    return {};
+  }
+  constexpr float kJustBelow = 0.9995F;  // rounding of the decoded value
+  const double coded =
+      (form.saturation_dn() - form.black_level) / (form.white_level - form.black_level);
+  const float top = form.transfer == Transfer::srgb
+                        ? linear_from_srgb(static_cast<float>(coded))
+                        : static_cast<float>(coded);
+  const std::vector<double> gains = form.gains.empty() ? std::vector<double>{1.0} : form.gains;
+  std::vector<float> levels;
+  for (const double gain : gains) {
+    for (const SessionLight& light : session.info().lights) {
+      levels.push_back(kJustBelow * top * static_cast<float>(gain / light.relative_power));
+    }
+  }
+  return levels;
+}
+
+}  // namespace haarlight

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "core/picture/image_io.h"
+#include "relight/pipeline/pipeline_settings.h"
+#include "session/develop/develop.h"
+#include "session/session.h"
+
+/// @file
+/// How pipelines develop a session, and where its values end.
+
+namespace haarlight {
+
+/// The settings' memory and progress, the session's own clean plate.
+/// @param unknown_as  stands in for the unknown curve of a camera's YUYV or NV12; nothing:
+///                    such a session is refused
+[[nodiscard]] DevelopOptions develop_options(const Session& session,
+                                             const PipelineSettings& settings,
+                                             std::optional<Transfer> unknown_as);
+
+/// Where each light's values end, as develop has them, (n_lights), or (channels, n_lights)
+/// where channels have gains; empty where pictures are no integers, or the session is a rig's.
+[[nodiscard]] std::vector<float> clip_levels(const Session& session);
+
+}  // namespace haarlight

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/image.h"
+#include "core/rig/rig.h"
+#include "relight/basis/basis_file.h"
+#include "relight/basis/stack_source.h"
+#include "relight/pipeline/shadow_pipeline.h"
+#include "relight/shadow/plane_frame.h"
+#include "relight/shadow/shadow_lookup.h"
+#include "relight/shadow/stack_visibility.h"
+#include "render/scene.h"
+
+/// @file
+/// The captures of one object that a shadow is made from: basis files, their rigs, and the
+/// shadow pictures of their planes.
+
+namespace haarlight {
+
+/// One capture of the object. Not movable: its parts refer to one another.
+struct ShadowCapture {
+  /// @throws Error  no basis file, no rig in it, a rig without plane or camera
+  explicit ShadowCapture(const std::string& file);
+  ~ShadowCapture() = default;
+  ShadowCapture(const ShadowCapture&) = delete;
+  ShadowCapture& operator=(const ShadowCapture&) = delete;
+  ShadowCapture(ShadowCapture&&) = delete;
+  ShadowCapture& operator=(ShadowCapture&&) = delete;
+
+  BasisFile basis;
+  Rig rig;
+  BasisSource stack;
+  std::vector<PlaneFrame> frames;  ///< of all the rig's planes
+  std::vector<std::size_t> chosen;
+  std::vector<std::unique_ptr<StackSource>> plates;       ///< of the chosen ones
+  std::vector<std::unique_ptr<StackVisibility>> shadows;  ///< the same
+};
+
+/// All captures, the first one's lights being everyone's.
+class ShadowCaptures {
+ public:
+  /// Opens `options.basis` and `options.also`.
+  /// @throws Error  lights that moved between them, no such plane, more than 8 planes
+  explicit ShadowCaptures(const ShadowOptions& options);
+
+  [[nodiscard]] const ShadowCapture& first() const { return *captures_[0]; }
+  [[nodiscard]] const Rig& rig() const { return first().rig; }
+  /// The plane that heights are given over.
+  [[nodiscard]] const PlaneFrame& frame() const { return first().frames[first().chosen[0]]; }
+
+  /// Opens a captured plate and the mask.
+  /// @throws Error  one that does not fit
+  void read_plate_and_mask();
+  /// Prepares the shadow pictures of these lights. The planes refer to this object.
+  [[nodiscard]] std::vector<SamplingPlane> sample(const std::vector<int>& wanted,
+                                                  std::vector<ShadowPlate>& plates);
+
+ private:
+  const ShadowOptions& options_;
+  std::vector<std::unique_ptr<ShadowCapture>> captures_;
+  std::size_t n_planes_ = 0;
+  std::optional<BasisFile> plate_file_;
+  Image<std::uint8_t> mask_;
+};
+
+/// True where the plate is a file, not made from the rig.
+[[nodiscard]] bool is_plate_captured(const ShadowOptions& options);
+
+}  // namespace haarlight

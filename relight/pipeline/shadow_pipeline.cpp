@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/pipeline/shadow_pipeline.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <span>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "core/picture/image_io.h"
+#include "relight/basis/relight.h"
+#include "relight/basis/weight_list.h"
+#include "relight/light/light_weights.h"
+#include "relight/pipeline/display_exposure.h"
+#include "relight/pipeline/picture_notes.h"
+#include "relight/pipeline/result_lines.h"
+#include "relight/pipeline/shadow_captures.h"
+#include "relight/pipeline/shadow_words.h"
+#include "relight/shadow/composite.h"
+#include "render/picture.h"
+#include "render/rig_lights.h"
+
+namespace haarlight {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Before anything is read.
+void check_options(const ShadowOptions& options) {
+  for (const std::string& file :
+       {options.output, options.spread, options.truth, options.difference}) {
+    if (!file.empty()) {
+      require_picture_name(file);
+      require_absent(file, options.settings.overwrites);
+    }
+  }
+  if (options.truth.empty() != options.truth_object.empty() ||
+      (options.truth.empty() && !options.difference.empty())) {
+    throw Error("--truth and --truth-object go together, --difference needs both",
+                "command line", "name the object's scene and the picture", ExitCode::usage);
+  }
+  if (options.with_object && (!options.plane_albedo || !options.size.empty())) {
+    throw Error(options.plane_albedo ? "--with-object is seen by the capture's camera"
+                                     : "--with-object needs --plane-albedo",
+                "command line",
+                options.plane_albedo
+                    ? "leave out --size"
+                    : "say how much light the captured plane reflects, for example 0.8: "
+                      "object and scene have one brightness through it",
+                ExitCode::usage);
+  }
+  if (options.object && !(options.object->low_mm <= options.object->high_mm)) {
+    throw Error("the object's lowest point is above its highest", "--object-height",
+                "write LOW,HIGH in mm over the plane", ExitCode::usage);
+  }
+}
+
+std::vector<Eigen::Vector3d> read_weights(const ShadowOptions& options, const Rig& rig,
+                                          ShadowSummary& summary) {
+  if (options.light.cubemap.empty() == options.light.lights.empty()) {
+    throw Error("give one of --cubemap and --light", "command line", "name the light once",
+                ExitCode::usage);
+  }
+  Eigen::MatrixXd weights;
+  if (options.light.cubemap.empty()) {
+    weights = weights_from_words(options.light.lights, rig.n_lights());
+  } else {
+    const Environment environment = read_environment(options.light);
+    const EnvironmentWeights found = rig_weights(environment, rig);
+    summary.layout = std::string(to_string(environment.layout()));
+    summary.missing_share = found.missing_share;
+    weights = found.weights;
+  }
+  std::vector<Eigen::Vector3d> colours;
+  for (Eigen::Index k = 0; k < weights.rows(); ++k) {
+    colours.emplace_back(weights(k, 0), weights(k, weights.cols() > 1 ? 1 : 0),
+                         weights(k, weights.cols() > 1 ? 2 : 0));
+  }
+  return colours;
+}
+
+/// The scene's camera, or the capture's own where the scene has none; resized when asked.
+CameraModel view_of(const ShadowOptions& options, const SceneFile& scene, const Rig& rig) {
+  CameraModel camera =
+      scene.has_camera && !options.with_object ? scene.camera : rig.cameras[0].model;
+  if (!options.size.empty()) {
+    const double sx = static_cast<double>(options.size[0]) / camera.width;
+    const double sy = static_cast<double>(options.size[1]) / camera.height;
+    camera.width = options.size[0];
+    camera.height = options.size[1];
+    camera.fx *= sx;
+    camera.cx *= sx;
+    camera.fy *= sy;
+    camera.cy *= sy;
+  }
+  return camera;
+}
+
+LightWeights drives_of(std::span<const Eigen::Vector3d> weights) {
+  LightWeights drives(static_cast<Eigen::Index>(weights.size()), 3);
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    drives.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
+  }
+  return drives;
+}
+
+/// What all steps share: the inputs, read.
+struct ShadowJob {
+  const ShadowOptions& options;
+  const ShadowCaptures& captures;
+  const Scene& scene;
+  const Scene& object;  ///< the truth's, empty: none
+  const CameraModel& view;
+  std::span<const SquareLight> lights;
+  std::span<const Eigen::Vector3d> weights;
+};
+
+/// Where the camera sees the object: what shows any of the planes is not the object; what one
+/// plate does not see may be.
+Image<std::uint8_t> object_pixels(const ShadowCapture& capture) {
+  Image<std::uint8_t> shows_object = capture.shadows[0]->shows_object();
+  for (const auto& shadow : capture.shadows) {
+    for (std::size_t i = 0; i < shows_object.pixels().size(); ++i) {
+      const bool is_plane = shadow->shows_plane().pixels()[i] != 0;
+      shows_object.pixels()[i] = !is_plane && (shows_object.pixels()[i] != 0 ||
+                                               shadow->shows_object().pixels()[i] != 0)
+                                     ? 1
+                                     : 0;
+    }
+  }
+  return shows_object;
+}
+
+/// Lays the relit object over the scene. @return  where it is drawn
+Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
+                               ShadowSummary& summary) {
+  const ShadowCapture& capture = job.captures.first();
+  const CameraModel& eye = capture.rig.cameras[0].model;
+  const PlaneFrame& frame = job.captures.frame();
+  const SquareLight one = rig_lights(capture.rig)[0];
+  // To the scale of a computed plate; a captured one stands in between.
+  double plate_scale = capture.shadows[0]->scale();
+  if (is_plate_captured(job.options)) {
+    const RigPlate computed(eye, frame.plane, rig_lights(capture.rig), PlateKind::squares);
+    plate_scale *= StackVisibility(*capture.plates[0], computed, eye, frame, {}, {}).scale();
+  }
+  const RelitPicture relit = relight(capture.basis, drives_of(job.weights));
+  CompositeOptions composite;
+  composite.object = job.options.object;
+  composite.scale = scene_scale(plate_scale, capture.stack.dims().channels,
+                                *job.options.plane_albedo, one.width_mm * one.height_mm);
+  CompositeCount count = draw_object(picture, relit.picture, object_pixels(capture),
+                                     RayCaster(job.scene), eye, frame, composite);
+  summary.object = ShadowObject{count.n_object, count.n_hidden, composite.scale};
+  return std::move(count.drawn);
+}
+
+/// The shadow alone, against ray-traced receivers.
+Image<float> judge_shadow(const ShadowJob& job, const ReprojectResult& result,
+                          ShadowSummary& summary) {
+  Image<float> truth = trace_shadow(job.scene, job.object, job.view, job.lights, job.weights,
+                                    job.options.subpixels, job.options.settings.progress);
+  summary.truth = ShadowAgreement{.reached = compare(result.picture.pixels(), truth.pixels()),
+                                  .shadow = compare_shadow(result, truth),
+                                  .object = {}};
+  return truth;
+}
+
+/// Scene and object together, against both ray-traced.
+Image<float> judge_composite(const ShadowJob& job, const Image<float>& picture,
+                             const Image<std::uint8_t>& drawn, ShadowSummary& summary) {
+  Scene all = job.scene;
+  append_scene(all, job.object);
+  LitOptions lit;
+  lit.n_subpixels = job.options.subpixels;
+  lit.progress = job.options.settings.progress;
+  Image<float> truth = render_lit(all, job.view, job.lights, job.weights, lit).radiance;
+  summary.truth = ShadowAgreement{.reached = compare(picture.pixels(), truth.pixels()),
+                                  .shadow = {},
+                                  .object = compare_drawn(picture, truth, drawn)};
+  return truth;
+}
+
+/// Truth and difference. @return  bytes
+std::uint64_t write_truth(const ShadowOptions& options, const Image<float>& picture,
+                          Image<float> truth, double exposure, const PictureNotes& notes) {
+  write_image(options.truth, truth.view(), exposure, notes);
+  std::uint64_t bytes = fs::file_size(options.truth);
+  if (!options.difference.empty()) {
+    constexpr float kBrighter = 4.0F;
+    for (std::size_t i = 0; i < truth.pixels().size(); ++i) {
+      float& d = truth.pixels()[i];
+      d = kBrighter * std::abs(picture.pixels()[i] - d);
+    }
+    write_image(options.difference, truth.view(), exposure, notes);
+    bytes += fs::file_size(options.difference);
+  }
+  return bytes;
+}
+
+PictureNotes shadow_notes(const ShadowJob& job, const ReprojectReport& found) {
+  PictureNotes notes = notes_of(job.captures.first().basis.header());
+  add_weights(drives_of(job.weights), notes);
+  const double asked = shadow_tolerance(job.options).relative_l2;
+  if (asked > 0.0) {
+    add_error(asked, found.points.reached.relative_l2, notes);
+  }
+  return notes;
+}
+
+/// Draws the object, judges, and writes every picture.
+void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
+                     ShadowSummary& summary, PipelineNotes& told) {
+  const ShadowOptions& options = job.options;
+  // Of the unshadowed picture, so that a shadow never changes the exposure.
+  const std::span<const float> unshadowed = result.unshadowed.pixels();
+  summary.exposure = options.exposure.value_or(
+      fs::path(options.output).extension() == ".png"
+          ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayShare)
+          : 1.0);
+  const PictureNotes notes = shadow_notes(job, result.report);
+  if (!options.spread.empty()) {
+    write_image(options.spread, result.spread.view(), summary.exposure, notes);
+    summary.bytes += fs::file_size(options.spread);
+  }
+  const bool is_judged = !options.truth.empty();
+  Image<float> truth;
+  if (options.with_object && is_lit) {
+    const Image<std::uint8_t> drawn = add_object(job, result.picture, summary);
+    tell_lines(object_words(*summary.object), told);
+    if (is_judged) {
+      truth = judge_composite(job, result.picture, drawn, summary);
+    }
+  } else if (is_judged) {
+    truth = judge_shadow(job, result, summary);
+  }
+  if (is_judged) {
+    tell_lines(truth_words(*summary.truth), told);
+    summary.bytes +=
+        write_truth(options, result.picture, std::move(truth), summary.exposure, notes);
+  }
+  write_image(options.output, result.picture.view(), summary.exposure, notes);
+  summary.bytes += fs::file_size(options.output);
+}
+
+}  // namespace
+
+Tolerance shadow_tolerance(const ShadowOptions& options) {
+  Tolerance tolerance{
+      .relative_l2 = options.max_error.value_or(options.worst_point ? 1.0 : 0.0),
+      .worst_pixel = std::numeric_limits<double>::infinity()};
+  if (options.worst_point) {
+    tolerance.worst_pixel = *options.worst_point;
+  }
+  return tolerance;
+}
+
+ShadowSummary cast_shadow(const ShadowOptions& options) {
+  check_options(options);
+  ShadowSummary summary;
+  ShadowCaptures captures(options);
+  const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
+  const SceneFile scene = read_scene(options.scene);
+  Scene object;  // read before anything is written, as every input
+  if (!options.truth_object.empty()) {
+    object = read_scene(options.truth_object).scene;
+    remove_plane_triangles(object, captures.frame());
+  }
+  const CameraModel view = view_of(options, scene, captures.rig());
+  const std::vector<SquareLight> lights = rig_lights(captures.rig());
+  ReprojectOptions reproject;
+  reproject.rule = options.window;
+  reproject.object = options.object;
+  reproject.n_subpixels = options.subpixels;
+  reproject.has_own_shadows = options.has_own_shadows;
+  reproject.memory_bytes = options.settings.memory_bytes / 2;
+  reproject.progress = options.settings.progress;
+  reproject.tolerance = shadow_tolerance(options);
+  const std::vector<int> wanted = visiting_order(lights, weights);
+  captures.read_plate_and_mask();
+  const std::vector<SamplingPlane> planes = captures.sample(wanted, summary.plates);
+  summary.n_planes = planes.size();
+  ReprojectResult result =
+      reproject_shadow(scene.scene, view, planes, lights, weights, reproject);
+  summary.reprojected = result.report;
+  PipelineNotes told(options.settings.tell);
+  tell_lines(shadow_words(options, summary), told);
+  finish_pictures({options, captures, scene.scene, object, view, lights, weights}, result,
+                  !wanted.empty(), summary, told);
+  summary.notes = told.all();
+  return summary;
+}
+
+}  // namespace haarlight

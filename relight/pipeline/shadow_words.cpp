@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/pipeline/shadow_words.h"
+
+#include <fmt/format.h>
+
+namespace haarlight {
+
+namespace {
+
+std::string notes_on(const ReprojectReport& found, bool has_height) {
+  std::string text;
+  const auto note = [&text](double share, const char* words) {
+    if (share > 0.0005) {
+      text += fmt::format("  {:.1f} % {}\n", 100.0 * share, words);
+    }
+  };
+  note(
+      found.affected_receivers,
+      "of the receivers look into the region that the object hides from the camera: the middle "
+      "of the bounds is drawn (--spread shows the rest)");
+  note(found.outside_share, "of the light comes through beyond the plane picture: drawn lit");
+  note(found.no_point_share, "of the light has no point on the plane: drawn lit");
+  note(
+      found.under_object_share,
+      "of the receivers lie between the object's bottom and top: parts of it below them darken "
+      "them falsely");
+  note(found.above_share,
+       "of the light falls on receivers above the plane: shadow edges there "
+       "are too wide");
+  if (has_height && found.worst_widening > 1.0) {
+    text += fmt::format("  above the plane a shadow's edge is up to {:.2g} times too wide\n",
+                        found.worst_widening);
+  }
+  if (!has_height && found.below_share > 0.0) {
+    text += "  below the plane edges are up to 29 % too narrow; --object-height corrects it\n";
+  }
+  if (found.has_glossy) {
+    text += "  the scene's gloss is left out: only its diffuse part is drawn\n";
+  }
+  return text;
+}
+
+std::string points_words(const PointsReport& points, std::size_t n_planes) {
+  if (points.is_exact) {
+    return "  every light was looked up: no error\n";
+  }
+  return fmt::format(
+      "  relative error of the light received {:.2g} (at most {:.2g}), worst point {:.2g}, on "
+      "{} receivers checked; {:.0f} look-ups each instead of {}\n",
+      points.reached.relative_l2, points.relative_l2_limit, points.reached.worst_pixel,
+      points.n_checked, points.lookups_a_point,
+      static_cast<std::size_t>(points.n_lights) * n_planes);
+}
+
+}  // namespace
+
+std::string shadow_words(const ShadowOptions& options, const ShadowSummary& summary) {
+  const ReprojectReport& found = summary.reprojected;
+  std::string text = fmt::format("{}: {} lights, {} receivers\n", options.output,
+                                 found.n_lights, found.n_receivers);
+  if (shadow_tolerance(options).relative_l2 > 0.0) {
+    text += points_words(found.points, summary.n_planes);
+  }
+  if (options.plate == "falloff") {
+    text += "  no clean plate: a fitted cos^4/r^2 takes its place\n";
+  }
+  return text + notes_on(found, options.object.has_value());
+}
+
+std::string object_words(const ShadowObject& object) {
+  return fmt::format("  the object covers {} pixels{}\n", object.n_drawn,
+                     object.n_hidden > 0
+                         ? fmt::format(", {} more are behind the scene", object.n_hidden)
+                         : "");
+}
+
+std::string truth_words(const ShadowAgreement& truth) {
+  const Achieved& found = truth.reached;
+  if (truth.object) {
+    return fmt::format(
+        "  against scene and object ray-traced: relative error {:.3g}, {:.1f} dB; on the "
+        "object's pixels {:.3g}\n",
+        found.relative_l2, found.psnr_db, truth.object->relative_l2);
+  }
+  const ShadowError& error = *truth.shadow;
+  return fmt::format(
+      "  against the ray-traced shadow: relative error {:.3g}, {:.1f} dB, {:.1f} % of the "
+      "shadow wrong\n  on the {:.0f} % of the receivers that look at known places only: "
+      "{:.3g}, "
+      "{:.1f} %\n",
+      found.relative_l2, found.psnr_db, 100.0 * error.wrong_share, 100.0 * error.known_share,
+      error.known_relative_l2, 100.0 * error.known_wrong_share);
+}
+
+}  // namespace haarlight

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "core/picture/image_io.h"
+#include "relight/light/near_light.h"
+#include "relight/pipeline/pipeline_settings.h"
+#include "relight/shape/near_alternation.h"
+#include "relight/shape/object_mask.h"
+#include "relight/shape/surface_mesh.h"
+
+/// @file
+/// From a capture, or from a picture that can be lit, to its surface: normals with their
+/// standard errors, albedo, heights, a mesh, as files of a folder. What `haarlight shape` does,
+/// for programs that link it. Methods and errors: docs/numerics/shape.md.
+
+namespace haarlight {
+
+enum class ShapeMethod {
+  automatic,  ///< the robust fit that foretells lights held out best; of a file what it holds
+  least_squares,  ///< photometric stereo, LambertMethod
+  trimmed,
+  m_estimator,
+  ptm,  ///< as RTI viewers take normals
+  hsh,
+};
+/// "least-squares", "m-estimator", ...
+[[nodiscard]] const char* to_string(ShapeMethod method) noexcept;
+
+enum class ShapeLight {
+  automatic,  ///< near where the lights' positions and the picture's size are known
+  near,       ///< each pixel's own light directions and distances
+  far,
+};
+
+enum class MaskChoice {
+  found,    ///< looked for in the capture, by the rig's bare plane or by darkness
+  every,    ///< every pixel
+  picture,  ///< given: white is the object
+};
+
+struct ShapePipelineOptions {
+  std::filesystem::path input;  ///< a session's folder; .ptm, .rti or web folder
+  std::filesystem::path out;    ///< folder to write
+  ShapeMethod method = ShapeMethod::automatic;
+  /// Loss, keep and dark_share of the fit; method of the integration; rounds. What the pipeline
+  /// knows better (errors, clipped values, progress, method of the fit) it sets itself.
+  ShapeOptions shape{};
+  ShapeLight light = ShapeLight::automatic;
+  double width_mm = 0.0;              ///< of an import: what the picture shows; 0: not known
+  std::optional<double> height_mm{};  ///< mean height of the object above the rig's plane
+  MaskChoice mask = MaskChoice::found;
+  std::filesystem::path mask_picture;  ///< of MaskChoice::picture
+  std::optional<Transfer> transfer{};  ///< stands in for a curve that is not known
+  bool writes_ply = true;
+  bool writes_obj = true;
+  double max_tilt_deg = SurfaceMeshOptions{}.max_tilt_deg;  ///< of the mesh's triangles
+  bool is_open_at_cuts = false;            ///< the mesh, where the integration found cuts
+  Eigen::Vector3d preview{0.5, 0.5, 1.0};  ///< to the preview's light, picture frame
+  PipelineSettings settings{};
+};
+
+struct ShapeSummary {
+  Shape shape;
+  PixelPoints pixels;           ///< where they are; lights' frame
+  std::string method;           ///< that was asked for, or what the file holds
+  std::string by;               ///< what the normals come from, for people
+  bool has_scale = false;       ///< heights are mm; false: pixel widths
+  bool is_measured = true;      ///< albedo and errors are there: no RTI normals
+  bool are_near = false;        ///< the lights
+  ObjectMask mask{};            ///< where it was looked for, and the one that counts
+  std::string mask_by;          ///< found by plane, found by darkness, given, every pixel
+  PictureNotes photographed{};  ///< of the session, where it is one: goes into the pictures
+  std::uint64_t bytes = 0;      ///< written
+  std::vector<PipelineNote> notes;
+
+  /// The rounds settled and the integration converged.
+  [[nodiscard]] bool is_usable() const { return shape.is_settled && shape.map.is_converged; }
+};
+
+/// Recovers the surface and writes it.
+/// @throws Error(usage)  a preview from nowhere, a method that a file does not hold, near lights
+///                       for RTI normals
+/// @throws Error  a folder that exists, lights whose distance is not known for
+///                ShapeLight::near, a mask of another size or without a white pixel, no pixel
+///                that has a normal; as what opens and develops sessions
+[[nodiscard]] ShapeSummary recover_capture_shape(const ShapePipelineOptions& options);
+
+}  // namespace haarlight

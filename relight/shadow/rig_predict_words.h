@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "core/report.h"
+#include "relight/shadow/rig_predict.h"
+
+/// @file
+/// A rig's prediction as lines for a person, as JSON and in a report. Pure.
+
+namespace haarlight {
+
+/// @param strip_mm  PredictOptions::strip_mm of the prediction
+[[nodiscard]] std::string prediction_text(const RigPrediction& prediction, double strip_mm);
+[[nodiscard]] std::string prediction_json(const RigPrediction& prediction);
+/// What was asked, and of the first plane what was reached.
+void add_to_report(const PredictOptions& options, const RigPrediction& prediction,
+                   Report& report);
+
+}  // namespace haarlight

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "render/mesh_writer.h"
+
+#include <bit>
+#include <cstddef>
+#include <cstring>
+#include <iterator>
+#include <span>
+#include <string_view>
+
+#include <fmt/format.h>
+
+#include "core/error.h"
+#include "core/files.h"
+
+namespace haarlight {
+
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "PLY bytes are written as they lie");
+
+constexpr std::size_t kPieceBytes = std::size_t{1} << 20U;
+
+void require_triangles(const SurfaceMesh& mesh, const std::filesystem::path& file) {
+  if (mesh.triangles.empty()) {
+    throw Error("the surface has no triangle", file.string(),
+                "no four neighbouring pixels have a height: look at the mask and the errors");
+  }
+}
+
+/// Bytes that go to a file piece by piece.
+class Writer {
+ public:
+  explicit Writer(const std::filesystem::path& path) : file_(path) {}
+  template <class T>
+  void put(const T& value) {
+    const std::size_t size = bytes_.size();
+    bytes_.resize(size + sizeof(T));
+    std::memcpy(bytes_.data() + size, &value, sizeof(T));
+    flush(kPieceBytes);
+  }
+  void put_text(std::string_view text) {
+    bytes_.insert(bytes_.end(), text.begin(), text.end());
+    flush(kPieceBytes);
+  }
+  void commit() {
+    flush(1);
+    file_.commit();
+  }
+
+ private:
+  void flush(std::size_t least) {
+    if (bytes_.size() >= least) {
+      file_.append(std::as_bytes(std::span<const char>(bytes_)));
+      bytes_.clear();
+    }
+  }
+  PendingFile file_;
+  std::vector<char> bytes_;
+};
+
+}  // namespace
+
+void write_ply(const SurfaceMesh& mesh, const std::filesystem::path& file) {
+  require_triangles(mesh, file);
+  Writer out(file);
+  out.put_text(
+      fmt::format("ply\nformat binary_little_endian 1.0\ncomment haarlight, mm\n"
+                  "element vertex {}\n"
+                  "property float x\nproperty float y\nproperty float z\n"
+                  "property float nx\nproperty float ny\nproperty float nz\n"
+                  "property float s\nproperty float t\n"
+                  "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+                  "element face {}\nproperty list uchar int vertex_indices\n"
+                  "end_header\n",
+                  mesh.vertices.size(), mesh.triangles.size()));
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+    out.put(mesh.vertices[i]);
+    out.put(mesh.normals[i]);
+    out.put(mesh.uv[i]);
+    out.put(mesh.colours[i]);
+  }
+  for (const std::array<std::uint32_t, 3>& triangle : mesh.triangles) {
+    out.put(std::uint8_t{3});
+    out.put(triangle);
+  }
+  out.commit();
+}
+
+void write_obj(const SurfaceMesh& mesh, const std::filesystem::path& file,
+               const std::string& texture) {
+  require_triangles(mesh, file);
+  std::filesystem::path materials = file;
+  materials.replace_extension(".mtl");
+  write_file_atomically(
+      materials,
+      fmt::format("newmtl surface\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nmap_Kd {}\n", texture));
+  Writer out(file);
+  out.put_text(
+      fmt::format("# haarlight, mm\nmtllib {}\n", materials.filename().generic_string()));
+  std::string text;
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const auto& [x, y, z] = mesh.vertices[i];
+    const auto& [nx, ny, nz] = mesh.normals[i];
+    const auto& [s, t] = mesh.uv[i];
+    text.clear();
+    fmt::format_to(std::back_inserter(text),
+                   "v {:.7g} {:.7g} {:.7g}\nvt {:.7g} {:.7g}\nvn {:.5g} {:.5g} {:.5g}\n", x, y,
+                   z, s, t, nx, ny, nz);
+    out.put_text(text);
+  }
+  out.put_text("usemtl surface\n");
+  for (const auto& [a, b, c] : mesh.triangles) {
+    text.clear();
+    fmt::format_to(std::back_inserter(text), "f {0}/{0}/{0} {1}/{1}/{1} {2}/{2}/{2}\n", a + 1,
+                   b + 1, c + 1);
+    out.put_text(text);
+  }
+  out.commit();
+}
+
+}  // namespace haarlight
