@@ -115,7 +115,7 @@ struct BasisHeader {
   double dead_zone = 0.0;  ///< |c| below dead_zone * step became 0
   double dark_norm = 0.0;  ///< see StackError::worst_pixel; 1 % of the rms pixel norm
   PlateOrigin plate = PlateOrigin::none;
-  std::string plate_source;  ///< hash of what the plate came from
+  std::string plate_source;  ///< hash of what the clean plate came from
   int plate_rank = 0;
   int plate_degree = 0;         ///< of the polynomials of each tile (tile_plate.h)
   double gain_step = 0.0;       ///< a pixel's gain is a multiple of it

@@ -37,7 +37,7 @@ constexpr int kChecks = 256;           // pixels compared with light_irradiance(
 constexpr double kCheckFactor = 2.0;   // of their rms: the stated error
 constexpr double kNearPeak = 0.8;      // of the largest sampled value: inspected closely
 
-/// What a pixel drawn for a check told.
+/// Result of checking randomly drawn pixels.
 struct CheckSums {
   VectorXd light;        ///< (n_lights): sum of squared errors of the coordinates
   VectorXd coefficient;  ///< the same of its basis coefficients

@@ -55,7 +55,7 @@ struct Halves {
 #endif
 
 /// One level of x, m x m with rows `stride` apart: LL to `ll` (rows m/2 apart), the details to
-/// their places in `out`, n x n. haar.cpp's forward_level, operation by operation.
+/// their positions in `out`, n x n. haar.cpp's forward_level, operation by operation.
 template <class T>
 [[gnu::always_inline]] inline void forward_level(const T* __restrict x, Index stride, Index m,
                                                  T* __restrict ll, T* __restrict out, Index n) {

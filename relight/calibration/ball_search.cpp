@@ -285,7 +285,7 @@ RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circl
   return {Vector2d(circle.x, circle.y) + at * out, best};
 }
 
-/// A coarse circle measured on the whole picture; nothing where it dissolves.
+/// A coarse circle measured at full resolution; nothing if its edge is not found.
 std::optional<MeasuredBall> measured(ImageView<const float> picture, PictureCircle circle,
                                      double floor) {
   std::vector<Vector2d> kept;

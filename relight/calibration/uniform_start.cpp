@@ -114,7 +114,7 @@ class OneLight {
       }
     }
     out.log_power = upper_median(apart);
-    // Cauchy's loss: a shadow over a third of the sheet does not pull.
+    // Cauchy loss: a shadow over a third of the sheet does not bias the fit.
     const Eigen::ArrayXd miss = log_i_ - log_h - out.log_power;
     const Eigen::ArrayXd square = (miss / kSpread).square();
     const Eigen::ArrayXd weight = weight_ / (1.0 + square);

@@ -57,7 +57,7 @@ PlaneProjection project_to_plane(const Plane& plane, const Eigen::Vector3d& ligh
   const Eigen::Vector3d point(at.meet(light.x(), vertex.x()), at.meet(light.y(), vertex.y()),
                               at.meet(light.z(), vertex.z()));
   if (!point.allFinite()) {
-    result.status = ProjectionStatus::at_light_height;  // beyond what a double can hold
+    result.status = ProjectionStatus::at_light_height;  // beyond the range of double
     return result;
   }
   result.point = without_negative_zero(point);

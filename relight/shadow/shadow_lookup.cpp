@@ -50,7 +50,7 @@ WindowMean mean_over(const PlaneLight& light, const WindowSums& sums, const Plan
   const LightWindow window =
       project_window(kPicturePlane, in_picture(light.centre), corners, in_picture(vertex));
   if (!window.has_corners) {
-    return mean_round(sums, at.x, at.y, 0.0, 0.0);  // part of the light is under the plane
+    return mean_round(sums, at.x, at.y, 0.0, 0.0);  // part of the light is below the plane
   }
   std::array<Eigen::Vector2d, 4> quad;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());

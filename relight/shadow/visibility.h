@@ -34,8 +34,8 @@ struct Visibility {
   VisibilityCount count;
 };
 
-/// Stand-in for a plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane, without
-/// its scale; 0 behind the light. cos^4/r^2 in its best-known form.
+/// Substitute for a clean plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane,
+/// without its scale; 0 behind the light. cos^4/r^2 in its best-known form.
 [[nodiscard]] double plate_falloff(const SquareLight& light, const Eigen::Vector3d& point,
                                    const Eigen::Vector3d& normal);
 

@@ -22,7 +22,7 @@ enum class FallOff {
   /// Distance and lobe, cos^mu / |l - p|^2: shading keeps each pixel's own light direction.
   distance,
   /// The whole stencil of the reference plane, n.(l - p) cos^mu / |l - p|^3: a flat target
-  /// comes out even, as under a far light.
+  /// becomes uniform, as under a far light.
   plane,
 };
 [[nodiscard]] std::string_view to_string(FallOff kind) noexcept;

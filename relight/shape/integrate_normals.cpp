@@ -17,7 +17,7 @@ namespace haarlight {
 
 namespace {
 
-/// Which steps join two known pixels.
+/// The steps that join two known pixels.
 struct Edges {
   std::vector<float> right;
   std::vector<float> down;

@@ -34,7 +34,7 @@ constexpr double kLeastPlane = 0.02;   // fraction of pixels that show the bare 
 constexpr double kLeastTolerance = 0.04;
 constexpr double kMostTolerance = 0.08;
 
-/// Calls visit(y, x, samples) for every pixel, its samples aimed at its point and taken.
+/// Calls visit(y, x, samples) for every pixel, its samples corrected for its point and loaded.
 void for_each_pixel(
     const StackSource& stack, const StereoLights& lights, const std::vector<int>& use,
     const PixelPoints* plane,

@@ -24,7 +24,7 @@ namespace {
 constexpr std::size_t kHeaderBytes = 16;
 constexpr std::size_t kRecordBytes = 8;
 
-/// The places that pixels of one tile have in its pages.
+/// The positions of one tile's pixels in its pages.
 struct PagePlaces {
   TileRect rect;
   int side = 0;

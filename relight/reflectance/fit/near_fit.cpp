@@ -147,7 +147,7 @@ MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
   return solve_symmetric(normal, MatrixXd(terms.transpose()));
 }
 
-/// Straight lines and cubics between knots must do for every light.
+/// Linear and cubic interpolation between knots must suffice for every light.
 void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, int grid,
                         double reference) {
   const Knots across(shape.width, grid);
@@ -222,7 +222,7 @@ void require_lights(const NearGeometry& geometry, const StackDims& shape,
   }
 }
 
-/// Codes of a plane's coefficients: what the middle's matrix could give at most, with room.
+/// Codes of a plane's coefficients: the range possible with the middle's matrix, with a margin.
 std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const StackDims& shape,
                                    const NearFitOptions& options) {
   const LightsSeen seen =
