@@ -16,7 +16,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::size_t kMaxProblems = 100;  // more are no help to a person
+constexpr std::size_t kMaxProblems = 100;  // more would not help anyone
 
 struct Problem {
   std::string where;
@@ -49,7 +49,7 @@ std::string nearest_word(std::string_view word, const std::vector<std::string>& 
   for (const std::string& candidate : candidates) {
     if (std::max(word.size(), candidate.size()) - std::min(word.size(), candidate.size()) >=
         best_distance) {
-      continue;  // a word of megabytes
+      continue;  // not worth comparing: a word of megabytes
     }
     const std::size_t distance = edit_distance(word, candidate);
     if (distance < best_distance) {

@@ -14,9 +14,9 @@
 #include "core/enum_words.h"
 
 /// @file
-/// Reads a hand-written TOML file key by key. Every problem is collected with file:line, so a
-/// person sees all of them at once; a key that nobody asked for is a problem too, with the
-/// nearest known name as its cure. Only the .cpp sees toml++.
+/// Reads a hand-written TOML file key by key. Every problem is collected with file:line, so the
+/// user sees all of them at once; a key that was never read is a problem too, with the nearest
+/// known name as the hint. Only the .cpp sees toml++.
 ///
 ///     ConfigTable root = ConfigTable::parse_file("rig.toml");
 ///     const double pitch = root.number("pitch", {.min = 0.1});
@@ -30,8 +30,8 @@ struct Range {
   double max = std::numeric_limits<double>::max();
 };
 
-/// One table of a TOML file. Copies refer to the same file. One thread.
-/// The reading calls return the value, or record a problem and return a harmless stand-in.
+/// One table of a TOML file. Copies refer to the same file. One thread. The reading calls
+/// return the value, or record a problem and return a harmless placeholder.
 class ConfigTable {
  public:
   /// @throws Error  not readable, beyond core/text_limits.h, or not TOML: with file:line:column
@@ -39,13 +39,13 @@ class ConfigTable {
   [[nodiscard]] static ConfigTable parse_text(std::string_view text, const std::string& name);
 
   [[nodiscard]] bool has(std::string_view key) const;
-  /// Every key of this table in file order, for tables whose keys a person chooses. Each must
-  /// still be read.
+  /// Every key of this table in file order, for tables with user-chosen keys. Each must still
+  /// be read.
   [[nodiscard]] std::vector<std::string> keys() const;
   [[nodiscard]] bool is_text(std::string_view key) const;
   [[nodiscard]] bool is_flag(std::string_view key) const;
 
-  // A key that must be there.
+  // A required key.
   double number(std::string_view key, Range range = {});
   std::int64_t integer(std::string_view key, Range range = {});
   std::string text(std::string_view key);
@@ -64,7 +64,7 @@ class ConfigTable {
     return static_cast<Enum>(choice(key, all_words<Enum>()));
   }
 
-  // A key that may be missing.
+  // An optional key.
   double number_or(std::string_view key, double fallback, Range range = {});
   std::int64_t integer_or(std::string_view key, std::int64_t fallback, Range range = {});
   std::string text_or(std::string_view key, std::string_view fallback);
@@ -86,11 +86,11 @@ class ConfigTable {
 
   /// "file:line" of a key, or of the table when the key is missing.
   [[nodiscard]] std::string where(std::string_view key = {}) const;
-  /// Records a problem of meaning found by the caller.
+  /// Records a semantic problem found by the caller.
   void problem(std::string_view key, std::string what, std::string cure);
 
   /// Reports unknown keys of every table of this file that was opened.
-  /// @throws Error  listing the first 100 problems, the first one's place as `where`
+  /// @throws Error  listing the first 100 problems, the first one's location as `where`
   void finish();
 
  private:

@@ -8,7 +8,7 @@
 #include <tl/expected.hpp>
 
 /// @file
-/// The three kinds of failure: the caller's bug (ContractViolation), bad input from the world
+/// The three kinds of failure: the caller's bug (ContractViolation), bad input from outside
 /// (Error), and a device fault that is an ordinary event (Fault in a Result<T>).
 
 namespace haarlight {
@@ -16,7 +16,7 @@ namespace haarlight {
 /// Exit codes of every program; the table in docs/reference/exit-codes.md is the same list.
 enum class ExitCode : int {
   done = 0,
-  target_missed = 1,  ///< an error target was not reached, or a check failed
+  target_missed = 1,  ///< an error target was not met, or a check failed
   usage = 2,
   bad_input = 65,
   unavailable = 69,  ///< device or daemon not there
@@ -25,8 +25,8 @@ enum class ExitCode : int {
   interrupted = 75,  ///< try again: the command resumes
 };
 
-/// Bad input or an unusable world: what happened, where (file, file:line, offset), and the
-/// cure.
+/// Bad input or an unusable environment: what happened, where (file, file:line, offset), and a
+/// hint what to do about it.
 class Error : public std::runtime_error {
  public:
   Error(std::string what, std::string where, std::string cure,
@@ -44,7 +44,7 @@ class Error : public std::runtime_error {
   ExitCode code_;
 };
 
-/// A bug of ours: a shape, range or state that the caller promised.
+/// A bug of ours: a broken precondition on a shape, range or state.
 class ContractViolation : public std::logic_error {
  public:
   using std::logic_error::logic_error;
@@ -53,7 +53,7 @@ class ContractViolation : public std::logic_error {
 [[noreturn]] void throw_contract_violation(const char* condition, std::string_view message,
                                            const char* file, int line);
 
-/// What can go wrong with a device or a store; each has a written recovery in the sequencer.
+/// What can go wrong with a device or a store; the sequencer has a defined recovery for each.
 enum class Errc {
   device_gone,  ///< unplugged, closed by the other side
   device_busy,  ///< in use, or answering "busy"
@@ -67,7 +67,7 @@ enum class Errc {
 
 [[nodiscard]] std::string_view to_string(Errc code) noexcept;
 
-/// A device fault. `what` says operation, object, observed and expected.
+/// A device fault. `what` names the operation, the object, and what was observed and expected.
 struct Fault {
   Errc code = Errc::io;
   std::string what;
@@ -87,7 +87,7 @@ using Result = tl::expected<T, Fault>;
 
 }  // namespace haarlight
 
-/// Checked always; throws ContractViolation.
+/// Always checked; throws ContractViolation.
 #define HAARLIGHT_EXPECTS(condition, message) \
   ((condition)                                \
        ? void(0)                              \

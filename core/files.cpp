@@ -58,8 +58,8 @@ void require_regular(const struct stat& info, const std::filesystem::path& path)
               "write what it gives to a file first, and name that");
 }
 
-/// Never waits: opening a pipe would, until somebody writes to it, and opening a device may do
-/// something to it. So it is looked at first, and again once open.
+/// Never blocks: opening a pipe would, until somebody writes to it, and opening a device may
+/// have side effects. So the file is checked first, and again once open.
 OpenFile open_file(const std::filesystem::path& path) {
   struct stat info {};
   if (::stat(path.c_str(), &info) == 0) {

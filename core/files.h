@@ -10,7 +10,7 @@
 #include <vector>
 
 /// @file
-/// Files that appear whole or not at all, and the handles and hashes they need.
+/// Files that appear complete or not at all, and the handles and hashes they need.
 
 namespace haarlight {
 
@@ -62,8 +62,8 @@ class MappedFile {
   std::size_t size_ = 0;
 };
 
-/// Takes mapped bytes that will not be read again soon out of the resident set; reading them
-/// later is still right. Whole pages only; costs a system call.
+/// Drops mapped bytes that will not be read again soon from the resident set; they can still be
+/// read later. Whole pages only; costs a system call.
 void drop_pages(std::span<const std::byte> mapped) noexcept;
 
 /// Reads a whole file.
@@ -76,7 +76,7 @@ void drop_pages(std::span<const std::byte> mapped) noexcept;
 /// @throws Error  missing, unreadable
 [[nodiscard]] std::string read_head(const std::filesystem::path& path, std::size_t n_bytes);
 
-/// Writes to a temporary name beside `path`, syncs, renames, syncs the folder.
+/// Writes to a temporary name next to `path`, syncs, renames, syncs the folder.
 /// @throws Error(io)  naming the step that failed; the temporary file is removed
 void write_file_atomically(const std::filesystem::path& path, std::span<const std::byte> bytes);
 void write_file_atomically(const std::filesystem::path& path, std::string_view text);
@@ -113,7 +113,7 @@ class PendingFile {
 /// @throws Error(io)  `from` is removed
 void rename_durably(const std::filesystem::path& from, const std::filesystem::path& to);
 
-/// Refuses to overwrite. @throws Error(usage)  naming --force as the cure
+/// Refuses to overwrite. @throws Error(usage)  naming --force as the hint
 void require_absent(const std::filesystem::path& path, bool force);
 
 /// XXH3-128 of some bytes, as 32 lower-case hexadecimal digits.

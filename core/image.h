@@ -15,7 +15,7 @@
 
 namespace haarlight {
 
-/// A borrowed picture. The stride between rows is counted in elements.
+/// A borrowed picture. The row stride is counted in elements.
 template <class T>
 class ImageView {
  public:

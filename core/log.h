@@ -5,7 +5,7 @@
 #include <string_view>
 
 /// @file
-/// The program's log: lines on stderr (spdlog behind). Log where a thing is handled, once.
+/// The program's log: lines on stderr (by spdlog). Log each event once, where it is handled.
 /// Thread-safe.
 
 namespace haarlight {

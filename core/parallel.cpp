@@ -17,8 +17,8 @@ namespace haarlight {
 namespace {
 
 /// oneTBB is built without ThreadSanitizer (and this file with it, see CMakeLists.txt), which
-/// therefore does not see that a task starts after its caller and ends before it goes on. These
-/// marks say so; what two bodies do to each other stays in its sight.
+/// therefore does not see that a task starts after its caller and ends before the caller
+/// continues. These annotations say so; races between two bodies remain visible to it.
 class TaskOrder {
  public:
 #if defined(HAARLIGHT_TSAN)

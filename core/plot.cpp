@@ -32,7 +32,7 @@ const char* colour(int look) {
   return kColours[static_cast<std::size_t>(look) % kColours.size()];
 }
 
-/// A mark around (x, y); a look's colour comes back after 8, its mark after 5.
+/// A marker at (x, y); the colours of looks repeat after 8, the markers after 5.
 std::string mark(int look, double x, double y) {
   const char* fill = colour(look);
   switch (look % kMarks) {

@@ -7,7 +7,7 @@
 #include <string>
 
 /// @file
-/// How far a long job is: a bar on a terminal, a line every five seconds elsewhere, nothing
+/// Progress of a long job: a bar on a terminal, a line every five seconds elsewhere, nothing
 /// when quiet. Written to stderr.
 
 namespace haarlight {
@@ -26,7 +26,7 @@ class Progress {
   Progress& operator=(const Progress&) = delete;
 
   void advance(std::size_t steps = 1);
-  /// Sets the number done, when the source of truth counts for itself.
+  /// Sets the number done, when the source keeps its own count.
   void set_done(std::size_t done);
 
  private:

@@ -8,7 +8,7 @@
 namespace haarlight {
 
 double standard_normal(std::uint64_t hash) {
-  // Box-Muller: sqrt(-2 ln u) cos(2 pi v), u in (0, 1] from the high half, v from the low half.
+  // Box-Muller: sqrt(-2 ln u) cos(2 pi v), u in (0, 1] from the high word, v from the low word.
   const double u = (static_cast<double>(hash >> 32) + 1.0) * 0x1p-32;
   const double v = static_cast<double>(hash & 0xffffffffULL) * 0x1p-32;
   return std::sqrt(-2.0 * std::log(u)) * std::cos(2.0 * std::numbers::pi * v);

@@ -4,12 +4,11 @@
 #include <cstdint>
 
 /// @file
-/// Counter-based random numbers: the value depends on the key alone, never on a thread or on
-/// order.
+/// Counter-based random numbers: the value depends on the key alone, never on thread or order.
 
 namespace haarlight {
 
-/// A 64-bit mixture of up to four keys (finaliser of SplitMix64 [Steele14], applied per key).
+/// A 64-bit hash of up to four keys (finaliser of SplitMix64 [Steele14], applied per key).
 [[nodiscard]] constexpr std::uint64_t hash_key(std::uint64_t a, std::uint64_t b = 0,
                                                std::uint64_t c = 0, std::uint64_t d = 0) {
   constexpr auto kMix = [](std::uint64_t z) {
@@ -29,8 +28,8 @@ namespace haarlight {
 /// Standard normal from one hash (Box-Muller on its two halves; tails to 6.6 sigma).
 [[nodiscard]] double standard_normal(std::uint64_t hash);
 
-/// Poisson-distributed count of the given mean: exact by inversion below 30, above that the
-/// normal approximation rounded, whose relative error in the variance is below 0.3 %.
+/// Poisson-distributed count of the given mean: exact by inversion below 30; above that the
+/// rounded normal approximation, whose relative error in the variance is below 0.3 %.
 [[nodiscard]] std::uint32_t poisson(double mean, std::uint64_t hash);
 
 }  // namespace haarlight

@@ -31,7 +31,7 @@ void Ranks::wait_for_all() const {
   if (n_ == 1) {
     return;
   }
-  // MPI_Barrier would turn on a core that the others' threads could use.
+  // MPI_Barrier would spin on a core that the other ranks' threads could use.
   constexpr std::chrono::milliseconds kNap{2};
   MPI_Request request = MPI_REQUEST_NULL;
   MPI_Ibarrier(MPI_COMM_WORLD, &request);

@@ -18,10 +18,10 @@ namespace haarlight {
 
 inline constexpr std::string_view kVersion = HAARLIGHT_VERSION;
 
-/// A number, a text, a truth, or a list of numbers.
+/// A number, a text, a boolean, or a list of numbers.
 using ReportValue = std::variant<double, std::int64_t, bool, std::string, std::vector<double>>;
 
-/// Collects in the order given; one command owns one Report. One thread.
+/// Keeps the order given; one command owns one Report. One thread.
 class Report {
  public:
   explicit Report(std::string command);
@@ -37,7 +37,7 @@ class Report {
   [[nodiscard]] double seconds() const;
   /// The report as JSON text; infinities and NaN become null.
   [[nodiscard]] std::string to_json() const;
-  /// For one of several processes that do the same work: another one writes.
+  /// For one of several processes that do the same work: another one writes the file.
   void leave_to_others() { is_written_by_others_ = true; }
   /// @throws Error(io)
   void write(const std::filesystem::path& path) const;

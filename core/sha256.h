@@ -10,8 +10,8 @@
 
 /// @file
 /// SHA-256 (OpenSSL's, which uses the processor's own instructions) and the Merkle tree of RFC
-/// 6962 over named files. XXH3 (core/files.h) finds damage faster; this also withstands
-/// somebody who looks for other bytes of the same hash. Only the .cpp sees OpenSSL.
+/// 6962 over named files. XXH3 (core/files.h) detects damage faster; this also withstands
+/// deliberate collisions. Only the .cpp sees OpenSSL.
 
 namespace haarlight {
 
@@ -38,7 +38,7 @@ class Sha256 {
   std::unique_ptr<State> state_;
 };
 
-/// A leaf of the tree: SHA-256(0x00, name, 0x00, bytes). A name holds no zero byte.
+/// A leaf of the tree: SHA-256(0x00, name, 0x00, bytes). A name contains no zero byte.
 [[nodiscard]] Sha256Digest leaf_hash(std::string_view name, std::span<const std::byte> bytes);
 [[nodiscard]] Sha256Digest leaf_hash(std::string_view name, std::string_view text);
 
@@ -46,7 +46,7 @@ class Sha256 {
 /// k, root of the others), k the largest power of two below n.
 [[nodiscard]] Sha256Digest merkle_root(std::span<const Sha256Digest> leaves);
 
-/// 64 lower-case hexadecimal digits, and back. @throws Error(bad_input)  not such digits
+/// 64 lower-case hexadecimal digits, and back. @throws Error(bad_input)  malformed digits
 [[nodiscard]] std::string to_hex(const Sha256Digest& digest);
 [[nodiscard]] Sha256Digest sha256_from_hex(std::string_view digits);
 

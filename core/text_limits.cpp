@@ -18,8 +18,8 @@ void require_size(std::string_view text, std::size_t max_bytes, const std::strin
   }
 }
 
-/// Behind the TOML string that begins at `at`. Counts the lines in it. Where the string is
-/// broken, the parser stops there, and what comes behind does not matter.
+/// One past the TOML string that begins at `at`. Counts the lines in it. Where the string is
+/// malformed, the parser stops there, and what follows does not matter.
 std::size_t end_of_toml_string(std::string_view text, std::size_t at, std::size_t& line) {
   const char quote = text[at];
   const bool is_basic = quote == '"';
@@ -37,7 +37,7 @@ std::size_t end_of_toml_string(std::string_view text, std::size_t at, std::size_
       return at + 1;
     }
     if (text[at] == quote && text.substr(at, 3) == three) {
-      // Up to two quotes may stand before the three that end it.
+      // Up to two quotes may precede the three that end it.
       at += 3;
       for (int i = 0; i < 2 && at < text.size() && text[at] == quote; ++i) {
         ++at;
@@ -57,7 +57,7 @@ void require_toml_limits(std::string_view text, const std::string& name) {
   require_size(text, kMaxTomlBytes, name);
   std::size_t line = 1;
   int n_brackets = 0;
-  int n_dots = 0;  // since the last sign that no dotted key runs across
+  int n_dots = 0;  // since the last character that cannot be inside a dotted key
   const auto refuse = [&](const std::string& what, const char* cure) {
     throw Error(what, fmt::format("{}:{}", name, line), cure);
   };

@@ -6,16 +6,15 @@
 #include <string_view>
 
 /// @file
-/// What a text from outside may be before a parser sees it. Parsers of nested text call
-/// themselves for each level, or free what they have read level by level: 80 kB of "a.a.a..."
-/// would end the program. Every TOML text passes here in ConfigTable, every JSON text in
-/// parse_json.
+/// Limits on untrusted text before a parser sees it. Parsers of nested text recurse per level,
+/// or free what they have read level by level: 80 kB of "a.a.a..." would crash the program.
+/// Every TOML text is checked here by ConfigTable, every JSON text by parse_json.
 
 namespace haarlight {
 
-/// The deepest TOML that is read: this many open brackets at a place, and this many parts of a
-/// dotted key or a table's name: 288 levels of tables at most, which fit 256 KiB of stack in
-/// every build (tests/core/text_limits_test.cpp). A rig file has 2.
+/// The deepest TOML that is read: this many open brackets at once, and this many parts of a
+/// dotted key or table name: 288 levels of tables at most, which fit 256 KiB of stack in every
+/// build (tests/core/text_limits_test.cpp). A rig file has 2.
 inline constexpr int kMaxTomlBrackets = 16;
 inline constexpr int kMaxTomlKeyParts = 16;
 inline constexpr std::size_t kMaxTomlBytes = std::size_t{16} << 20U;
@@ -24,19 +23,19 @@ inline constexpr std::size_t kMaxTomlBytes = std::size_t{16} << 20U;
 inline constexpr int kMaxJsonBrackets = 64;
 inline constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 30U;
 
-/// @param name  stands for the file in the error
+/// @param name  names the file in the error
 /// @throws Error  too large, or too deep at file:line
 void require_toml_limits(std::string_view text, const std::string& name);
 
 /// @param max_bytes  at most kMaxJsonBytes
-/// @throws Error  too large, or too deep at a byte that is named
+/// @throws Error  too large, or too deep (with the byte offset)
 void require_json_limits(std::string_view text, const std::string& where,
                          std::size_t max_bytes = kMaxJsonBytes);
 
-/// @throws Error  as it was found by a JSON parser: broken at byte `byte`
+/// @throws Error  as reported by a JSON parser: malformed at byte `byte`
 [[noreturn]] void throw_broken_json(std::size_t byte, const std::string& where);
 
-/// The one way from a JSON text to its value.
+/// The only way to parse JSON text.
 /// @tparam Json  nlohmann::json or nlohmann::ordered_json, which only a .cpp knows
 /// @param look   nlohmann's parser callback
 /// @throws Error  too large, too deep, or not JSON (with the byte)

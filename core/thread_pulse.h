@@ -7,7 +7,7 @@
 #include <string_view>
 
 /// @file
-/// How the watchdog knows that a thread makes progress: each marks when it begins and ends a
+/// How the watchdog knows that a thread makes progress: each records when it begins and ends a
 /// call that might hang. A thread that waits for work is healthy.
 
 namespace haarlight {
@@ -18,7 +18,7 @@ namespace haarlight {
       .count();
 }
 
-/// One a thread; read by the watchdog. Thread-safe.
+/// One per thread; read by the watchdog. Thread-safe.
 class ThreadPulse {
  public:
   explicit ThreadPulse(std::string_view name) : name_(name) {}
@@ -35,7 +35,7 @@ class ThreadPulse {
     ThreadPulse& pulse_;
   };
 
-  /// How long the present call has lasted; 0 when waiting for work.
+  /// How long the current call has lasted; 0 when waiting for work.
   [[nodiscard]] std::chrono::nanoseconds busy_for() const {
     const std::int64_t since = since_ns_;
     return std::chrono::nanoseconds(since == 0 ? 0 : steady_now_ns() - since);

@@ -6,17 +6,17 @@
 #include "core/image.h"
 
 /// @file
-/// How accurate a result must be, and how accurate it became.
+/// How accurate a result must be, and how accurate it is.
 
 namespace haarlight {
 
-/// What the user asks for. A limit of 0 means exact; infinity means no limit.
+/// What the user requests. A limit of 0 means exact; infinity means no limit.
 struct Tolerance {
   double relative_l2 = 0.0;  ///< ||result - truth||_2 / ||truth||_2 over the whole result
-  double worst_pixel = 0.0;  ///< largest |result - truth| of a value, as a share of the peak
+  double worst_pixel = 0.0;  ///< largest |result - truth| of a value, as a fraction of the peak
 };
 
-/// What was reached against a reference of the same shape.
+/// What was achieved against a reference of the same shape.
 struct Achieved {
   double relative_l2 = 0.0;
   double worst_pixel = 0.0;  ///< largest absolute difference / largest absolute reference value

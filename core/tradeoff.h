@@ -10,7 +10,7 @@
 
 /// @file
 /// Speed-for-accuracy records, docs/reference/tradeoff.schema.json: one method under one set of
-/// conditions, what it cost and how far off it was.
+/// conditions, its cost and its error.
 
 namespace haarlight {
 
@@ -22,19 +22,19 @@ struct TradeoffConditions {
   int repeats = 0;
   double coefficients_per_pixel = 0.0;  ///< 0: not sparse
   std::string command;
-  /// Whatever else the numbers depend on.
+  /// Anything else the numbers depend on.
   std::vector<std::pair<std::string, std::variant<double, std::int64_t, std::string>>> more;
 };
 
 struct TradeoffRecord {
-  std::string algorithm;   ///< whose, for example haarlight, OpenBLAS
-  std::string mode;        ///< what, for example dense half
-  std::string error_norm;  ///< "relative L2", "bits that differ", "none" where nothing is right
+  std::string algorithm;   ///< implementation, for example haarlight, OpenBLAS
+  std::string mode;        ///< method, for example dense half
+  std::string error_norm;  ///< "relative L2", "bits that differ", "none" without a reference
   double error = 0.0;
   double seconds = 0.0;        ///< median
   double seconds_least = 0.0;  ///< of the repeats
   double seconds_most = 0.0;
-  double bytes = 0.0;  ///< moved to and from memory at least; sizes where `more` says bytes_are
+  double bytes = 0.0;  ///< lower bound on memory traffic; sizes where `more` says bytes_are
   TradeoffConditions conditions;
 };
 

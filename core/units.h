@@ -4,7 +4,8 @@
 #include <compare>
 
 /// @file
-/// Strong units for module doors. Inside a kernel a plain double carries its unit in its name.
+/// Strong units for module interfaces. Inside a kernel a plain double carries its unit in its
+/// name.
 
 namespace haarlight {
 

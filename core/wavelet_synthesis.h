@@ -7,13 +7,13 @@
 #include <vector>
 
 /// @file
-/// The way from a grid's wavelets to its lights, level by level; private to the pattern
-/// inverse, which sends values or their variances along it.
+/// Synthesis of a grid's lights from its wavelets, level by level; private to the pattern
+/// inverse, which applies it to values or to their variances.
 
 namespace haarlight {
 
 /// @param x    (n, n, width), n a power of two: wavelets before, lights after
-/// @param mix  (mean, dx, dy, dxy, top left, top right, low left, low right): four lights of
+/// @param mix  (mean, dx, dy, dxy, top left, top right, low left, low right): four lights from
 ///             four wavelets
 template <class Mix>
 void synthesise_wavelets(int n, std::span<double> x, std::size_t width, Mix mix) {

@@ -52,7 +52,7 @@ struct Integrand {
   double h = 0.0;           ///< distance of the surface point from the light's plane
   double mu = 1.0;
 
-  /// (D, S) a unit of area of the light.
+  /// (D, S) per unit of area of the light.
   [[nodiscard]] Vector2d at(const Vector3d& light_point) const {
     const Vector3d r = light_point - surface.point;
     const double r2 = r.squaredNorm();
@@ -89,7 +89,7 @@ struct DirectLight::Scratch {
   std::vector<Sight> sight;
   std::vector<Vector3d> targets;
   std::vector<std::uint8_t> blocked;
-  std::vector<int> asked;  ///< lights whose own test is wanted
+  std::vector<int> asked;  ///< lights that need a test of their own
   std::uint64_t n_rays = 0;
 
   void cast(const RayCaster& caster) {
@@ -214,7 +214,7 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
       }
     }
   }
-  // Neighbours of a mixed light are tested by their own strata, and so on while more turn up.
+  // Neighbours of a mixed light are tested by their own strata, and so on while more are found.
   std::vector<std::uint8_t> is_tested(to_index(grid.rows * grid.cols), 0);
   const auto n = static_cast<std::size_t>(options_.uniform_grid);
   while (!fresh.empty()) {
@@ -263,8 +263,8 @@ void DirectLight::test_grid(const LightGrid& grid, const SurfacePoint& /*surface
 
 void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
                              Scratch& scratch) const {
-  // n x n jittered strata a light; mixed where they disagree or where a neighbour's share
-  // differs.
+  // n x n jittered strata per light; mixed where they disagree or where a neighbour's visible
+  // fraction differs.
   const int n = options_.uniform_grid;
   std::vector<int> share(lights_.size(), -1);
   for (std::size_t k = 0; k < lights_.size(); ++k) {
@@ -335,7 +335,7 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
     }
   }
   // Strata that the shadow's edge crosses: neighbours that disagree. A stratum cut at a random
-  // place has variance 1/6 on average.
+  // position has variance 1/6 on average.
   int n_edges = 0;
   for (int j = 0; j < n; ++j) {
     for (int i = 0; i < n; ++i) {
@@ -394,12 +394,12 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
     const SquareLight& light = lights_[k];
     const Vector3d r = light.centre - surface.point;
     const double reach = 0.5 * std::hypot(light.width_mm, light.height_mm);
-    // A light that the horizon cuts is no smooth integrand: strata.
+    // A light cut by the horizon is not a smooth integrand: strata.
     if (sight == Sight::mixed || surface.normal.dot(r) < reach) {
       sample_mixed(static_cast<int>(k), surface, material, key, scratch, share);
       continue;
     }
-    // How fast the integrand turns over the light: by distance, and by the lobe's width.
+    // How fast the integrand varies over the light: by distance, and by the lobe's width.
     const double angle = reach / std::max(r.norm() - reach, 1e-300);
     const double turn =
         std::max(angle, 0.5 * angle * std::sqrt(has_lobe ? material.exponent : 0.0));

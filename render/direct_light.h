@@ -11,15 +11,15 @@
 #include "render/scene.h"
 
 /// @file
-/// Direct light from every square light at a surface point, by light, with shadows.
+/// Direct light at a surface point from every square light, per light, with shadows.
 ///
 ///     D = 1/pi integral L cos(theta) cos^mu(theta_l) / r^2 V dA
 ///     S = integral (n + 8)/(8 pi) (n.h)^n L cos(theta) cos^mu(theta_l) / r^2 V dA
 ///
 /// so that a pixel's radiance is kd D + ks S for any albedo. Visibility is sampled at jittered
-/// strata of each light; where it is uniform the integrand is smooth and Gauss points integrate
-/// it (4 x 4 strata would leave 1e-5; the 2 x 2 Gauss points leave less, see
-/// docs/reference/simulator.md).
+/// strata of each light; where it is uniform, the integrand is smooth and Gauss points
+/// integrate it (4 x 4 strata would leave an error of 1e-5; the 2 x 2 Gauss points leave less,
+/// see docs/reference/simulator.md).
 
 namespace haarlight {
 
@@ -33,7 +33,7 @@ struct DirectLightOptions {
   std::uint64_t seed = 0;
 };
 
-/// Where light is received and the way it is seen.
+/// Where light is received and the direction from which it is seen.
 struct SurfacePoint {
   Eigen::Vector3d point;
   Eigen::Vector3d normal;       ///< shading normal, unit
@@ -42,11 +42,11 @@ struct SurfacePoint {
   int material = 0;
 };
 
-/// Of one light at one point, for its radiance.
+/// One light's contribution at one point, for its radiance.
 struct LightShare {
   double diffuse = 0.0;   ///< D: times kd
   double specular = 0.0;  ///< S: times ks
-  double visible = 0.0;   ///< share of the light that is seen, 0..1
+  double visible = 0.0;   ///< visible fraction of the light, 0..1
   double error = 0.0;     ///< standard error of `visible`
 };
 

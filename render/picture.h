@@ -15,34 +15,34 @@
 
 /// @file
 /// A scene under square lights, seen by a camera: direct light only, RGB, with an error
-/// estimate. The truth beside which relighting and reprojected shadows are judged.
+/// estimate. The ground truth against which relighting and reprojected shadows are assessed.
 
 namespace haarlight {
 
 struct LitOptions {
-  int n_subpixels = 2;  ///< n x n sub-pixel centres a pixel
+  int n_subpixels = 2;  ///< n x n sub-pixel centres per pixel
   DirectLightOptions direct{};
   Eigen::Vector3d background = Eigen::Vector3d::Zero();  ///< radiance where nothing is hit
   ProgressStyle progress = ProgressStyle::none;
 };
 
 struct LitPicture {
-  Image<float> radiance;        ///< (height, width, 3) linear
-  Image<float> error;           ///< (height, width, 3) one standard error of `radiance`
-  Image<float> coverage;        ///< (height, width, 1) share of sub-pixels that hit something
+  Image<float> radiance;  ///< (height, width, 3) linear
+  Image<float> error;     ///< (height, width, 3) one standard error of `radiance`
+  Image<float> coverage;  ///< (height, width, 1) fraction of sub-pixels that hit something
   double relative_error = 0.0;  ///< ||error||_2 / ||radiance||_2
   std::uint64_t n_rays = 0;
   double seconds = 0.0;
 };
 
-/// @param lights   need not be the scene's own
-/// @param weights  one RGB weight a light: its radiance is multiplied by it
+/// @param lights   not necessarily the scene's own
+/// @param weights  one RGB weight per light: multiplies its radiance
 /// Lights of zero weight cost nothing. The result does not depend on the number of threads.
 [[nodiscard]] LitPicture render_lit(const Scene& scene, const CameraModel& camera,
                                     std::span<const SquareLight> lights,
                                     std::span<const Eigen::Vector3d> weights,
                                     const LitOptions& options = {});
-/// The same with a ray caster of the scene at hand.
+/// The same with an existing ray caster of the scene.
 [[nodiscard]] LitPicture render_lit(const Scene& scene, const RayCaster& caster,
                                     const CameraModel& camera,
                                     std::span<const SquareLight> lights,

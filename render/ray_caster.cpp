@@ -27,7 +27,7 @@ struct SceneRelease {
 using DeviceHandle = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceRelease>;
 using SceneHandle = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneRelease>;
 
-/// What a hit needs to know in double precision.
+/// The data needed for a hit in double precision.
 struct MeshData {
   std::vector<Vector3d> vertices;
   std::vector<Eigen::Vector3i> triangles;
@@ -36,7 +36,7 @@ struct MeshData {
 };
 
 constexpr int kPacket = 16;
-/// 64 roundings of single precision: of the vertices, a ray's origin and Embree's own sums.
+/// 64 single-precision roundings: of the vertices, a ray's origin and Embree's own sums.
 constexpr double kOffset = 0x1p-18;
 
 /// Middle of the vertices' bounding box.
@@ -56,7 +56,7 @@ struct RayCaster::Impl {
   DeviceHandle device;
   SceneHandle scene;
   std::vector<MeshData> meshes;
-  Vector3d middle = Vector3d::Zero();  ///< Embree's origin: what is far from ours loses nothing
+  Vector3d middle = Vector3d::Zero();  ///< Embree's origin: scenes far from ours lose nothing
   double offset_mm = 0.0;
 
   void build(const Scene& source);
@@ -154,8 +154,8 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
   hit.mesh = static_cast<int>(ray.hit.geomID);
   hit.triangle = static_cast<int>(ray.hit.primID);
   hit.material = mesh.material;
-  // The triangle is Embree's answer; the point is the ray's in double, on that triangle's
-  // plane, unless the ray grazes it.
+  // The triangle is from Embree; the point is the ray's intersection with that triangle's plane
+  // in double, unless the ray grazes it.
   const Vector3d flat = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
   const double slope = flat.dot(direction);
   const double u = ray.hit.u;

@@ -39,9 +39,9 @@ class RayCaster {
                                              const Eigen::Vector3d& direction,
                                              double min_distance_mm = 0.0) const;
 
-  /// How far off a surface a ray has to start to miss it whatever Embree rounds: 2^-18 (4e-6)
-  /// of the scene's radius about the middle of its bounding box, so that a scene of any size
-  /// and at any place is the same scene. No detail below it casts a shadow.
+  /// How far off a surface a ray must start to miss it despite Embree's rounding: 2^-18 (4e-6)
+  /// of the scene's radius about the middle of its bounding box, so that results do not depend
+  /// on a scene's size or position. No smaller detail casts a shadow.
   [[nodiscard]] double ray_offset_mm() const noexcept;
 
   /// True when anything lies strictly between the two points, shortened by ray_offset_mm() at

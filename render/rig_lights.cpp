@@ -33,7 +33,7 @@ std::vector<int> lights_off_plane(const Rig& rig, const ShadowPlane& plane) {
   const double side = is_seen_from_behind ? -1.0 : 1.0;
   std::vector<int> off;
   for (const LightElement& light : light_elements(rig)) {
-    // Of the LED's square the highest corner; of the picture the corner most in front of it.
+    // The LED square's highest corner; the picture's corner farthest in front of the LED.
     const double rise = 0.5 * (light.width_mm * std::abs(plane.n.dot(light.u)) +
                                light.height_mm * std::abs(plane.n.dot(light.v)));
     const double highest = side * height(light.centre) + rise;

@@ -7,7 +7,7 @@
 #include "render/scene.h"
 
 /// @file
-/// A rig's LEDs as the lights that render/ understands.
+/// A rig's LEDs as lights for render/.
 
 namespace haarlight {
 
@@ -17,8 +17,8 @@ namespace haarlight {
 /// Light k of the rig as element k.
 [[nodiscard]] std::vector<SquareLight> rig_lights(const Rig& rig);
 
-/// Lights that reach no point of the plane's picture on the side that the first camera sees (of
-/// its normal where there is none): in or behind the plane, or shining away from all of it.
+/// Lights that reach no point of the plane's picture on the side seen by the first camera (that
+/// of its normal if there is none): in or behind the plane, or facing away from all of it.
 [[nodiscard]] std::vector<int> lights_off_plane(const Rig& rig, const ShadowPlane& plane);
 
 }  // namespace haarlight

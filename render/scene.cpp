@@ -36,7 +36,7 @@ Mesh make_box(const Vector3d& low, const Vector3d& high, int material) {
 
 Mesh make_sphere(const Vector3d& centre, double radius_mm, int n_subdivisions, int material) {
   HAARLIGHT_EXPECTS(n_subdivisions >= 0 && n_subdivisions <= 8, "0 to 8 subdivisions");
-  // An octahedron, every triangle cut in four `n_subdivisions` times, vertices on the sphere.
+  // An octahedron, every triangle split in four `n_subdivisions` times, vertices on the sphere.
   std::vector<Vector3d> directions = {{1, 0, 0},  {-1, 0, 0}, {0, 1, 0},
                                       {0, -1, 0}, {0, 0, 1},  {0, 0, -1}};
   std::vector<Vector3i> triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4},

@@ -10,8 +10,8 @@
 #include "core/rig/camera_model.h"
 
 /// @file
-/// What a renderer is given: triangle meshes, spheres, boxes, materials, square area lights.
-/// Knows no rig, no session, no device. Lengths in mm, world frame.
+/// Input of a renderer: triangle meshes, spheres, boxes, materials, square area lights. Knows
+/// no rig, no session, no device. Lengths in mm, world frame.
 
 namespace haarlight {
 
@@ -23,7 +23,7 @@ struct Material {
   double exponent = 1.0;
 };
 
-/// Triangles with shared vertices. `normals` is empty (flat) or one unit normal a vertex.
+/// Triangles with shared vertices. `normals` is empty (flat) or has one unit normal per vertex.
 struct Mesh {
   std::string name;
   std::vector<Eigen::Vector3d> vertices;
@@ -50,10 +50,10 @@ struct Scene {
   std::vector<SquareLight> lights;
 };
 
-/// Wavefront OBJ with usemtl; materials from the .mtl beside it, or decoded from names of the
-/// form kd_ks_exponent as docs/reference/scene-file.md tells; or PLY (ascii, binary
-/// little-endian), one mesh.
-/// @throws Error  with file:line (or offset) and the cure: bad index, NaN, no triangles
+/// Wavefront OBJ with usemtl; materials from the .mtl next to it, or decoded from names of the
+/// form kd_ks_exponent (docs/reference/scene-file.md); or PLY (ascii, binary little-endian),
+/// one mesh.
+/// @throws Error  with file:line (or offset) and a hint: bad index, NaN, no triangles
 [[nodiscard]] Scene read_obj(const std::filesystem::path& path);
 [[nodiscard]] Scene read_ply(const std::filesystem::path& path);
 

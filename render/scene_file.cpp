@@ -18,7 +18,7 @@ using Eigen::Vector3d;
 
 constexpr double kMaxLength = 1e9;
 constexpr Range kPlace{.min = -kMaxLength, .max = kMaxLength};
-constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // some 5 GB with its ray tree
+constexpr std::size_t kMaxTriangles = std::size_t{1} << 26U;  // about 5 GB with its BVH
 
 Vector3d to_vector(const std::vector<double>& values) {
   return {values[0], values[1], values[2]};
@@ -77,7 +77,7 @@ class SceneReader {
   }
 
  private:
-  /// Room for that many more triangles; else a problem at `table`, once.
+  /// Whether that many more triangles fit; else records a problem at `table`, once.
   bool has_room(ConfigTable& table, std::size_t n_triangles) {
     if (n_triangles <= kMaxTriangles - n_triangles_) {
       n_triangles_ += n_triangles;

@@ -8,16 +8,16 @@
 #include "render/scene.h"
 
 /// @file
-/// The mesh readers behind read_obj and read_ply, on text in memory: what the fuzzers call.
-/// Understood: OBJ `v vn vt f o g usemtl mtllib` (polygons as fans, so they should be convex;
-/// negative indices; normals only where every corner of a part has one); PLY 1.0 ascii and
-/// binary_little_endian with vertex x y z [nx ny nz] and face vertex_indices.
+/// The mesh readers behind read_obj and read_ply, on text in memory: the entry points of the
+/// fuzzers. Supported: OBJ `v vn vt f o g usemtl mtllib` (polygons as fans, so they should be
+/// convex; negative indices; normals only where every corner of a part has one); PLY 1.0 ascii
+/// and binary_little_endian with vertex x y z [nx ny nz] and face vertex_indices.
 
 namespace haarlight {
 
-/// @param name    stands in errors as name:line
-/// @param folder  where mtllib files are looked for; empty: they are not read
-/// @throws Error  bad index, NaN, infinity, no triangles, a number that is none
+/// @param name    used in errors as name:line
+/// @param folder  folder of mtllib files; empty: they are not read
+/// @throws Error  bad index, NaN, infinity, no triangles, a malformed number
 [[nodiscard]] Scene parse_obj(std::string_view text, const std::string& name,
                               const std::filesystem::path& folder = {});
 

@@ -128,7 +128,7 @@ class ObjReader {
     } else if (word == "mtllib" && !folder_.empty()) {
       read_mtl(std::string(trimmed(line)));
     }
-    // Everything else (vt, s, l, ...) says nothing about triangles.
+    // Everything else (vt, s, l, ...) is irrelevant to triangles.
   }
 
   [[nodiscard]] int to_index(std::string_view word, std::size_t count, const char* kind) const {

@@ -73,7 +73,7 @@ class PlyReader {
     Mesh mesh;
     mesh.name = "ply";
     for (const Element& element : elements_) {
-      // Each item takes at least one byte, so a count beyond the file's size is a lie.
+      // Each item takes at least one byte, so a count beyond the file's size is invalid.
       if (element.count > bytes_.size() && !element.properties.empty()) {
         fail_here(fmt::format("{} items of '{}' in a file of {} bytes", element.count,
                               element.name, bytes_.size()),

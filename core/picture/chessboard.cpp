@@ -116,7 +116,7 @@ std::optional<std::vector<Eigen::Vector2d>> find_chessboard(ImageView<const floa
                                  cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE)) {
     return std::nullopt;
   }
-  // The window stays within the squares: half of the least distance of neighbours.
+  // The window stays within the squares: half the smallest distance between neighbours.
   double least = 1e9;
   for (std::size_t i = 0; i + 1 < corners.size(); ++i) {
     least = std::min(least, cv::norm(corners[i + 1] - corners[i]));

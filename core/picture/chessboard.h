@@ -12,8 +12,8 @@
 #include "core/rig/camera_model.h"
 
 /// @file
-/// A camera's lens and a plane's place from pictures of a printed chessboard. OpenCV behind one
-/// .cpp (its own target); pixel centres here at +0.5, OpenCV's at 0
+/// A camera's lens and a plane's position from pictures of a printed chessboard. OpenCV behind
+/// one .cpp (its own target); pixel centres here at +0.5, OpenCV's at 0
 /// (docs/decisions/0002-camera-matrix-pixel-centres.md).
 
 namespace haarlight {
@@ -21,11 +21,11 @@ namespace haarlight {
 /// A printed board; corners are those where four squares meet.
 struct Chessboard {
   int cols =
-      9;  ///< inner corners along a row; cols and rows of different parity tell up from down
+      9;  ///< inner corners along a row; one odd and one even count distinguishes up from down
   int rows = 6;
   double square_mm = 20.0;
   [[nodiscard]] int n_corners() const { return rows * cols; }
-  /// Of corner i, row by row, mm in the board's own frame (z = 0).
+  /// Position of corner i, row by row, mm in the board's own frame (z = 0).
   [[nodiscard]] Eigen::Vector3d corner(int i) const {
     const int row = i / cols;
     return {square_mm * (i - row * cols), square_mm * row, 0.0};
@@ -38,16 +38,16 @@ struct Chessboard {
     ImageView<const float> picture, const Chessboard& board);
 
 struct CameraFit {
-  CameraModel camera;  ///< pose: not touched
+  CameraModel camera;  ///< pose: left unchanged
   /// Standard deviations of fx, fy, cx, cy, k1, k2, p1, p2, k3; 0: held at 0.
   Eigen::Matrix<double, 9, 1> sigma = Eigen::Matrix<double, 9, 1>::Zero();
   double rms_px = 0.0;
   std::vector<double> view_rms_px;
   std::vector<std::vector<Eigen::Vector2d>> misses_px;  ///< corner found minus corner expected
 };
-/// Zhang's method and its refinement, as OpenCV has it; k3 is 0 unless asked for.
-/// @param views  at least 3, of boards that are tilted differently
-/// @throws Error  too few views, a view without every corner, a fit that does not end
+/// Zhang's method and its refinement, as OpenCV has it; k3 is 0 unless requested.
+/// @param views  at least 3, with the board tilted differently
+/// @throws Error  too few views, a view without every corner, a fit that does not converge
 [[nodiscard]] CameraFit fit_camera(std::span<const std::vector<Eigen::Vector2d>> views,
                                    const Chessboard& board, int width, int height,
                                    bool has_k3 = false);
@@ -55,13 +55,13 @@ struct CameraFit {
 /// A plane n.x + d = 0 in the camera's frame, n towards the camera.
 struct PlaneFit {
   Eigen::Vector3d n_cam = -Eigen::Vector3d::UnitZ();
-  double d_mm = 0.0;  ///< distance of the camera's centre
+  double d_mm = 0.0;  ///< distance from the camera's centre
   double distance_sigma_mm = 0.0;
   double tilt_sigma_deg = 0.0;  ///< the larger of the two
   double rms_px = 0.0;
   std::vector<Eigen::Vector2d> misses_px;
 };
-/// @throws Error  not every corner, a board seen edge on
+/// @throws Error  not every corner, a board seen edge-on
 [[nodiscard]] PlaneFit fit_plane(const CameraModel& camera,
                                  std::span<const Eigen::Vector2d> corners,
                                  const Chessboard& board);

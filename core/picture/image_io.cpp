@@ -52,8 +52,8 @@ std::string format_by_magic(std::span<const std::byte> bytes) {
   if (starts("#?RADIANCE"sv) || starts("#?RGBE"sv)) {
     return "hdr";
   }
-  // TGA has no magic: an image type that is one of the six, and no colour map or a 256-entry
-  // one.
+  // TGA has no magic: one of the six image types, a colour map type of 0 or 1, and a known
+  // pixel depth.
   if (bytes.size() >= 18) {
     const auto type = std::to_integer<int>(bytes[2]);
     const auto map = std::to_integer<int>(bytes[1]);
@@ -69,7 +69,7 @@ std::string format_by_magic(std::span<const std::byte> bytes) {
   return {};
 }
 
-/// Offset just behind the JPEG's end marker, or 0 when the file ends before it. libjpeg fills
+/// Offset just after the JPEG's end marker, or 0 when the file ends before it. libjpeg fills
 /// what is missing with grey and only warns, so a cut file would pass as a picture.
 std::size_t jpeg_end(std::span<const std::byte> bytes) {
   const auto at = [&](std::size_t i) { return std::to_integer<unsigned>(bytes[i]); };
@@ -252,7 +252,7 @@ void require_no_infinity(const std::filesystem::path& path, ImageView<const floa
   }
 }
 
-/// 8-bit sRGB codes of linear light; of what is not a number 0.
+/// 8-bit sRGB codes of linear light; NaN becomes 0.
 Image<std::uint8_t> codes_of(ImageView<const float> image, double exposure) {
   Image<std::uint8_t> codes(image.height(), image.width(), image.channels());
   std::size_t i = 0;

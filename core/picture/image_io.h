@@ -21,7 +21,7 @@
 
 namespace haarlight {
 
-/// How the numbers of a file stand for light; unknown: through a curve of the camera's own.
+/// How the numbers of a file encode light; unknown: through the camera's own tone curve.
 enum class Transfer { linear, srgb, unknown };
 inline constexpr auto kTransferWords =
     std::to_array<std::string_view>({"linear", "srgb", "unknown"});
@@ -31,36 +31,36 @@ inline constexpr auto kTransferWords =
 
 class ColourConversion;  ///< core/picture/picture_colour.h
 
-/// A picture as the file has it.
+/// A picture as stored in the file.
 struct PictureFile {
   Image<float> pixels;  ///< integers scaled to 0..1 of their range, not linearised
   Transfer transfer = Transfer::linear;  ///< srgb for 8/16-bit display files, linear for floats
   int bits_per_sample = 32;              ///< 8 or 16 (unsigned), or 16/32 (floating)
   bool is_floating = true;
   PictureFacts facts;  ///< an orientation is not applied
-  /// Where the file says that its colours are not sRGB's, or its curve neither of `transfer`'s:
-  /// how its numbers become light; else empty.
+  /// How the numbers become light, where the file says that its primaries are not sRGB's or its
+  /// curve is none of `transfer`; else empty.
   std::shared_ptr<const ColourConversion> colours;
-  std::string profile;  ///< what that is called: "Adobe RGB (1998)"; empty: sRGB or linear
+  std::string profile;  ///< its name: "Adobe RGB (1998)"; empty: sRGB or linear
 };
 
 /// Reads a picture without changing its transfer. Alpha is dropped.
 /// @throws Error  names the file and what is wrong: not a picture, truncated, too large (more
 ///                than 2^28 pixels, or the limit below), a size that its bytes cannot hold, no
-///                colour channels. Sizes are looked at before memory is taken for them.
+///                colour channels. Sizes are checked before memory is allocated for them.
 [[nodiscard]] PictureFile read_picture(const std::filesystem::path& path);
 
 /// What the camera wrote into a picture; its pixels are not read.
 /// @throws Error  as read_picture
 [[nodiscard]] PictureFacts read_picture_facts(const std::filesystem::path& path);
 
-/// The most memory that a picture may take from now on, bytes; 4 GiB until then. For main,
-/// which knows --memory.
+/// Sets the most memory that a picture may take, bytes; 4 GiB by default. For main, which knows
+/// --memory.
 void limit_picture_memory(std::uint64_t bytes) noexcept;
 
 /// Reads a picture as linear light of Rec. 709 primaries: by the colour profile that the file
-/// carries (ICC; PNG's gAMA and cHRM; EXIF's mark of Adobe RGB; OpenEXR's chromaticities);
-/// without one integers are decoded as sRGB and floats taken as they are.
+/// carries (ICC; PNG's gAMA and cHRM; EXIF's Adobe RGB flag; OpenEXR's chromaticities); without
+/// one, integers are decoded as sRGB and floats are taken as they are.
 /// @throws Error  as read_picture; also names the first pixel that is NaN or infinite.
 [[nodiscard]] Image<float> read_linear_image(const std::filesystem::path& path);
 
@@ -68,37 +68,37 @@ void limit_picture_memory(std::uint64_t bytes) noexcept;
 /// @param path  for errors
 [[nodiscard]] Image<float> linear_light(PictureFile picture, const std::filesystem::path& path);
 
-/// Refuses a name that write_image could not write, before the work is done.
-/// @throws Error(usage)  naming the endings
+/// Refuses a name that write_image could not write, before any work is done.
+/// @throws Error(usage)  listing the extensions
 void require_picture_name(const std::filesystem::path& path);
 
-/// A text by which a picture says what it is.
+/// A text field that describes a picture.
 struct PictureNote {
   std::string name;  ///< letters only: PNG's keyword, OpenEXR's attribute
-  std::string text;  ///< Latin-1 where PNG is to show it
+  std::string text;  ///< Latin-1 if PNG is to show it
 };
 
-/// What a written picture says of itself: texts, and the facts of the photographs behind it.
+/// Metadata of a written picture: texts, and the facts of the photographs it was made from.
 struct PictureNotes {
   std::vector<PictureNote> texts;
   PictureFacts facts;
 };
 
-/// The notes of an OpenEXR file, in the order of their names; its pixels are not read. Empty of
-/// other formats.
+/// The notes of an OpenEXR file, in the order of their names; its pixels are not read. Empty
+/// for other formats.
 /// @throws Error  as read_picture
 [[nodiscard]] std::vector<PictureNote> read_picture_notes(const std::filesystem::path& path);
 
-/// Writes by the name's ending: `.exr` linear 32-bit float; `.png` sRGB 8 bit, values times
-/// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears whole or not at
+/// Writes by file extension: `.exr` linear 32-bit float; `.png` sRGB 8 bit, values times
+/// `exposure` clipped to 0..1; `.tif` linear 32-bit float. The file appears complete or not at
 /// all.
 /// @param image  1 or 3 channels
 /// @param notes  texts: PNG's tEXt chunks, OpenEXR's string attributes; after them come
-///               haarlightProgram and haarlightExposure (1 but for PNG). Facts: PNG's eXIf
+///               haarlightProgram and haarlightExposure (1 except for PNG). Facts: PNG's eXIf
 ///               chunk, OpenEXR's standard attributes (expTime, aperture, isoSpeed, capDate,
-///               cameraModel). TIFF has no place for either. No dates of ours: the same
+///               cameraModel). TIFF has no field for either. No dates are added: the same
 ///               picture gives the same bytes.
-/// @throws Error  unknown ending, unwritable folder, full disk
+/// @throws Error  unknown extension, unwritable folder, full disk
 void write_image(const std::filesystem::path& path, ImageView<const float> image,
                  double exposure = 1.0, const PictureNotes& notes = {});
 

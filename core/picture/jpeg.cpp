@@ -17,8 +17,8 @@ namespace haarlight {
 
 namespace {
 
-/// A block of 64 pixels takes at least a bit; a fill of ones and a table of one code come near
-/// that. A picture larger than its bytes can hold is damaged or a trap.
+/// A block of 64 pixels takes at least one bit; a fill of ones and a one-code table come near
+/// that. A picture larger than its bytes can hold is damaged or malicious.
 constexpr std::uint64_t kMostPixelsPerByte = 512;
 constexpr int kLongestSide = 65500;  // libjpeg's JPEG_MAX_DIMENSION
 constexpr int kMostScans = 100;
@@ -35,7 +35,7 @@ struct JumpError {
   std::longjmp(error->jump, 1);
 }
 
-/// A warning is damage: the rows behind it are made up.
+/// A warning means damage: the rows after it are invented.
 void leave_at_warning(j_common_ptr info, int level) {
   if (level < 0) {
     leave(info);
@@ -53,7 +53,7 @@ jpeg_error_mgr* set_up(JumpError& error) {
   return manager;
 }
 
-/// Runs calls of libjpeg. They hold plain data only: an error jumps out of them.
+/// Runs calls of libjpeg. They hold plain data only, since errors leave them by longjmp.
 template <class Call>
 bool is_done(JumpError& error, const Call& call) {
   if (setjmp(error.jump) != 0) {  // NOLINT(cert-err52-cpp): libjpeg knows no other way
@@ -112,7 +112,7 @@ class Encoder {
         part.h_samp_factor = 1;
         part.v_samp_factor = 1;
         part.quant_tbl_no = i;
-        // Two tables of codes are what every decoder has.
+        // Every decoder supports two code tables.
         part.dc_tbl_no = i == 0 ? 0 : 1;
         part.ac_tbl_no = i == 0 ? 0 : 1;
       }

@@ -82,10 +82,11 @@ void decode_jpeg(std::string_view source, int channels, const std::string& where
 /// Fills one row: width * channels samples.
 using GiveRow = std::function<void(int y, std::span<std::uint8_t> samples)>;
 
-/// How a picture of three channels is coded whose values are not colours for the eye: one
-/// rounding step for all frequencies, the least squared error that JPEG offers for its bytes.
+/// How to code a three-channel picture whose values are not perceptual colours: one
+/// quantisation step for all frequencies, the least squared error that JPEG offers for its
+/// bytes.
 struct JpegSteps {
-  bool is_ycc = false;               ///< Y, Cb, Cr are coded instead of R, G, B as they are
+  bool is_ycc = false;               ///< code Y, Cb, Cr instead of R, G, B directly
   std::array<int, 3> step{1, 1, 1};  ///< of each of the three, 1 to 255
 };
 
@@ -101,7 +102,7 @@ struct JpegQuality {
   bool has_own_tables = true;
 };
 
-/// @throws Error  beyond JPEG's 65500 pixels a side, or libjpeg refused
+/// @throws Error  beyond JPEG's 65500 pixels per side, or libjpeg refused
 [[nodiscard]] std::string encode_jpeg(JpegShape shape, const JpegQuality& quality,
                                       const std::string& where, const GiveRow& give);
 

@@ -11,11 +11,11 @@ namespace haarlight {
 
 namespace {
 
-// Deflate (PNG, EXR, TIFF) gives 1032 bytes a byte at most, LZW some 1400, JPEG 512 pixels. DWA
-// codes runs of runs: a picture of one grey may be ten times smaller.
+// Deflate (PNG, EXR, TIFF) gives at most 1032 bytes per byte, LZW about 1400, JPEG 512 pixels.
+// DWA codes runs of runs: a uniform picture may be ten times smaller.
 constexpr std::uint64_t kMostOfDwa = 20000;
 
-/// Reads numbers from anywhere in a file; behind its end everything is 0.
+/// Reads numbers from anywhere in a file; past its end everything is 0.
 class Bytes {
  public:
   explicit Bytes(std::span<const std::byte> bytes) : bytes_(bytes) {}
@@ -51,7 +51,7 @@ class Bytes {
 
 PictureClaim claim_of(std::uint64_t width, std::uint64_t height, std::uint64_t pixel_bytes) {
   // Sides are below 2^33 in every format here, so 2^33 * 2^20 * 1024 channels do not overflow
-  // once a side is cut at 2^20, which is refused anyway.
+  // once a side is clamped to 2^20, which is refused anyway.
   constexpr std::uint64_t kSide = std::uint64_t{1} << 20U;
   return {width, height, std::min(width, kSide) * std::min(height, kSide) * pixel_bytes};
 }
@@ -84,8 +84,8 @@ PictureClaim png_claim(const Bytes& bytes) {
                   kChannels[type] * (bytes.at(24) > 8 ? 2 : 1));
 }
 
-/// Does an attribute's value fill its size? OpenEXR reads these types by their own form,
-/// whatever the size says, so that a wrong size would show it another header than us.
+/// Does an attribute's value fill its size? OpenEXR parses these types by their own layout,
+/// whatever the size says, so a wrong size would make it see a different header than we do.
 bool fills_its_size(const Bytes& bytes, std::string_view type, std::size_t value,
                     std::uint64_t size) {
   constexpr std::array<std::pair<std::string_view, std::uint64_t>, 23> kSizes{
@@ -140,7 +140,7 @@ bool fills_its_size(const Bytes& bytes, std::string_view type, std::size_t value
   return true;
 }
 
-/// Of all parts of the file the largest.
+/// The largest of all parts of the file.
 PictureClaim exr_claim(const Bytes& bytes) {
   const bool has_parts = (bytes.little(4, 4) & 0x1000U) != 0;
   PictureClaim largest;
@@ -160,7 +160,7 @@ PictureClaim exr_claim(const Bytes& bytes) {
       const std::size_t value = i + name->size() + type->size() + 6;
       const std::uint64_t size = bytes.little(value - 4, 4);
       if (value + size > bytes.size() || !fills_its_size(bytes, *type, value, size)) {
-        return {.is_cut = true};  // OpenEXR would take memory for the value first
+        return {.is_cut = true};  // OpenEXR would allocate memory for the value first
       }
       if (*name == "dataWindow") {
         const auto side = [&](std::size_t from) {
@@ -189,7 +189,7 @@ PictureClaim exr_claim(const Bytes& bytes) {
       }
       i = value + size;
     }
-    ++i;  // behind this part's attributes
+    ++i;  // past this part's attributes
     pixel_bytes = std::clamp<std::uint64_t>(pixel_bytes, 1, 4096);
     constexpr std::array<std::uint64_t, 10> kRows{1, 1, 1, 16, 32, 16, 32, 32, 32, 256};
     const std::uint64_t rows = tile_pixels > 0 || compression >= kRows.size()
@@ -209,7 +209,7 @@ PictureClaim exr_claim(const Bytes& bytes) {
   return largest;
 }
 
-/// "-Y 512 +X 1024" behind the first empty line.
+/// "-Y 512 +X 1024" after the first empty line.
 PictureClaim hdr_claim(std::span<const std::byte> bytes) {
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   const std::size_t head = text.find("\n\n");

@@ -7,26 +7,25 @@
 #include <string_view>
 
 /// @file
-/// What a picture file says of its own size, read from its header before a decoder sees it:
-/// decoders take memory for what a header claims.
+/// What a picture file claims as its size, read from its header before a decoder sees it:
+/// decoders allocate memory for whatever a header claims.
 
 namespace haarlight {
 
 struct PictureClaim {
-  std::uint64_t width = 0;  ///< 0: the header does not say so where we look
+  std::uint64_t width = 0;  ///< 0: not found in the header
   std::uint64_t height = 0;
-  /// Bytes of the pixels before compression; of the largest piece a decoder works on, where
+  /// Bytes of the pixels before compression; or of the largest piece a decoder works on, where
   /// that is more.
   std::uint64_t raw_bytes = 0;
-  /// The most bytes that a byte of the file can stand for.
+  /// The most bytes that one byte of the file can decode to.
   std::uint64_t most_per_byte = 2000;
-  bool is_cut = false;  ///< the file ends within its header, or that is damaged (OpenEXR)
+  bool is_cut = false;  ///< the file ends within its header, or the header is damaged (OpenEXR)
 };
 
-/// @param format  "jpeg", "png", "openexr", "hdr" or "targa"; of others nothing is known, nor
-/// of
-///                TIFF and raw files, whose headers libtiff and libraw read without taking
-///                memory
+/// @param format  "jpeg", "png", "openexr", "hdr" or "targa"; nothing is known of others, nor
+///                of TIFF and raw files, whose headers libtiff and libraw read without
+///                allocating memory
 [[nodiscard]] PictureClaim picture_claim(std::string_view format,
                                          std::span<const std::byte> bytes);
 

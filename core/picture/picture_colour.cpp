@@ -46,7 +46,7 @@ Curve srgb_curve() {
   return Curve(cmsBuildParametricToneCurve(nullptr, 4, parameters.data()));
 }
 
-/// Null where the chromaticities span no colours.
+/// Null where the chromaticities are degenerate.
 Profile rgb_profile(const Chromaticities& c, cmsToneCurve* curve) {
   const cmsCIExyY white{c[6], c[7], 1.0};
   const cmsCIExyYTRIPLE primaries{{c[0], c[1], 1.0}, {c[2], c[3], 1.0}, {c[4], c[5], 1.0}};
@@ -98,7 +98,7 @@ class CurveTable {
   std::vector<std::uint16_t> table_;
 };
 
-/// A curve a channel, then a matrix: what cameras and displays write.
+/// One curve per channel, then a matrix: the form of camera and display profiles.
 class MatrixConversion final : public ColourConversion {
  public:
   MatrixConversion(std::vector<CurveTable> curves, const Eigen::Matrix3d& matrix)
@@ -106,7 +106,7 @@ class MatrixConversion final : public ColourConversion {
 
   void to_linear(std::span<float> pixels, int channels) const override {
     if (channels == 1) {
-      // Grey through a profile of three colours is white's share of each.
+      // Grey through a three-colour profile is white's fraction of each.
       for (float& value : pixels) {
         const Eigen::Vector3f rgb = linear(value, value, value);
         value = curves_.size() == 1 ? rgb.x() : luminance(rgb);
@@ -124,7 +124,7 @@ class MatrixConversion final : public ColourConversion {
     return rgb.dot(Eigen::Vector3f(0.2126F, 0.7152F, 0.0722F));  // ITU-R BT.709
   }
   [[nodiscard]] Eigen::Vector3f linear(float r, float g, float b) const {
-    const std::size_t last = curves_.size() - 1;  // of a grey profile the first
+    const std::size_t last = curves_.size() - 1;  // the first in a grey profile
     return matrix_ * Eigen::Vector3f(curves_[0](r), curves_[std::min<std::size_t>(1, last)](g),
                                      curves_[last](b));
   }
@@ -133,7 +133,7 @@ class MatrixConversion final : public ColourConversion {
   Eigen::Matrix3f matrix_;
 };
 
-/// A table of colours, as scanners' and printers' profiles have it: by lcms2, in floats.
+/// A lookup table of colours, as in scanner and printer profiles: by lcms2, in floats.
 class TableConversion final : public ColourConversion {
  public:
   TableConversion(void* transform, int channels) : transform_(transform), channels_(channels) {}
@@ -170,7 +170,7 @@ std::shared_ptr<const ColourConversion> table_conversion(cmsHPROFILE profile, bo
                               : std::make_shared<TableConversion>(transform, is_grey ? 1 : 3);
 }
 
-/// Null where the profile does not hold what its kind must.
+/// Null where the profile lacks what its type requires.
 std::shared_ptr<const ColourConversion> conversion_of(cmsHPROFILE profile) {
   const bool is_grey = cmsGetColorSpace(profile) == cmsSigGrayData;
   if (cmsIsTag(profile, cmsSigAToB0Tag) != 0 || cmsGetPCS(profile) != cmsSigXYZData) {
@@ -200,7 +200,7 @@ std::shared_ptr<const ColourConversion> conversion_of(cmsHPROFILE profile) {
   return std::make_shared<MatrixConversion>(std::move(curves), to->inverse() * *from);
 }
 
-/// All greys of 8 bits, and six steps of each colour.
+/// All 8-bit greys, and six steps of each colour.
 std::vector<float> probes() {
   std::vector<float> result;
   for (int code = 0; code < 256; ++code) {
@@ -215,7 +215,8 @@ std::vector<float> probes() {
   return result;
 }
 
-/// sRGB or linear light, where the conversion is one of these to half an 8-bit code of sRGB.
+/// sRGB or linear light, where the conversion agrees with one of these to half an 8-bit sRGB
+/// code.
 std::optional<Transfer> known_as(const ColourConversion& conversion, int channels) {
   const std::vector<float> codes = probes();
   std::vector<float> light = codes;
@@ -258,14 +259,14 @@ PictureColours colours_by(const PictureSource& source, const PictureContent& con
     refuse_picture(source, fmt::format("its colour profile \"{}\" is damaged", name), kCure);
   }
   const std::optional<Transfer> known = known_as(*conversion, channels);
-  // Floats with an sRGB profile are codes all the same: a transfer of srgb is for integers.
+  // Floats with an sRGB profile are still sRGB codes: a transfer of srgb is for integers.
   if (known && (*known == Transfer::linear || !content.is_floating)) {
     return {.transfer = *known};
   }
   return {.conversion = conversion, .name = name};
 }
 
-/// Of numbers of a file alone.
+/// From the numbers in the file alone.
 PictureColours colours_by(const PictureSource& source, const PictureContent& content,
                           const Chromaticities& primaries, const Curve& curve,
                           const std::string& name) {
@@ -282,7 +283,7 @@ Profile open_profile(const PictureSource& source, const std::vector<std::byte>& 
   if (profile == nullptr || icc.size() < kHeaderBytes) {
     refuse_picture(source, "its colour profile is damaged", kCure);
   }
-  // Of the header itself: lcms2 hands its words over as an enumeration, whatever they are.
+  // From the header itself: lcms2 returns its words as an enumeration, whatever their values.
   const auto word_at = [&icc](std::size_t at) {
     return std::string_view(reinterpret_cast<const char*>(icc.data()) + at, 4);
   };
@@ -307,7 +308,7 @@ PictureColours colours_by_png(const PictureSource& source, const PictureContent&
     if (*tags.gamma < kLeast || *tags.gamma > 1.0 / kLeast) {
       refuse_picture(source, fmt::format("its gAMA chunk says {}", *tags.gamma), kCure);
     }
-    // Encoders write 1/2.2 for sRGB's curve. The same 5 % as libpng's own test of sameness.
+    // Encoders write 1/2.2 for sRGB's curve. The same 5 % as libpng's own equality test.
     constexpr double kUsual = 2.2;
     if (std::abs(*tags.gamma * kUsual - 1.0) > 0.05) {
       curve = gamma_curve(std::abs(*tags.gamma - 1.0) < 0.005 ? 1.0 : 1.0 / *tags.gamma);
@@ -368,7 +369,7 @@ std::vector<std::byte> linear_profile(int channels) {
   if (cmsSaveProfileToMem(profile.get(), bytes.data(), &size) == 0) {
     refuse_encoding("no colour profile could be made");
   }
-  // The header's time of making (ICC.1, 7.2.1): the same picture gives the same bytes.
+  // The header's creation time (ICC.1, 7.2.1): the same picture gives the same bytes.
   constexpr std::array<unsigned char, 12> kFirstOf2000{0x07, 0xd0, 0, 1, 0, 1};
   std::memcpy(&bytes.at(24), kFirstOf2000.data(), kFirstOf2000.size());
   return bytes;

@@ -11,7 +11,7 @@
 
 /// @file
 /// From the numbers of a picture file to linear light of Rec. 709 primaries, where the file
-/// says that they are not sRGB's.
+/// says that they are not sRGB.
 
 namespace haarlight {
 
@@ -23,20 +23,20 @@ class ColourConversion {
   ColourConversion& operator=(const ColourConversion&) = delete;
   virtual ~ColourConversion() = default;
 
-  /// In place; colours outside of Rec. 709's triangle come out with negative parts.
+  /// In place; colours outside Rec. 709's triangle get negative components.
   /// @param pixels  one pixel after another, `channels` (1 or 3) numbers each
   virtual void to_linear(std::span<float> pixels, int channels) const = 0;
 };
 
 struct PictureColours {
-  Transfer transfer = Transfer::srgb;  ///< what holds where there is no conversion
+  Transfer transfer = Transfer::srgb;  ///< what applies where there is no conversion
   std::shared_ptr<const ColourConversion> conversion;
   std::string name;
 };
 
-/// A profile that comes within half an 8-bit code of sRGB, or of linear light, everywhere is
-/// that: its picture gets the same values as one without a profile.
-/// @throws Error  the profile is damaged, of inks (CMYK), or a grey one in a colour picture
+/// A profile that is everywhere within half an 8-bit code of sRGB, or of linear light, is
+/// treated as such: its picture gets the same values as one without a profile.
+/// @throws Error  the profile is damaged, for inks (CMYK), or a grey one in a colour picture
 [[nodiscard]] PictureColours colours_of(const PictureSource& source,
                                         const PictureContent& content);
 

@@ -30,7 +30,7 @@ namespace haarlight {
 
 namespace {
 
-/// A file in memory, to read.
+/// A file in memory, for reading.
 class MemoryInput final : public Imf::IStream {
  public:
   explicit MemoryInput(std::span<const std::byte> bytes) : IStream("picture"), bytes_(bytes) {}
@@ -70,7 +70,7 @@ class MemoryOutput final : public Imf::OStream {
   std::uint64_t at_ = 0;
 };
 
-/// A channel's name and where it stands among those of its layer.
+/// A channel's name and its rank among those of its layer.
 struct ChannelPlace {
   std::string layer;  ///< "left" of "left.R"
   std::size_t place = 0;
@@ -86,8 +86,8 @@ std::string lower(std::string_view text) {
   return result;
 }
 
-/// Red, green, blue before luminance; coordinates in their order; alpha and depth, which are no
-/// colours, behind kColours.
+/// Red, green, blue before luminance; coordinates in their order; alpha and depth, which are
+/// not colours, from kColours on.
 constexpr std::size_t kColours = 100;
 std::size_t place_of(std::string_view suffix, bool is_coordinates) {
   constexpr std::array<std::string_view, 9> kNames{"r",    "red", "g", "green", "b",
@@ -104,7 +104,7 @@ std::size_t place_of(std::string_view suffix, bool is_coordinates) {
                                 : kColours + static_cast<std::size_t>(other - kOthers.begin());
 }
 
-/// The channels in the order in which they are wanted.
+/// The channels in order of preference.
 std::vector<ChannelPlace> places_of(const PictureSource& source,
                                     const Imf::ChannelList& channels) {
   std::vector<ChannelPlace> places;
@@ -135,7 +135,7 @@ std::vector<ChannelPlace> places_of(const PictureSource& source,
   return places;
 }
 
-/// Of the first layer three colours, or one.
+/// Three colours of the first layer, or one.
 std::vector<ChannelPlace> wanted_of(std::vector<ChannelPlace> places) {
   std::size_t n_colours = 0;
   while (n_colours < places.size() && places[n_colours].layer == places[0].layer &&
@@ -244,7 +244,7 @@ void add_facts(const PictureFacts& facts, Imf::Header& header) {
 PictureContent read_exr(const PictureSource& source, PictureWish wish) {
   try {
     MemoryInput stream(source.bytes);
-    constexpr int kOwnThread = 0;  // callers share pictures out among threads
+    constexpr int kOwnThread = 0;  // callers distribute pictures over threads
     Imf::MultiPartInputFile file(stream, kOwnThread, false);
     const Imf::Header& header = file.header(0);
     const std::vector<ChannelPlace> places = places_of(source, header.channels());
@@ -304,7 +304,7 @@ std::vector<std::byte> exr_bytes(ImageView<const float> image, const PictureNote
     for (int c = 0; c < image.channels(); ++c) {
       const std::string name(1, image.channels() == 3 ? "RGB"[c] : 'Y');
       header.channels().insert(name, Imf::Channel(Imf::FLOAT));
-      // OpenEXR takes what it only reads by a pointer to what it might change.
+      // OpenEXR takes a non-const pointer to what it only reads.
       auto* data = reinterpret_cast<char*>(const_cast<float*>(image.data() + c));
       frame.insert(name,
                    Imf::Slice(Imf::FLOAT, data,

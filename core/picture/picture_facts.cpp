@@ -15,8 +15,8 @@ namespace {
 /// numerator / denominator, both as EXIF stores them.
 using Ratio = std::array<std::uint32_t, 2>;
 
-/// The last convergent of the number's continued fraction that EXIF's 32 bits hold and whose
-/// denominator is at most 10^6: 1/125 s stays that.
+/// The last convergent of the number's continued fraction that fits EXIF's 32 bits with a
+/// denominator of at most 10^6: 1/125 s stays exact.
 std::optional<Ratio> ratio_of(std::optional<double> number) {
   constexpr double kMostDenominator = 1e6;
   constexpr auto kMost = static_cast<double>(std::numeric_limits<std::uint32_t>::max());
@@ -60,7 +60,7 @@ class ExifWriter {
       bytes_.push_back(static_cast<std::byte>(c));
     }
     bytes_.push_back(std::byte{0});
-    if (bytes_.size() % 2 != 0) {  // values start on even places
+    if (bytes_.size() % 2 != 0) {  // values start at even offsets
       bytes_.push_back(std::byte{0});
     }
   }
@@ -85,7 +85,7 @@ constexpr std::uint32_t kLong = 4;
 constexpr std::uint32_t kRational = 5;
 constexpr std::uint32_t kUndefined = 7;
 
-/// Values of up to four bytes stand in their entry.
+/// Values of up to four bytes are stored in the entry itself.
 bool is_inline(const ExifEntry& entry) {
   return entry.type != kRational && (entry.type != kAscii || entry.text.size() < 4);
 }
@@ -211,7 +211,7 @@ std::vector<std::byte> exif_block(const PictureFacts& facts) {
   if (!has_facts(facts)) {
     return {};
   }
-  // Entries stand in the order of their tags.
+  // Entries are sorted by tag.
   std::vector<ExifEntry> detail;
   if (const std::optional<Ratio> time = ratio_of(facts.exposure_s)) {
     detail.push_back({.tag = 0x829a, .type = kRational, .text = {}, .ratio = *time});

@@ -14,38 +14,38 @@
 
 /// @file
 /// Between image_io.cpp and the readers and writers of single formats, one file each; all
-/// others use core/picture/image_io.h. A reader may believe nothing that a file says: it asks
-/// for room before it takes memory, and leaves by an Error alone.
+/// others use core/picture/image_io.h. A reader must trust nothing that a file says: it calls
+/// require_room before it allocates memory, and fails only with an Error.
 
 namespace haarlight {
 
-/// A picture file as its reader gets it.
+/// A picture file as passed to its reader.
 struct PictureSource {
   const std::filesystem::path& path;
   std::span<const std::byte> bytes;
-  std::uint64_t most_per_byte = 2000;  ///< the most bytes that a byte of the file can stand for
+  std::uint64_t most_per_byte = 2000;  ///< the most bytes one byte of the file can decode to
 };
 
-/// What a reader brings.
+/// What a reader returns.
 struct PictureContent {
-  Image<float> pixels;       ///< 1 or 3 channels, as PictureFile; empty where not asked for
-  int bits_per_sample = 32;  ///< 8 or 16, or 16/32 floating; 32 (integers) of some files
+  Image<float> pixels;       ///< 1 or 3 channels, as PictureFile; empty if not requested
+  int bits_per_sample = 32;  ///< 8 or 16, or 16/32 floating; 32 (integers) in some files
   bool is_floating = true;
   bool is_linear = true;  ///< the file says that its integers are linear light
   PictureTags tags;
-  std::vector<PictureNote> notes;  ///< of an OpenEXR file
+  std::vector<PictureNote> notes;  ///< from an OpenEXR file
 };
 
 enum class PictureWish { header, pixels };
 
-/// @throws Error  "cannot be decoded: WHY", the cure being a good copy
+/// @throws Error  "cannot be decoded: WHY", with a good copy as the hint
 [[noreturn]] void refuse_damaged(const PictureSource& source, const std::string& why);
 [[noreturn]] void refuse_picture(const PictureSource& source, const std::string& what,
                                  const std::string& cure);
 
-/// Asks for the memory of a picture before it is taken.
+/// Checks a picture's memory against the limits before it is allocated.
 /// @param channels   that will be kept
-/// @param raw_bytes  of all samples that the decoder makes of the file
+/// @param raw_bytes  of all samples that the decoder produces from the file
 /// @throws Error  sides, a size that the file's bytes cannot hold, more than the limit
 void require_room(const PictureSource& source, std::uint64_t width, std::uint64_t height,
                   std::uint64_t channels, std::uint64_t raw_bytes);
@@ -65,11 +65,10 @@ template <class T>
 [[nodiscard]] PictureContent read_exr(const PictureSource& source, PictureWish wish);
 [[nodiscard]] PictureContent read_hdr(const PictureSource& source, PictureWish wish);
 [[nodiscard]] PictureContent read_tga(const PictureSource& source, PictureWish wish);
-/// Of a camera's sensor: linear light of Rec. 709 primaries by the camera's matrix, white at
+/// A camera's sensor data: linear light of Rec. 709 primaries by the camera's matrix, white at
 /// daylight (D65), 1.0 where the sensor saturated.
 [[nodiscard]] PictureContent read_raw(const PictureSource& source, PictureWish wish);
-/// By the first bytes; of files that are TIFFs too those that say that they hold a sensor's
-/// values.
+/// By the first bytes; TIFF files count if they declare sensor values.
 [[nodiscard]] bool is_raw(std::span<const std::byte> bytes);
 
 /// The writers: linear light as it is (EXR, TIFF), sRGB codes (PNG). `image` has 1 or 3

@@ -13,7 +13,7 @@
 
 /// @file
 /// Radiance's RGBE pictures. Source: G. Ward, "Real pixels", Graphics Gems II (1991) 80-83; the
-/// later run-length code by rows as Radiance's documentation of picture files has it.
+/// later row-wise run-length code as in Radiance's documentation of picture files.
 
 namespace haarlight {
 
@@ -21,7 +21,7 @@ namespace {
 
 using Rgbe = std::array<std::uint8_t, 4>;
 
-/// Walks over the file; at its end it refuses.
+/// Walks over the file; refuses to read past its end.
 class HdrBytes {
  public:
   explicit HdrBytes(const PictureSource& source) : source_(source) {}
@@ -115,8 +115,8 @@ HdrSize read_header(const PictureSource& source, HdrBytes& bytes) {
   return *size;
 }
 
-/// A row whose four bytes are run-length coded one after another; its four bytes of head are
-/// read already.
+/// A row whose four components are run-length coded one after another; its four-byte header has
+/// been read already.
 void read_coded_row(const PictureSource& source, HdrBytes& bytes, std::span<Rgbe> row) {
   for (std::size_t c = 0; c < 4; ++c) {
     std::size_t x = 0;
@@ -136,8 +136,8 @@ void read_coded_row(const PictureSource& source, HdrBytes& bytes, std::span<Rgbe
   }
 }
 
-/// A row of whole pixels; (1, 1, 1, n) repeats the pixel before it n times, further such ones
-/// n * 256 times and so on.
+/// A row of whole pixels; (1, 1, 1, n) repeats the pixel before it n times, further ones 256 n
+/// times, and so on.
 void read_plain_row(const PictureSource& source, HdrBytes& bytes, Rgbe pixel,
                     std::span<Rgbe> row) {
   unsigned shift = 0;
@@ -197,7 +197,7 @@ PictureContent read_hdr(const PictureSource& source, PictureWish wish) {
     read_row(source, bytes, row);
     for (int x = 0; x < size.n_columns; ++x) {
       const Rgbe& pixel = row[static_cast<std::size_t>(x)];
-      // Without Ward's half a step: 128 is to give 0.5 exactly.
+      // Without Ward's half-step offset: 128 is to give 0.5 exactly.
       const float scale = pixel[3] == 0 ? 0.0F : std::ldexp(1.0F, int{pixel[3]} - (128 + 8));
       for (int c = 0; c < 3; ++c) {
         pixels(y, x, c) = scale * static_cast<float>(pixel[static_cast<std::size_t>(c)]);

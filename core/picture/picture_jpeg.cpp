@@ -30,7 +30,7 @@ PictureContent decode(const PictureSource& source, PictureWish wish) {
   const auto width = static_cast<std::uint64_t>(decoder.width());
   const auto height = static_cast<std::uint64_t>(decoder.height());
   const std::uint64_t samples = width * height * static_cast<std::uint64_t>(channels);
-  // A picture of many scans is held as 16-bit coefficients.
+  // A multi-scan picture is held as 16-bit coefficients.
   const std::uint64_t raw_bytes = decoder.has_multiple_scans() ? 3 * samples : samples;
   require_room(source, width, height, static_cast<std::uint64_t>(channels), raw_bytes);
   decoder.start(channels);

@@ -16,8 +16,8 @@ namespace haarlight {
 
 namespace {
 
-/// What libpng last complained of; libpng leaves its calls by longjmp, past everything, so that
-/// no C++ object may live between guard and jump.
+/// libpng's last error message; libpng leaves its calls by longjmp, skipping destructors, so no
+/// C++ object may live between setjmp and longjmp.
 struct Complaint {
   char text[200] = {};
 };
@@ -81,7 +81,7 @@ class PngLines {
       refuse();
     }
     png_set_read_fn(png_, this, take);
-    // Read by picture_tags.h.
+    // picture_tags.h reads these.
     png_set_keep_unknown_chunks(png_, PNG_HANDLE_CHUNK_NEVER, kNotOurs, kNotOursCount);
     png_read_info(png_, info_);
     png_set_expand(png_);
@@ -150,11 +150,11 @@ PictureContent read_png(const PictureSource& source, PictureWish wish) {
 
 namespace {
 
-/// What a written PNG is for.
+/// How a PNG is to be written.
 struct PngStyle {
   int level = 6;  ///< zlib's own choice between time and size
   int filters = PNG_NO_FILTERS;
-  bool is_srgb = true;  ///< else nothing is said of colours
+  bool is_srgb = true;  ///< else no colour information
   std::span<std::byte> exif = {};
 };
 
@@ -223,7 +223,7 @@ std::vector<std::byte> write_png(ImageView<const std::uint8_t> image, std::span<
 
 std::vector<std::byte> png_bytes(ImageView<const std::uint8_t> image,
                                  const PictureNotes& notes) {
-  // libpng reads what it is given by pointers to what it might change.
+  // libpng takes non-const pointers to what it only reads.
   std::vector<PictureNote> own = notes.texts;
   std::vector<png_text> texts;
   texts.reserve(own.size());
@@ -245,7 +245,7 @@ std::string encode_png(int height, int width, const GiveTileRow& give) {
   for (int y = 0; y < height; ++y) {
     give(y, samples.row(y));
   }
-  // Noise packs no better at 6, which takes three times as long.
+  // Noise compresses no better at 6, which takes three times as long.
   const std::vector<std::byte> bytes = write_png(
       samples, {}, {.level = 3, .filters = PNG_FILTER_PAETH, .is_srgb = false, .exif = {}});
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};

@@ -42,7 +42,7 @@ PictureFacts facts_of(const libraw_data_t& data) {
   return facts;
 }
 
-/// The same for every picture of a camera, so that pictures of a set stay comparable.
+/// The same for every picture of a camera, so that the pictures of a set stay comparable.
 void set_fixed_development(libraw_output_params_t& params) {
   params.use_camera_wb = 0;  // daylight, from the camera's matrix
   params.use_auto_wb = 0;
@@ -59,7 +59,7 @@ void set_fixed_development(libraw_output_params_t& params) {
 
 constexpr unsigned kWhite = 65535;
 
-/// A pixel of which the sensor saturated any colour is white: clipped, whatever it was.
+/// A pixel with any saturated colour is white: clipped, whatever it was.
 void develop_pixel(const libraw_data_t& data, const std::uint16_t* cam, std::span<float> out) {
   const int n_colours = data.idata.colors;
   if (std::find(cam, cam + n_colours, kWhite) != cam + n_colours) {
@@ -108,7 +108,7 @@ PictureContent read_raw(const PictureSource& source, PictureWish wish) {
     refuse_damaged(source, fmt::format("{} colours", data.idata.colors));
   }
   const libraw_image_sizes_t& sizes = data.sizes;
-  // The sensor's values, then four of 16 bits a pixel, and demosaicing's second copy.
+  // The sensor's values, then four 16-bit values per pixel, and demosaicing's second copy.
   require_room(source, sizes.raw_width, sizes.raw_height, static_cast<std::uint64_t>(channels),
                std::uint64_t{sizes.raw_width} * sizes.raw_height * (2 + 8 + 8));
   require(source, raw->unpack());

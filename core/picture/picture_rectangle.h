@@ -8,8 +8,8 @@
 #include "core/image.h"
 
 /// @file
-/// A rectangle of pixels that a person names in a picture as it is seen upright, and where it
-/// lies among the pixels as they are stored. Pure.
+/// A rectangle of pixels that the user names in the upright picture, and where it lies among
+/// the pixels as stored. Pure.
 
 namespace haarlight {
 
@@ -24,23 +24,23 @@ struct PixelRectangle {
 
 /// "X,Y,W,H".
 /// @param option  for errors: "--crop"
-/// @throws Error(usage)  not four whole numbers, negative, nothing wide or high
+/// @throws Error(usage)  not four whole numbers, negative, zero width or height
 [[nodiscard]] PixelRectangle parse_rectangle(const std::string& text,
                                              const std::string& option);
 
-/// Of a rectangle of the upright picture: where it lies in the stored one.
+/// Where a rectangle of the upright picture lies in the stored one.
 /// @param width, height  of the stored picture
 /// @param orientation    EXIF's 1..8: how the stored picture is turned or mirrored to be
-/// upright
+///                     upright
 /// @param option         for errors
-/// @throws Error(usage)  it leaves the picture, whose upright size is told
+/// @throws Error(usage)  it extends beyond the picture, whose upright size is given
 [[nodiscard]] PixelRectangle stored_rectangle(const PixelRectangle& upright, int width,
                                               int height, int orientation,
                                               const std::string& option);
 
-/// A rectangle means the same in pictures only that are turned alike.
-/// @param orientations  EXIF's, one a picture
-/// @throws Error  naming the first picture that is turned otherwise than the first
+/// A rectangle means the same only in pictures of the same orientation.
+/// @param orientations  EXIF's, one per picture
+/// @throws Error  naming the first picture whose orientation differs from the first one's
 void require_same_orientation(std::span<const std::filesystem::path> pictures,
                               std::span<const int> orientations);
 

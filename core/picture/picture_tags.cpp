@@ -33,7 +33,7 @@ std::uint32_t big(std::string_view bytes, std::size_t at, std::size_t n) {
   return value;
 }
 
-/// EXIF's numbers, in its byte order; behind its end everything is 0.
+/// EXIF's numbers, in its byte order; past its end everything is 0.
 class ExifBlock {
  public:
   explicit ExifBlock(std::string_view bytes)
@@ -123,7 +123,7 @@ class ExifBlock {
   bool is_big_;
 };
 
-/// Inflates at most `most` bytes; empty where the data are no good.
+/// Inflates at most `most` bytes; empty if the data are invalid.
 std::vector<std::byte> inflated(std::string_view data, std::size_t most) {
   std::vector<std::byte> out(std::min(most, 1100 * data.size() + 64));  // deflate's limit: 1032
   auto size = static_cast<uLongf>(out.size());
@@ -171,7 +171,7 @@ void take_exif(std::string_view exif, PictureTags& tags) {
   tags.colour.is_adobe_rgb = found.colour.is_adobe_rgb;
 }
 
-/// Chunks up to the pixels, and behind them those that may stand there.
+/// Chunks before the pixels, and those allowed after them.
 void take_png_chunk(std::string_view type, std::string_view data, bool is_whole,
                     PictureTags& tags) {
   constexpr double kUnit = 1e-5;

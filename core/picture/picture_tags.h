@@ -11,15 +11,16 @@
 #include "core/picture/image_io.h"
 
 /// @file
-/// What stands beside the pixels in JPEG, PNG and TIFF: EXIF, colour profiles, PNG's words on
-/// colour. Read by us, for a damaged tag must not cost the picture without a word, nor memory.
+/// The metadata next to the pixels in JPEG, PNG and TIFF: EXIF, colour profiles, PNG's colour
+/// chunks. We parse it ourselves: a damaged tag must not silently cost the picture, nor memory.
 
 namespace haarlight {
 
 /// Red, green, blue and white, x and y each.
 using Chromaticities = std::array<double, 8>;
 
-/// What a file says of its colours; nothing: it is sRGB, or linear where its values are floats.
+/// What a file says about its colours; nothing: it is sRGB, or linear where its values are
+/// floats.
 struct ColourTags {
   std::vector<std::byte> icc;  ///< profile; empty: none
   bool is_icc_damaged = false;
@@ -34,14 +35,14 @@ struct PictureTags {
   ColourTags colour;
 };
 
-/// Never throws for what the bytes hold: what cannot be read is left out.
+/// Never throws on account of the content: what cannot be read is left out.
 [[nodiscard]] PictureTags jpeg_tags(std::span<const std::byte> file);
 [[nodiscard]] PictureTags png_tags(std::span<const std::byte> file);
-/// EXIF is a TIFF file of its own kind: a whole TIFF, or what a JPEG or PNG holds.
-/// Source: CIPA DC-008 (EXIF 2.32); of a BigTIFF nothing is read.
+/// EXIF is a kind of TIFF file: a whole TIFF, or what a JPEG or PNG holds. Source: CIPA DC-008
+/// (EXIF 2.32); nothing is read from a BigTIFF.
 [[nodiscard]] PictureTags exif_tags(std::span<const std::byte> exif);
-/// Whether a TIFF is a camera's raw file: a DNG; a sensor's pattern as its first picture; or a
-/// maker's thumbnail there, with the picture below it (NEF, ARW and others).
+/// Whether a TIFF is a camera's raw file: a DNG; a sensor mosaic as its first picture; or a
+/// vendor's thumbnail there, with the picture in a sub-directory (NEF, ARW and others).
 [[nodiscard]] bool is_raw_tiff(std::span<const std::byte> file);
 
 }  // namespace haarlight

@@ -36,7 +36,7 @@ struct TgaHeader {
   [[nodiscard]] bool is_palette() const { return type % 8 == 1; }
   [[nodiscard]] bool is_grey() const { return type % 8 == 3; }
   [[nodiscard]] int channels() const { return is_grey() ? 1 : 3; }
-  /// 15-bit pixels fill 16.
+  /// 15-bit pixels occupy 16.
   [[nodiscard]] std::size_t pixel_bytes() const {
     return static_cast<std::size_t>((bits + 7) / 8);
   }
@@ -107,7 +107,7 @@ bool says_linear(std::span<const std::byte> bytes) {
   return denominator > 0.0 && std::lround(100.0 * numerator / denominator) == 100;
 }
 
-/// Walks over the pixels in the file's order; at its end it refuses.
+/// Walks over the pixels in the file's order; refuses to read past its end.
 class TgaPixels {
  public:
   TgaPixels(const PictureSource& source, const TgaHeader& header)
@@ -158,13 +158,13 @@ class TgaPixels {
       return colour(at, n);
     }
     const std::size_t entry = little(source_.bytes, at, n) - header_.map_first;
-    if (entry >= map_.size()) {  // below the first one wraps round
+    if (entry >= map_.size()) {  // an index below the first entry wraps around
       refuse_damaged(source_, "a pixel's colour is not in the palette");
     }
     return map_[entry];
   }
 
-  /// Blue first; of 2 bytes five bits each.
+  /// Blue first; two-byte pixels have five bits each.
   [[nodiscard]] Rgb colour(std::size_t at, std::size_t n) const {
     if (n == 2) {
       const std::size_t word = little(source_.bytes, at, 2);

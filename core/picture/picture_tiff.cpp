@@ -18,7 +18,7 @@ static_assert(std::endian::native == std::endian::little, "libtiff gives native 
 
 namespace {
 
-/// The file in memory that libtiff reads or writes, and its first complaint.
+/// The file in memory that libtiff reads or writes, and its first error message.
 struct Memory {
   std::span<const std::byte> input;
   std::vector<std::byte>* output = nullptr;
@@ -124,7 +124,7 @@ struct TiffForm {
     return photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE ? 1
                                                                                           : 3;
   }
-  /// Of the samples of a pixel those that come together.
+  /// Samples of a pixel that are stored together.
   [[nodiscard]] std::uint16_t packed_samples() const {
     return planar == PLANARCONFIG_SEPARATE ? std::uint16_t{1} : samples;
   }
@@ -215,7 +215,7 @@ T sample_at(const std::uint8_t* packed, std::size_t i) {
   return value;
 }
 
-/// The i-th of the numbers of `bits` bits that lie one after another, highest bit first.
+/// The i-th of consecutive `bits`-bit numbers, most significant bit first.
 unsigned bits_at(const std::uint8_t* packed, std::size_t i, unsigned bits) {
   unsigned value = 0;
   for (std::size_t bit = i * bits; bit < (i + 1) * bits; ++bit) {
@@ -258,7 +258,7 @@ float sample_of(const TiffForm& form, const std::uint8_t* packed, std::size_t i)
 }
 
 /// Some pixels of one row into the picture.
-/// @param plane  the channel, where channels are apart
+/// @param plane  the channel, where planes are separate
 void put_pixels(const TiffForm& form, const std::uint8_t* packed, ImageView<float> pixels,
                 int y, int x0, int n, int plane) {
   const std::size_t step = form.packed_samples();
@@ -322,7 +322,7 @@ void read_tiles(TIFF* tiff, const Memory& memory, const PictureSource& source,
   }
 }
 
-/// Of the samples that libtiff hands over in one piece, all of the picture's, or of a tile
+/// Bytes of the samples that libtiff delivers in one piece: the whole picture's, or a tile's
 /// where that is more.
 std::uint64_t raw_bytes_of(const PictureSource& source, TIFF* tiff, const TiffForm& form) {
   const std::uint64_t bits = std::uint64_t{form.packed_samples()} * form.bits;
@@ -357,7 +357,7 @@ PictureContent read_tiff(const PictureSource& source, PictureWish wish) {
   }
   TIFF* tiff = handle.get();
   TiffForm form = form_of(source, tiff);
-  // Before libtiff works out sizes of its own.
+  // Before libtiff computes sizes of its own.
   require_room(source, form.width, form.height, 1,
                std::min<std::uint64_t>(form.width, 1U << 20U) *
                    std::min<std::uint64_t>(form.height, 1U << 20U) * form.bits / 8);

@@ -15,7 +15,7 @@ namespace haarlight {
 using GiveTileRow = std::function<void(int y, std::span<std::uint8_t> samples)>;
 
 /// Lossless; the same samples give the same bytes. Without a colour profile or gamma: a browser
-/// asked for no conversion gives the samples back.
+/// told not to convert returns the samples unchanged.
 /// @throws Error(internal)  libpng refused
 [[nodiscard]] std::string encode_png(int height, int width, const GiveTileRow& give);
 

@@ -26,7 +26,7 @@ struct CameraModel {
   [[nodiscard]] Eigen::Vector3d centre_world() const { return world_from_cam.translation(); }
 };
 
-/// A half line from the camera, direction of length 1.
+/// A half-line from the camera, unit direction.
 struct CameraRay {
   Eigen::Vector3d origin_world;
   Eigen::Vector3d direction_world;
@@ -41,8 +41,8 @@ struct CameraRay {
 /// focal length; where the model folds back (no solution) the last iterate is used.
 [[nodiscard]] CameraRay ray_through(const CameraModel& camera, double x, double y);
 
-/// A camera at `eye` looking at `target`, with the picture's up direction as near to `up` as
-/// can be.
+/// A camera at `eye` looking at `target`, with the picture's up direction as close to `up` as
+/// possible.
 [[nodiscard]] Eigen::Isometry3d look_at(const Eigen::Vector3d& eye,
                                         const Eigen::Vector3d& target,
                                         const Eigen::Vector3d& up);

@@ -6,7 +6,7 @@
 #include "core/error.h"
 
 /// @file
-/// Where a controller is found: the `address` of a rig file's [controller].
+/// The address of a controller: the `address` of a rig file's [controller].
 
 namespace haarlight {
 

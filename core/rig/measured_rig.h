@@ -11,10 +11,10 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// What a command measured on a rig: NAME.measured.toml beside the hand-written NAME.toml.
-/// read_rig() puts both texts together, the written one first: one valid TOML file, which is
-/// what a session keeps as its rig.toml, so that the rig of a session is exactly the one it was
-/// shot with. Measured values win. Keys: docs/reference/rig-file.md.
+/// What a command measured on a rig: NAME.measured.toml next to the hand-written NAME.toml.
+/// read_rig() joins both texts, the written one first, to one valid TOML file, which is what a
+/// session keeps as its rig.toml, so that the rig of a session is exactly the one it was shot
+/// with. Measured values win. Keys: docs/reference/rig-file.md.
 
 namespace haarlight {
 
@@ -37,13 +37,13 @@ struct MeasuredLens {
 
 struct MeasuredCamera {
   std::string id;
-  std::string with;      ///< describe_camera() of that time
-  std::string identity;  ///< as the camera named itself; empty: not known
+  std::string with;      ///< describe_camera() at that time
+  std::string identity;  ///< as the camera identified itself; empty: not known
   std::optional<TimestampMeaning> timestamp;
   std::string evidence;  ///< for the timestamp, in words
   std::optional<Measured> read_us;
   std::optional<Measured> skew_us;
-  std::optional<Measured> ready_us;  ///< end of exposure to the frame in the host's hands
+  std::optional<Measured> ready_us;  ///< end of exposure to the frame's arrival at the host
   std::optional<Measured> exposure_delay_frames;
   std::optional<Measured> gain_e_per_dn;
   std::optional<Measured> read_e;
@@ -66,11 +66,11 @@ struct MeasuredPlane {
 };
 
 struct MeasuredController {
-  std::string with;      ///< describe_controller() of that time
+  std::string with;      ///< describe_controller() at that time
   std::string identity;  ///< "haarlight-sim, serial 1"
   std::optional<Measured> latch_us;
   /// The latest change of light, with 99 % confidence and this file's read_us: what captures
-  /// wait for. Nothing in files of versions that measured only the mean.
+  /// wait for. Empty in files of versions that measured only the mean.
   std::optional<Measured> latch_most_us;
   std::optional<Measured> rise_us;
   std::optional<Measured> fall_us;
@@ -78,20 +78,20 @@ struct MeasuredController {
 };
 
 struct MeasuredLights {
-  std::string with;  ///< describe_lights() of that time
+  std::string with;  ///< describe_lights() at that time
   std::vector<int> dead;
-  std::vector<int> unseen;       ///< too little of them reaches the camera to tell
+  std::vector<int> unseen;       ///< too little of their light reaches the camera
   std::vector<int> miswired;     ///< light k ...
-  std::vector<int> miswired_to;  ///< ... shines from the place of this one
+  std::vector<int> miswired_to;  ///< ... shines from the position of this one
   std::vector<double> power;     ///< of each light, 1 = the median; 0 = dead
   double power_sigma = 0.0;
-  std::int64_t n = 0;  ///< frames a light
+  std::int64_t n = 0;  ///< frames per light
 };
 
 /// A face as calibration found it.
 struct MeasuredFace {
   std::string id;
-  std::string with;  ///< describe_face() of that time
+  std::string with;  ///< describe_face() at that time
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   Eigen::Vector3d centre_sigma = Eigen::Vector3d::Zero();  ///< mm, along the world's axes
   Eigen::Vector3d u = Eigen::Vector3d::UnitX();
@@ -120,10 +120,10 @@ struct MeasuredRig {
 
 /// The TOML text. parse_measured() of it gives the same values (numbers to 9 digits).
 [[nodiscard]] std::string to_toml(const MeasuredRig& measured);
-/// @throws Error  every problem with file:line and its cure
+/// @throws Error  every problem with file:line and a hint
 [[nodiscard]] MeasuredRig parse_measured(const std::string& text, const std::string& name);
 
-/// What a file of an earlier version lacks, in words for a warning; empty: nothing.
+/// What a file of an earlier version lacks, as text for a warning; empty: nothing.
 struct MeasuredGap {
   std::string problem;
   std::string cure;
@@ -133,19 +133,19 @@ struct MeasuredGap {
 /// A rig's text in its two parts, the second empty when there is no measured one.
 struct RigText {
   std::string written;   ///< ends with a line end when something follows
-  std::string measured;  ///< begins with its marking line
+  std::string measured;  ///< begins with its marker line
 };
 [[nodiscard]] RigText split_rig_text(const std::string& text);
-/// @throws Error  `measured` has no marking line
+/// @throws Error  `measured` has no marker line
 [[nodiscard]] std::string join_rig_text(const RigText& text, const std::string& measured_name);
 
-/// The settings that a measurement holds for, in words; another text makes it stale. Addresses
-/// and device nodes are not among them: the device's identity stands for them.
+/// The settings for which a measurement holds, as text; a different text makes it stale.
+/// Addresses and device nodes are not among them: the device's identity represents them.
 [[nodiscard]] std::string describe_camera(const CameraSpec& camera);
 [[nodiscard]] std::string describe_controller(const ControllerSpec& controller);
 [[nodiscard]] std::string describe_lights(const Rig& rig);
 [[nodiscard]] std::string describe_face(const Face& face);
-/// Where a camera stands, as the rig file has it.
+/// The camera's pose, as in the rig file.
 [[nodiscard]] std::string describe_view(const CameraSpec& camera);
 
 /// Puts the measured values over the written ones and keeps them in rig.measured.
@@ -156,7 +156,7 @@ void apply_measured(MeasuredRig measured, const std::string& name, Rig& rig);
 [[nodiscard]] std::string describe_changes(const Rig& written, const Rig& merged);
 
 /// @throws Error(unavailable)  the camera that answers is not the one that was measured; no
-/// complaint where nothing was measured or the identity is not known
+///                             error where nothing was measured or the identity is not known
 void require_measured_camera(const Rig& rig, std::string_view camera_id,
                              const std::string& identity);
 

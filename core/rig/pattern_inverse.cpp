@@ -21,7 +21,7 @@ namespace {
 
 bool is_power_of_two(std::size_t n) { return n >= 1 && std::has_single_bit(n); }
 
-/// One step of the transform on two rows: sums and differences.
+/// One butterfly of the transform on two rows: sums and differences.
 void butterfly(double* a, double* b, std::size_t width) {
   for (std::size_t i = 0; i < width; ++i) {
     const double sum = a[i] + b[i];
@@ -296,8 +296,8 @@ void PatternInverse::apply_s_matrix(std::span<const double> measured, std::size_
   }
 }
 
-// Wavelets that were shot come from their shots; those that were not from g B, the plate at the
-// gain that the face's mean shot says.
+// Wavelets that were shot come from their shots; the others from g B, the clean plate at the
+// gain given by the face's mean shot.
 void PatternInverse::apply_haar(std::span<const double> measured, std::span<const double> plate,
                                 std::size_t width, std::span<double> lights) const {
   const int n = recipe_.faces.front().rows;
@@ -356,10 +356,10 @@ Eigen::MatrixXd PatternInverse::gram_inverse(std::span<const double> b) const {
   }
   const Eigen::Map<const Eigen::VectorXd> weights(b.data(), n_lights_);
   const Eigen::MatrixXd gram = rows * weights.asDiagonal() * rows.transpose();
-  return pseudo_inverse(gram, 1e-9);  // colours of an environment that are the same to 1e-9
+  return pseudo_inverse(gram, 1e-9);  // for environment colours that agree to 1e-9
 }
 
-// T_k = B_k M_b / (P B)_b, B = 1 at pixels where some block's plate is dark.
+// T_k = B_k M_b / (P B)_b, B = 1 at pixels where some block's clean plate is dark.
 void PatternInverse::apply_bins(std::span<const double> measured, std::span<const double> plate,
                                 std::size_t width, std::span<double> lights) const {
   std::vector<double> sum(shots_.size() * width, 0.0);  // P B
@@ -392,7 +392,7 @@ void PatternInverse::apply_bins(std::span<const double> measured, std::span<cons
   }
 }
 
-// T = g B + diag(B) P^T l, g = sum M / sum P B, l such that P T = M: every shot is given back
+// T = g B + diag(B) P^T l, g = sum M / sum P B, l such that P T = M: every shot is reproduced
 // exactly.
 void PatternInverse::apply_target(std::span<const double> measured,
                                   std::span<const double> plate, std::size_t width,
@@ -452,7 +452,7 @@ void PatternInverse::haar_weights(std::span<const double> w, std::span<const dou
   if (needs_plate_ && !plate.empty()) {
     for (std::size_t k = 0; k < b.size(); ++k) {
       plate_sum[k / n2] += plate[k];
-      missing[k / n2] += w[k] * plate[k];  // by Parseval all l_i b_i
+      missing[k / n2] += w[k] * plate[k];  // by Parseval the sum of all l_i b_i
     }
     for (std::size_t face = 0; face < recipe_.faces.size(); ++face) {
       lights_to_wavelets(n, std::span(b).subspan(face * n2, n2), 1);
@@ -527,7 +527,7 @@ void PatternInverse::shot_weights(std::span<const double> w, std::span<const dou
 void PatternInverse::shared_weights(std::span<const double> w, std::span<const double> plate,
                                     std::span<double> a) const {
   if (recipe_.family == PatternFamily::bins) {
-    // What one measured unit of every shot becomes, summed by shot.
+    // What one unit measured in every shot becomes, summed by shot.
     const std::vector<double> ones(shots_.size(), 1.0);
     std::vector<double> lights(count(n_lights_));
     apply_bins(ones, plate, 1, lights);

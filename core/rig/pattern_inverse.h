@@ -10,9 +10,9 @@
 #include "core/rig/patterns.h"
 
 /// @file
-/// From measured shots to single lights, for every family of patterns, and what that does to
-/// noise. Everything here is linear in the measured values, pixel by pixel; sums run in double
-/// in a fixed order. Methods, errors and cost: docs/numerics/patterns.md.
+/// Demultiplexing: from measured shots to single lights, for every family of patterns, and what
+/// that does to noise. Everything here is linear in the measured values, pixel by pixel; sums
+/// run in double in a fixed order. Methods, errors and cost: docs/numerics/patterns.md.
 
 namespace haarlight {
 
@@ -22,7 +22,7 @@ namespace haarlight {
 void walsh_hadamard(std::span<double> x, std::size_t n, std::size_t width);
 
 /// In place T = S^-1 M = 2/(order + 1) (2 S^T - J) M [Sloane79]. Sylvester orders cost
-/// log2(order + 1) additions a value, others order / 2.
+/// log2(order + 1) additions per value, others order / 2.
 /// @param x  (order, width)
 void s_matrix_inverse(int order, std::span<double> x, std::size_t width);
 
@@ -31,7 +31,7 @@ void s_matrix_inverse(int order, std::span<double> x, std::size_t width);
 void wavelets_to_lights(int n, std::span<double> x, std::size_t width);
 void lights_to_wavelets(int n, std::span<double> x, std::size_t width);
 
-/// One light of a shot and its drive in (0, 1].
+/// One light of a shot and its drive level in (0, 1].
 struct LightDrive {
   int light = 0;
   double drive = 1.0;
@@ -41,31 +41,31 @@ struct LightDrive {
 /// lights' relative powers. Thread-safe after construction.
 class PatternInverse {
  public:
-  /// @param shots  of a family with lit_lights(): those lights in that order, each family (not
-  ///               list, target) with one drive throughout; of target: at most 8 shots; of
-  ///               list: any patterns that tell the lights apart
-  /// @throws ContractViolation  shots that are not the recipe's
-  /// @throws Error              list: patterns that cannot tell the lights apart
+  /// @param shots  of a family with lit_lights(): those lights in that order, each family
+  ///               (except list, target) with one drive level throughout; target: at most 8
+  ///               shots; list: any patterns that separate the lights
+  /// @throws ContractViolation  shots that do not match the parameters
+  /// @throws Error              list: patterns that cannot separate the lights
   PatternInverse(PatternRecipe recipe, std::vector<std::vector<LightDrive>> shots,
                  int n_lights);
 
   [[nodiscard]] int n_lights() const noexcept { return n_lights_; }
   [[nodiscard]] int n_shots() const noexcept { return static_cast<int>(shots_.size()); }
-  /// True when shots hold less than the lights do, so that a clean plate must say how the
-  /// light of a shot is shared out: bins of more than one light, target, haar with some
+  /// True when the shots do not determine the lights, so that a clean plate must say how the
+  /// light of a shot is distributed: bins of more than one light, target, haar with some
   /// wavelets.
   [[nodiscard]] bool needs_plate() const noexcept { return needs_plate_; }
 
-  /// @param measured  (n_shots, width): linear signal a unit of exposure
-  /// @param plate     (n_lights, width), not negative: the clean plate times relative power;
-  ///                  a pixel of zeros is shared out evenly. Empty: evenly everywhere (haar:
+  /// @param measured  (n_shots, width): linear signal per unit of exposure
+  /// @param plate     (n_lights, width), not negative: the clean plate times relative power; a
+  ///                  pixel of zeros is distributed evenly. Empty: evenly everywhere (haar:
   ///                  missing wavelets are 0)
   /// @param lights    (n_lights, width), overwritten
   void apply(std::span<const double> measured, std::span<const double> plate, std::size_t width,
              std::span<double> lights) const;
 
-  /// What independent noise of the shots becomes: with apply() written T' = A M + ..., the
-  /// variances sum_j A_kj^2 v_j, in closed form (a sum for the S-matrix, additions alone for
+  /// How independent noise of the shots propagates: with apply() written T' = A M + ..., the
+  /// variances sum_j A_kj^2 v_j, in closed form (a sum for the S-matrix, only additions for
   /// wavelets). @param shots  (n_shots, width), not negative
   /// @param plate, lights   as in apply()
   void apply_variance(std::span<const double> shots, std::span<const double> plate,
@@ -78,7 +78,7 @@ class PatternInverse {
   void shot_weights(std::span<const double> w, std::span<const double> plate,
                     std::span<double> a) const;
 
-  /// The shots that lights of these values give: M = P T'.
+  /// The shots that these light values give: M = P T'.
   /// @param lights  (n_lights, width)   @param measured  (n_shots, width), overwritten
   void shoot(std::span<const double> lights, std::size_t width,
              std::span<double> measured) const;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// How the noise of shots spreads over the lights that are computed from them. Every family's
-/// sum_j A_kj^2 v_j has a closed form that costs no more than apply() itself.
+/// How the noise of the shots propagates to the lights computed from them. Every family's sum_j
+/// A_kj^2 v_j has a closed form that costs no more than apply() itself.
 
 #include <algorithm>
 
@@ -45,7 +45,7 @@ void PatternInverse::apply_variance(std::span<const double> shots,
       haar_variance(shots, plate, width, lights);
       return;
     case PatternFamily::bins: {
-      // One shot a light: its share of a unit, squared.
+      // One shot per light: its fraction of a unit, squared.
       const std::vector<double> ones(shots.size(), 1.0);
       apply_bins(ones, plate, width, lights);
       for (std::size_t j = 0; j < shots_.size(); ++j) {
@@ -98,8 +98,8 @@ void PatternInverse::s_matrix_variance(std::span<const double> shots, std::size_
 }
 
 // Wavelets other than the mean: each from shots of its own, spread by the squares of W. The
-// mean's shot is also the gain of what was not shot: A_k,mean = (1/size + (B_k - sum over shot
-// wavelets of W_ki b_i) / sum B) / drive.
+// mean's shot also sets the gain of what was not shot: A_k,mean = (1/size + (B_k - sum over
+// shot wavelets of W_ki b_i) / sum B) / drive.
 void PatternInverse::haar_variance(std::span<const double> shots, std::span<const double> plate,
                                    std::size_t width, std::span<double> lights) const {
   const int n = recipe_.faces.front().rows;
@@ -164,7 +164,7 @@ void PatternInverse::haar_variance(std::span<const double> shots, std::span<cons
   }
 }
 
-// At most 8 shots: what a unit of each gives to every light.
+// At most 8 shots: what one unit of each contributes to every light.
 void PatternInverse::target_variance(std::span<const double> shots,
                                      std::span<const double> plate, std::size_t width,
                                      std::span<double> lights) const {

@@ -12,22 +12,22 @@
 
 /// @file
 /// Sets of lights shown together: used to shoot, and to recover single-light pictures
-/// afterwards (core/rig/pattern_inverse.h). A pattern is a weight a light in [0, 1]; the
+/// afterwards (core/rig/pattern_inverse.h). A pattern is one weight per light in [0, 1]; the
 /// measured picture is the weighted sum of the lights' pictures. When to use which:
 /// docs/numerics/patterns.md. Pure.
 
 namespace haarlight {
 
-/// One row a shot, one column a light.
+/// One row per shot, one column per light.
 using PatternMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 enum class PatternFamily {
   list,           ///< patterns written by hand; undone by least squares
-  one_at_a_time,  ///< one shot a light
-  bins,           ///< blocks of lights; spread over the block by the clean plate
+  one_at_a_time,  ///< one shot per light
+  bins,           ///< blocks of lights; distributed over the block by the clean plate
   s_matrix,       ///< about half of all lights in every shot [Sloane79]
   haar,           ///< positive and negative lights of Haar wavelets, all of them or some
-  target,         ///< one shot (a colour) with every light at the drive an environment asks for
+  target,  ///< one shot (per colour) with every light at the drive level an environment needs
 };
 inline constexpr auto kPatternFamilyWords = std::to_array<std::string_view>(
     {"list", "one_at_a_time", "bins", "s_matrix", "haar", "target"});
@@ -35,7 +35,7 @@ inline constexpr auto kPatternFamilyWords = std::to_array<std::string_view>(
   return kPatternFamilyWords;
 }
 
-/// Lights in rows and columns, numbered row by row.
+/// Lights in rows and columns, in row-major order.
 struct FaceGrid {
   int rows = 0;
   int cols = 0;
@@ -43,7 +43,7 @@ struct FaceGrid {
   friend bool operator==(const FaceGrid&, const FaceGrid&) = default;
 };
 
-/// What a plan and a session must say for its shots to become single lights.
+/// The parameters a plan and a session must record for its shots to become single lights.
 struct PatternRecipe {
   PatternFamily family = PatternFamily::list;
   std::vector<FaceGrid> faces;  ///< in the lights' order; empty for list and target
@@ -51,17 +51,17 @@ struct PatternRecipe {
   /// For haar: which coefficients, face * n^2 + row * n + col as relight/basis/haar.h numbers
   /// them; each face's mean (index 0 of the face) is always one of them.
   std::vector<int> wavelets;
-  [[nodiscard]] int n_lights() const;  ///< of all faces; at most INT_MAX is said
+  [[nodiscard]] int n_lights() const;  ///< of all faces; clamped to INT_MAX
   friend bool operator==(const PatternRecipe&, const PatternRecipe&) = default;
 };
 
-/// The lit lights of every shot of a family but list and target, in the canonical order that
-/// core/rig/pattern_inverse.h expects: faces one after the other; bins row by row; S-matrix
-/// rows, then the light left over; for haar the mean, or the positive and the negative lights,
-/// of each wavelet of the list.
+/// The lit lights of every shot, for any family but list and target, in the canonical order
+/// that core/rig/pattern_inverse.h expects: faces one after the other; bins row by row;
+/// S-matrix rows, then the light left over; for haar the mean, or the positive and the negative
+/// lights, of each wavelet of the list.
 /// @throws ContractViolation  a grid that the family does not fit (see fits())
 [[nodiscard]] std::vector<std::vector<int>> lit_lights(const PatternRecipe& recipe);
-/// True when lit_lights() accepts the recipe.
+/// True when lit_lights() accepts the parameters.
 [[nodiscard]] bool fits(const PatternRecipe& recipe);
 
 /// The identity.
@@ -89,22 +89,22 @@ struct SBlock {
   int n_lights = 0;
   int order = 1;  ///< shots; columns beyond n_lights are not lit
 };
-/// How n lights are shared out: 2^k lights take the order 2^k - 1 and one light alone, all
-/// other counts the smallest order that holds them.
+/// How n lights are divided into blocks: 2^k lights take the order 2^k - 1 and one light alone,
+/// all other counts the smallest order that holds them.
 [[nodiscard]] std::vector<SBlock> s_blocks(int n_lights);
 
 /// The positive and the negative parts of the 2-D nonstandard Haar basis of an n x n grid,
-/// scaled to full drive: the first shot is all lights, then two shots a wavelet.
+/// scaled to full drive: the first shot is all lights, then two shots per wavelet.
 /// @param n  a power of two
 [[nodiscard]] PatternMatrix haar_signed(int n);
 
-/// A wavelet of the n x n grid by its place (row, col) in the coefficient array.
+/// A wavelet of the n x n grid by its position (row, col) in the coefficient array.
 struct Wavelet {
   int row0 = 0;  ///< corner of its square
   int col0 = 0;
   int size = 0;       ///< side of its square; its values are +-1/size
-  bool is_x = false;  ///< changes its sign from left to right
-  bool is_y = false;  ///< changes its sign from top to bottom; neither: the mean
+  bool is_x = false;  ///< changes sign from left to right
+  bool is_y = false;  ///< changes sign from top to bottom; neither: the mean
   /// +1 or -1 inside its square, 0 outside.
   [[nodiscard]] int sign(int row, int col) const;
 };
@@ -116,7 +116,7 @@ struct Wavelet {
 /// @param patterns  (shots, lights), full column rank
 /// @param measured  (shots, pixels)
 /// @return          (lights, pixels)
-/// @throws ContractViolation  when the patterns cannot tell the lights apart
+/// @throws ContractViolation  when the patterns cannot separate the lights
 [[nodiscard]] Eigen::MatrixXd demultiplex(const PatternMatrix& patterns,
                                           const Eigen::MatrixXd& measured);
 

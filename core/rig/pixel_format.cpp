@@ -12,8 +12,8 @@ using enum PixelPacking;
 using enum PixelUse;
 using enum BayerPattern;
 
-// Letters as in linux/videodev2.h, whose documentation defines each layout; Y12P and Y14P
-// joined it after Debian 12's kernel.
+// Letters as in linux/videodev2.h, whose documentation defines each layout; Y12P and Y14P were
+// added after Debian 12's kernel.
 constexpr std::array kFormats{
     PixelFormat{"GREY", "grey 8 bit", 8, none, bytes, measurement},
     PixelFormat{"Y10 ", "grey 10 bit", 10, none, words_le, measurement},

@@ -27,7 +27,7 @@ constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
 constexpr double kMaxLengthMm = 1e6;
 constexpr Range kPlace{.min = -kMaxLengthMm, .max = kMaxLengthMm};
-constexpr double kMaxFramePixels = 0x1p28;  // as a picture (core/picture/image_io.h)
+constexpr double kMaxFramePixels = 0x1p28;  // as for a picture (core/picture/image_io.h)
 // USB cameras need one or two frames, sensors behind a pipeline up to three.
 constexpr int kUsualExposureDelay = 3;
 
@@ -184,7 +184,7 @@ V4l2Trigger read_trigger(ConfigTable& t) {
   return trigger;
 }
 
-/// What a V4L2 camera's format says stands for keys that are missing, and against others.
+/// A V4L2 camera's format supplies missing keys, and must not contradict others.
 void read_v4l2(ConfigTable& t, CameraSpec& camera) {
   V4l2Settings& v4l2 = camera.v4l2;
   v4l2.n_buffers = static_cast<int>(t.integer_or("buffers", 8, {.min = 2, .max = 32}));
@@ -411,7 +411,7 @@ std::vector<std::string> read_hosts(ConfigTable& http) {
   return hosts;
 }
 
-/// int, as all that counts lights does.
+/// int, like everything that counts lights.
 void require_few_lights(ConfigTable& root, const std::vector<Face>& faces) {
   std::int64_t n_lights = 0;
   for (const Face& face : faces) {
@@ -496,7 +496,7 @@ Rig read_tables(ConfigTable& root) {
   return rig;
 }
 
-/// @param measured_name  stands for the measured part in errors
+/// @param measured_name  names the measured part in errors
 Rig parse_parts(const RigText& parts, const std::string& name,
                 const std::string& measured_name) {
   ConfigTable root = ConfigTable::parse_text(parts.written, name);
@@ -578,7 +578,7 @@ Rig read_rig(const std::filesystem::path& path) {
   const std::filesystem::path measured = measured_path(path);
   std::error_code ignored;
   if (!std::filesystem::exists(measured, ignored)) {
-    // A session's rig.toml carries its measured part with it.
+    // A session's rig.toml includes its measured part.
     return parse_rig(text.written + text.measured, path.string());
   }
   if (!text.measured.empty()) {

@@ -38,21 +38,21 @@ struct Face {
   int rows = 0;
   int cols = 0;
   double pitch_mm = 0.0;
-  double emitter_w_mm = 0.0;  ///< along u
-  double emitter_h_mm = 0.0;  ///< along v
-  Watts element_power{5.0};   ///< of one element at full drive
-  double lobe_mu = 1.0;       ///< radiance ~ cos^(mu - 1); 1 = Lambertian
-  Watts max_power{5.0};       ///< of the face at any moment
-  int string_lights = 0;  ///< lights k, k+1, ... that share one supply string; 0: no strings
-  Watts max_string_power{0.0};  ///< of a string at any moment
+  double emitter_w_mm = 0.0;    ///< along u
+  double emitter_h_mm = 0.0;    ///< along v
+  Watts element_power{5.0};     ///< of one element at full drive
+  double lobe_mu = 1.0;         ///< radiance ~ cos^(mu - 1); 1 = Lambertian
+  Watts max_power{5.0};         ///< of the face at any time
+  int string_lights = 0;        ///< lights k, k+1, ... on one supply string; 0: no strings
+  Watts max_string_power{0.0};  ///< of a string at any time
   double pwm_hz = 0.0;          ///< dimmed by pulse width at this rate; 0: by current
   /// An element's heat follows its drive with time constant heat_tau_s and must stay below
-  /// this; 1 = full drive for ever is allowed.
+  /// this; 1 = continuous full drive is allowed.
   double max_duty = 1.0;
   double heat_tau_s = 10.0;
 
   [[nodiscard]] int n_lights() const { return rows * cols; }
-  /// Equal rows and cols, a power of two: what plans of Haar patterns need.
+  /// Equal rows and cols, a power of two: required by plans of Haar patterns.
   [[nodiscard]] bool is_haar_grid() const;
 };
 
@@ -101,30 +101,30 @@ struct SensorNoise {
   double black_dn = 0.0;
 };
 
-/// A control of a V4L2 camera and what it is to be set to.
+/// A control of a V4L2 camera and the value to set.
 struct ControlSetting {
   std::string name;        ///< as `v4l2-ctl -L` spells it: "gain", "power_line_frequency"
   std::int64_t value = 0;  ///< in the control's own units; true is 1
   std::string entry;       ///< of a menu, by its name; empty: by value
 };
 
-/// Controls of a V4L2 camera that say who starts an exposure, each list in file order.
+/// Controls of a V4L2 camera that select what triggers an exposure, each list in file order.
 struct V4l2Trigger {
-  std::vector<ControlSetting> off;       ///< the camera itself, again and again
+  std::vector<ControlSetting> off;       ///< free-running
   std::vector<ControlSetting> software;  ///< `fire`; empty: it cannot
   std::vector<ControlSetting> line;      ///< its trigger input; empty: it cannot
   std::string fire;                      ///< a button, or a control that is set to 1
 };
 
-/// What only a V4L2 camera has.
+/// Settings that only V4L2 cameras have.
 struct V4l2Settings {
-  int n_buffers = 8;              ///< asked of the driver, which may give another number
-  std::string serial;             ///< the device's own; empty: any, then the one found first
+  int n_buffers = 8;              ///< requested; the driver may give another number
+  std::string serial;             ///< the device's own; empty: the first one found
   std::string exposure_control;   ///< empty: exposure_time_absolute or exposure; "none": fixed
-  double exposure_unit_us = 0.0;  ///< a step of that control; 0: 100 for exposure_time_absolute
-  double gain_unit_db = 0.0;      ///< a step of the gain control; 0: gain_db is only noted
+  double exposure_unit_us = 0.0;  ///< step of that control; 0: 100 for exposure_time_absolute
+  double gain_unit_db = 0.0;      ///< per step of the gain control; 0: gain_db is only recorded
   std::vector<ControlSetting> controls;  ///< in file order
-  /// Column and row of the sensor where the frame begins; without it the driver's own region.
+  /// Sensor column and row where the frame begins; without it, the driver's default region.
   std::optional<std::array<int, 2>> crop;
   V4l2Trigger trigger;
 };
@@ -135,20 +135,20 @@ struct CameraSpec {
   std::string device;    ///< node, socket path or session folder
   std::string format;    ///< fourcc as V4L2 names it: "Y16 ", "RG12", ...
   int frame_width = 0;   ///< as transmitted
-  int frame_height = 0;  ///< as transmitted, tag rows included
-  int active_rows = 0;   ///< rows that hold the picture, from the top
-  int bits = 16;         ///< significant bits a sample; white = 2^bits - 1
+  int frame_height = 0;  ///< as transmitted, embedded metadata rows included
+  int active_rows = 0;   ///< image rows, from the top
+  int bits = 16;         ///< significant bits per sample; white = 2^bits - 1
   double fps = 30.0;
   double exposure_us = 0.0;
   double gain_db = 0.0;
   Shutter shutter = Shutter::global;
   double skew_us = 0.0;  ///< start of the last row's exposure minus start of the first row's
-  double read_us = 0.0;  ///< from the end of the first row's exposure to the stamp's event
+  double read_us = 0.0;  ///< from the end of the first row's exposure to the timestamp's event
   TimestampMeaning timestamp = TimestampMeaning::end_frame;
   CameraModel model;  ///< of the active area
   BayerPattern bayer = BayerPattern::none;
   SensorNoise noise;
-  /// Frames that begin after an exposure was set and still have the old one.
+  /// Frames that begin after an exposure was set but still have the old one.
   int exposure_delay_frames = 0;
   V4l2Settings v4l2;
 };
@@ -170,10 +170,10 @@ struct ControllerSpec {
   std::chrono::milliseconds lease{2000};
   double rise_us = 0.0;   ///< light rise after the latch
   double fall_us = 0.0;   ///< light fall after the latch
-  double latch_us = 0.0;  ///< acknowledged latch to the change of light
+  double latch_us = 0.0;  ///< from the acknowledged latch to the change of light
   // Not written in [controller]:
   double max_watts = 0.0;          ///< of all faces together; 0 = not known
-  std::filesystem::path rig_file;  ///< beside which a profile is looked for
+  std::filesystem::path rig_file;  ///< whose folder is searched for a profile
 };
 
 enum class SyncMode { free_run, light_leads, camera_leads, controller_leads };
@@ -185,14 +185,15 @@ inline constexpr auto kSyncModeWords = std::to_array<std::string_view>(
 
 struct StorageSpec {
   std::string folder = "sessions";  ///< relative to the rig file
-  double reserve_mb = 64.0;         ///< kept free beside the plan's own need
+  double reserve_mb = 64.0;         ///< kept free in addition to the plan's own need
 };
 
 struct HttpSpec {
   std::string address = "127.0.0.1";
   int port = 8480;
-  std::string token_file;  ///< needed when the address is not loopback, or with allowed_hosts
-  /// "NAME" or "NAME:PORT" in lower case: how a proxy with TLS before the daemon is called.
+  std::string token_file;  ///< required when the address is not loopback, or with allowed_hosts
+  /// "NAME" or "NAME:PORT" in lower case: the public name of a TLS proxy in front of the
+  /// daemon.
   std::vector<std::string> allowed_hosts;
 };
 
@@ -211,7 +212,7 @@ struct Rig {
   std::filesystem::path file;  ///< where it was read from
   std::string text;            ///< written and measured file, as stored with a session
   std::string hash;            ///< content_hash(text)
-  std::shared_ptr<const MeasuredRig> measured;  ///< what was merged over; null: nothing
+  std::shared_ptr<const MeasuredRig> measured;  ///< what was merged in; null: nothing
 
   [[nodiscard]] int n_lights() const;
 };
@@ -235,13 +236,13 @@ struct LightElement {
 [[nodiscard]] LightElement light_element(const Rig& rig, int k);
 [[nodiscard]] std::vector<LightElement> light_elements(const Rig& rig);
 
-/// Reads and checks a rig file, and puts the values of NAME.measured.toml beside it over it
-/// (core/rig/measured_rig.h), saying so in the log.
-/// @throws Error  every problem with file:line and its cure; a stale measured file
+/// Reads and checks a rig file, and overrides it with the values of NAME.measured.toml next to
+/// it (core/rig/measured_rig.h), as logged.
+/// @throws Error  every problem with file:line and a hint; a stale measured file
 [[nodiscard]] Rig read_rig(const std::filesystem::path& path);
-/// The same without the measured file: for what measures, and for a simulator.
+/// The same without the measured file: for measuring commands and for a simulator.
 [[nodiscard]] Rig read_rig_as_written(const std::filesystem::path& path);
-/// The same from text, as a session stores it; `name` stands in for the file's name in errors.
+/// The same from text, as a session stores it; `name` is used as the file's name in errors.
 [[nodiscard]] Rig parse_rig(const std::string& text, const std::string& name);
 
 }  // namespace haarlight

@@ -64,7 +64,7 @@ MemoryStack read_all(const StackSource& source, std::size_t max_bytes) {
   }
   std::vector<float> values(n_values);
   if (dims.channels == 1) {
-    // Bands of rows lie one after the other: read side by side.
+    // Bands of rows are stored one after the other: read them in parallel.
     constexpr std::size_t kRows = 8;
     parallel_for(count(dims.height), kRows, [&](std::size_t begin, std::size_t end) {
       const std::size_t row_values = count(dims.width) * count(dims.n_lights);

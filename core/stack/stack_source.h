@@ -8,8 +8,8 @@
 
 /// @file
 /// Where a light stack's values come from: a stack file, memory, a rig's closed form, or
-/// another basis file. Everything that compresses or compares reads through this one door, tile
-/// by tile.
+/// another basis file. Everything that compresses or compares reads through this interface,
+/// tile by tile.
 
 namespace haarlight {
 
@@ -57,28 +57,28 @@ class StackSource {
   /// @throws Error  what the medium throws
   virtual void read_tile(const TileRect& rect, std::span<float> out) const = 0;
   /// True where every pixel costs a computation and neighbours differ smoothly: few pixels are
-  /// then asked for.
+  /// then requested.
   [[nodiscard]] virtual bool is_closed_form() const { return false; }
-  /// True where the source knows which of its values were clipped.
+  /// True if the source knows which of its values were clipped.
   [[nodiscard]] virtual bool tells_clipped() const { return false; }
-  /// In the order of read_tile: not 0 where a value was clipped in every exposure, so that it
-  /// is a lower bound. Empty: none of the tile's was, or nobody knows. Thread-safe.
+  /// In the order of read_tile: nonzero where a value was clipped in every exposure and so is a
+  /// lower bound. Empty: none of the tile's was, or unknown. Thread-safe.
   [[nodiscard]] virtual std::vector<std::uint8_t> clipped_in(const TileRect& rect) const {
     static_cast<void>(rect);
     return {};
   }
 };
 
-/// A stack that must be worked for row by row: frames still to be developed, or generated
-/// values. load_rows() goes first, from one thread; read_tile then serves those rows. Rows that
-/// are loaded already cost nothing.
+/// A stack that is produced row by row: frames still to be developed, or generated values. Call
+/// load_rows() first, from one thread; read_tile then serves those rows. Rows already loaded
+/// cost nothing.
 class RowSource : public StackSource {
  public:
-  /// Makes rows [y0, y1) ready, and may forget others. @throws Error  what the medium throws
+  /// Makes rows [y0, y1) available, and may drop others. @throws Error  what the medium throws
   virtual void load_rows(int y0, int y1) = 0;
-  /// Rows to load at a time: what the memory given to the source holds.
+  /// Rows to load at a time: what fits the memory given to the source.
   [[nodiscard]] virtual int rows_at_once() const = 0;
-  /// Every row was served: what can only be judged over all of them.
+  /// Called when every row was served: checks that need all of them.
   /// @throws Error  the values contradict each other
   virtual void finish() {}
 };
@@ -98,7 +98,7 @@ class MemoryStack final : public StackSource {
   std::vector<float> values_;
 };
 
-/// Reads all of a source. @throws Error  when it is larger than `max_bytes`
+/// Reads a whole source. @throws Error  when it is larger than `max_bytes`
 [[nodiscard]] MemoryStack read_all(const StackSource& source,
                                    std::size_t max_bytes = std::size_t{2} << 30U);
 

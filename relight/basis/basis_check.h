@@ -4,12 +4,12 @@
 #include "relight/basis/basis_file.h"
 
 /// @file
-/// Is a basis file whole? Opening one reads its head only.
+/// Whether a basis file is intact; opening one reads only its header.
 
 namespace haarlight {
 
-/// Reads and decodes every block. In parallel; a tile a thread in memory.
-/// @throws Error  the first damage found, with its tile, group and byte
+/// Reads and decodes every block. In parallel; one tile per thread in memory.
+/// @throws Error  the first damage found, with its tile, group and byte offset
 void check_basis(const BasisFile& basis);
 
 }  // namespace haarlight

@@ -126,7 +126,7 @@ std::span<const std::byte> checked_part(std::span<const std::byte> bytes,
   return found;
 }
 
-/// Every byte belongs to one part, and so is under its checksum.
+/// Every byte belongs to one part and is covered by its checksum.
 void require_no_loose_bytes(const Preamble& preamble, const std::vector<BlockEntry>& index,
                             const std::vector<BasisSection>& sections,
                             const std::string& name) {
@@ -202,12 +202,13 @@ std::size_t n_picture_blocks(const BasisHeader& header) {
   return count(header.dims.channels) * count(n_gram_blocks(header.dims.n_lights));
 }
 
-/// The number of floats, when it is that of a bound for this header.
+/// The number of floats, if it is that of a bound for this header.
 std::size_t picture_bound_values(const BasisHeader& header, std::uint64_t n,
                                  const std::string& where) {
   const std::size_t per_vector = count(header.dims.channels) * count(header.dims.n_lights);
   const std::size_t without = 2 * n_picture_blocks(header);
-  // Many times what is written; all that n lights allow would take gigabytes of a short file.
+  // Many times what is ever written; all that n lights allow would let a short file claim
+  // gigabytes.
   constexpr std::size_t kMostVectors = 256;
   if (n < without || (n - without) % per_vector != 0 ||
       (n - without) / per_vector > std::min(kMostVectors, count(header.dims.n_lights))) {
@@ -368,7 +369,7 @@ TileRect BasisFile::tile_rect(int i_tile) const {
 }
 
 std::string BasisFile::content_key() const {
-  // The index, whose checksum the first bytes hold, holds every block's.
+  // The preamble holds the index's checksum, and the index those of all blocks.
   return content_hash(bytes_.first(kPreambleBytes));
 }
 
@@ -499,7 +500,7 @@ std::vector<float> BasisFile::decode_tile(int i_tile, int channel) const {
     return out;
   }
   const PixelBlock pixel_block = pixels(i_tile, channel);
-  // Small numbers first as integers (exact), one multiplication by the pixel's step afterwards.
+  // Small numbers as integers first (exact), then one multiplication by the pixel's step.
   for (int g = 0; g < n_groups(); ++g) {
     const SparseBlock block = sparse(i_tile, channel, g);
     for (std::size_t e = 0; e < block.cell.size(); ++e) {

@@ -22,23 +22,23 @@
 #include "relight/basis/haar.h"
 
 /// @file
-/// The basis file `.hlb`: a light stack compressed over its lights, self-sufficient (rig, plate
-/// and norms inside), with random access by tile. Every byte is written down in
-/// docs/reference/basis-format.md; docs/reference/read_hlb.py reads it with numpy.
+/// The basis file `.hlb`: a light stack compressed over its lights, self-contained (with rig,
+/// clean plate and norms), with random access by tile. Every byte is specified in
+/// docs/reference/basis-format.md; docs/reference/read_hlb.py reads it with NumPy.
 
 namespace haarlight {
 
 inline constexpr std::uint32_t kBasisVersion = 3;
-inline constexpr std::uint32_t kOldestBasisVersion = 2;  ///< that can still be read
+inline constexpr std::uint32_t kOldestBasisVersion = 2;  ///< the oldest that can still be read
 
 enum class BasisKind {
   haar,    ///< 2-D Haar over each grid of lights (haar.h)
   direct,  ///< the lights themselves; needs no grid
 };
 enum class BasisCoding {
-  quantised,  ///< multiples of a step, error as reached
+  quantised,  ///< multiples of a step, with the achieved error
   lossless,   ///< the stack's floats bit for bit, light by light
-  integers,   ///< whole multiples of each light's unit, all of them exact
+  integers,   ///< integer multiples of each light's unit, all exact
 };
 inline constexpr auto kBasisCodingWords =
     std::to_array<std::string_view>({"quantised", "lossless", "integers"});
@@ -75,7 +75,7 @@ struct BasisLight {
   double relative_power = 1.0;
 };
 
-/// How far the decoded stack is from the one that was compressed.
+/// The decoded stack's error against the one that was compressed.
 struct StackError {
   double relative_l2 = 0.0;  ///< ||decoded - T|| / ||T|| over the whole stack
   /// Largest ||decoded_p - T_p|| / max(||T_p||, dark_norm) of a pixel's row over the lights.
@@ -83,18 +83,19 @@ struct StackError {
   double worst_value = 0.0;  ///< largest |decoded - T| of one value / largest |T|
 };
 
-/// Values that were clipped in every exposure: lower bounds of the light, which no error that a
-/// file or a picture states covers.
+/// Values that were clipped in every exposure: lower bounds of the light, not covered by any
+/// error that a file or a picture states.
 struct ClippedValues {
   double n_values = 0.0;  ///< of pixels x channels x lights
-  /// Norm of them as they stand, as a share of ||T||: how much of the stack they are at least.
+  /// Their norm as stored, as a fraction of ||T||: a lower bound on their part of the stack.
   double least_norm = 0.0;
   [[nodiscard]] double share(const StackDims& dims) const {
     return n_values / (double(dims.n_pixels()) * dims.channels * dims.n_lights);
   }
 };
 
-/// A part of the file beside blocks, index and tables; a reader skips those it does not know.
+/// A part of the file other than blocks, index and tables; a reader skips those it does not
+/// know.
 struct BasisSection {
   std::string name;
   std::uint64_t offset = 0;
@@ -106,7 +107,7 @@ struct BasisSection {
 /// The header of a basis file.
 struct BasisHeader {
   StackDims dims;
-  int tile = 32;  ///< pixels a side; tiles at the right and lower edge are smaller
+  int tile = 32;  ///< pixels per side; tiles at the right and lower edge are smaller
   BasisKind basis = BasisKind::haar;
   BasisCoding coding = BasisCoding::quantised;
   HaarGrid grid;           ///< of each face, in order; 0 x 0 where there is none
@@ -114,12 +115,12 @@ struct BasisHeader {
   double dead_zone = 0.0;  ///< |c| below dead_zone * step became 0
   double dark_norm = 0.0;  ///< see StackError::worst_pixel; 1 % of the rms pixel norm
   PlateOrigin plate = PlateOrigin::none;
-  std::string plate_source;  ///< hash of what the plate came from
+  std::string plate_source;  ///< hash of what the clean plate came from
   int plate_rank = 0;
   int plate_degree = 0;         ///< of the polynomials of each tile (tile_plate.h)
   double gain_step = 0.0;       ///< a pixel's gain is a multiple of it
   std::vector<double> units;    ///< (n_lights) of BasisCoding::integers, else empty
-  std::vector<int> group_ends;  ///< last + 1 of each group in the order; the last is n_lights
+  std::vector<int> group_ends;  ///< last + 1 of each group, in order; the last is n_lights
 
   std::string rig_toml;  ///< empty: see lights
   std::string rig_hash;
@@ -128,10 +129,10 @@ struct BasisHeader {
   double asked_relative_l2 = 0.0;
   double asked_worst_pixel = 0.0;  ///< infinity: no limit
   StackError reached;
-  std::optional<ClippedValues> clipped;  ///< none: not told (version 2, no frames)
+  std::optional<ClippedValues> clipped;  ///< none: unknown (version 2, no frames)
   double stack_norm = 0.0;               ///< ||T||
   double peak = 0.0;                     ///< largest |T|
-  double mean_coefficients = 0.0;        ///< stored coefficients a pixel and channel
+  double mean_coefficients = 0.0;        ///< stored coefficients per pixel and channel
   std::string source;                    ///< session id or file name
   std::string source_hash;               ///< of the plan, where there is one
   std::string source_root;               ///< of the session, where it has one
@@ -143,14 +144,14 @@ struct BasisHeader {
   [[nodiscard]] int n_grids() const {
     return grid.size() > 0 ? dims.n_lights / grid.size() : 0;
   }
-  /// Numbers of a tile's plate: rank (degree + 1)^2.
+  /// Numbers per tile's clean plate: rank (degree + 1)^2.
   [[nodiscard]] int n_plate() const {
     return plate_rank * (plate_degree + 1) * (plate_degree + 1);
   }
 };
 
-/// Bounds ||sum_i l_i P_i|| for pictures of norms p_i, channel by channel: over the blocks of
-/// kGramBlock neighbours in the order of coefficients the sum of
+/// Bounds ||sum_i l_i P_i|| for pictures of norms p_i, channel by channel: the sum, over blocks
+/// of kGramBlock neighbours in coefficient order, of
 ///     sqrt(sum_j (v_j . x)^2 + share ||x||^2) + rest sum_i |l_i|,   x_i = p_i l_i.
 /// Method: docs/numerics/relight.md, "The coding error's bound".
 struct PictureBound {
@@ -172,16 +173,16 @@ struct BasisTables {
   std::vector<float> light_errors;  ///< (channels, n_lights): ||decoded_k - T_k||
   PictureBound coded_bound;         ///< of decoded - true coefficients; of quantised files
   PictureBound term_bound;          ///< of the stored residual; where that has few coefficients
-  /// (channels, n_lights): values that were clipped, and their norm as they stand; empty: none
+  /// (channels, n_lights): values that were clipped, and their norm as stored; empty: none
   std::vector<float> clipped_counts;
   std::vector<float> clipped_norms;
 };
 
 /// The order in which coefficients are stored: order[i] is a light-domain index (row * n + col
-/// within its grid, grids one after the other; the index itself for all but quantised Haar).
+/// within its grid, grids one after the other; the index itself except for quantised Haar).
 [[nodiscard]] std::vector<int> coefficient_order(const BasisHeader& header);
-/// The default groups: per grid the coarse coefficients of 8 a side, then a group a level; 64
-/// lights for all but quantised Haar.
+/// The default groups: per grid the coarse coefficients of 8 per side, then one group per
+/// level; 64 lights except for quantised Haar.
 [[nodiscard]] std::vector<int> default_group_ends(const BasisHeader& header);
 
 /// One block of the index.
@@ -195,7 +196,7 @@ struct BlockEntry {
 /// An open basis file, mapped. Const calls are thread-safe.
 class BasisFile {
  public:
-  /// Checks everything but the blocks, which are checked when they are read.
+  /// Checks everything except the blocks, which are checked when read.
   /// @throws Error  not a basis file, newer version, truncated, damaged
   [[nodiscard]] static BasisFile open(const std::filesystem::path& file);
   /// The same from bytes in memory (fuzzing); `bytes` must outlive the object.
@@ -206,15 +207,15 @@ class BasisFile {
   [[nodiscard]] const BasisTables& tables() const noexcept { return tables_; }
   [[nodiscard]] const std::string& name() const noexcept { return name_; }
   [[nodiscard]] std::uint64_t n_bytes() const noexcept { return bytes_.size(); }
-  /// Hash of the whole content: of the checksums of every part, block by block.
+  /// Hash of the whole content: over the checksums of all parts, block by block.
   [[nodiscard]] std::string content_key() const;
 
   [[nodiscard]] int n_tiles() const noexcept { return tiles_x_ * tiles_y_; }
   [[nodiscard]] int n_groups() const { return static_cast<int>(header_.group_ends.size()); }
   [[nodiscard]] TileRect tile_rect(int i_tile) const;
-  /// Tiles that share pixels with a part of the picture, in order.
+  /// Tiles that overlap a part of the picture, in order.
   [[nodiscard]] std::vector<int> tiles_of(const TileRect& rect) const;
-  /// order()[i] as coefficient_order() tells.
+  /// order()[i] as coefficient_order() defines it.
   [[nodiscard]] const std::vector<int>& order() const noexcept { return order_; }
   [[nodiscard]] int group_begin(int group) const {
     return group == 0 ? 0 : header_.group_ends[static_cast<std::size_t>(group) - 1];
@@ -228,8 +229,8 @@ class BasisFile {
   [[nodiscard]] SparseBlock sparse(int i_tile, int channel, int group) const;
   [[nodiscard]] bool is_group_empty(int i_tile, int channel, int group) const;
   [[nodiscard]] std::uint32_t group_bytes(int i_tile, int channel, int group) const;
-  /// (lights of the group, pixels) of a file that is not quantised. Of integers every group
-  /// costs the whole tile.
+  /// (lights of the group, pixels), for files that are not quantised. With integers, every
+  /// group costs the whole tile.
   [[nodiscard]] std::vector<float> floats(int i_tile, int channel, int group) const;
 
   /// A tile's values (pixels, n_lights), decoded.

@@ -66,7 +66,7 @@ class Fields {
     return static_cast<int>(v);
   }
 
-  /// A finite number; null stands for infinity.
+  /// A finite number; null means infinity.
   [[nodiscard]] double number(const char* key, double low = 0.0) const {
     const json& value = at(key);
     if (value.is_null()) {
@@ -200,7 +200,7 @@ std::optional<ClippedValues> clipped_from_json(const Fields& fields, const Stack
   return clipped;
 }
 
-/// n x n of n = 2^m in `grid`, all others in `rows` and `cols`, so that there is one way only.
+/// n x n with n = 2^m in `grid`, all others in `rows` and `cols`: only one form per grid.
 HaarGrid grid_from_json(const Fields& lights, const std::string& where) {
   const int side = lights.integer("grid", 0, 1024);
   if (!lights.has("rows") && !lights.has("cols")) {
@@ -216,7 +216,7 @@ HaarGrid grid_from_json(const Fields& lights, const std::string& where) {
   return grid;
 }
 
-/// Programs from before the unbalanced transform must not take it for the plain one.
+/// Older programs must not mistake the unbalanced transform for the plain one.
 std::string basis_name(const BasisHeader& header) {
   const bool is_unbalanced = header.basis == BasisKind::haar && !header.grid.is_plain();
   return is_unbalanced ? "unbalanced haar" : std::string(to_string(header.basis));
@@ -387,7 +387,7 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   const Fields source = top.object("source");
   header.source = source.text("name");
   header.source_hash = source.text("hash");
-  if (source.has("root")) {  // a computed plate's and an older session's has none
+  if (source.has("root")) {  // a computed plate or an older session has none
     header.source_root = source.text("root");
   }
   if (top.has("photographed")) {

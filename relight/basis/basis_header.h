@@ -12,7 +12,7 @@ namespace haarlight {
 
 [[nodiscard]] std::string basis_header_to_json(const BasisHeader& header);
 
-/// Reads and checks every field: after it sizes are sane and consistent.
+/// Reads and checks every field: afterwards sizes are sane and consistent.
 /// @throws Error  naming the field; `where` is the file's name
 [[nodiscard]] BasisHeader basis_header_from_json(const std::string& json,
                                                  const std::string& where);

@@ -35,14 +35,14 @@ namespace fs = std::filesystem;
 constexpr std::string_view kRecipe =
     "compress 3";                        // part of the pieces' key: bump when bytes change
 constexpr double kIntegerPlate = 0.004;  // below the noise of any camera
-// The histogram predicts the error to about 0.1 % where it has seen every row; of rows 32 apart
-// it knows the rest to 1 %.
+// The histogram predicts the error to about 0.1 % where it has seen every row; from rows 32
+// apart it predicts the rest to 1 %.
 constexpr double kStepMargin = 0.997;
 constexpr double kSampledMargin = 0.985;
 constexpr std::size_t kSmallPicture = std::size_t{1} << 18U;  // pixels: all rows are sampled
 constexpr int kMaxAttempts = 6;
-// Products of a pixel's coefficients grow with their square: above it files keep the triangle
-// inequality for dropped terms.
+// Products of a pixel's coefficients grow with the square of their number: above this, files
+// keep the triangle inequality for dropped terms.
 constexpr double kMostProductTerms = 32.0;
 constexpr std::size_t kMaxBatch = 64;
 
@@ -207,7 +207,7 @@ class Compressor {
   TileCoding coding_;
   WorkFolder work_;
   CompressSummary summary_;
-  bool is_kept_ = false;  ///< a rerun can go on with the pieces
+  bool is_kept_ = false;  ///< a rerun can resume from the pieces
 };
 
 std::string job_key(const CompressSource& source, const CompressOptions& options) {
@@ -266,11 +266,12 @@ void Compressor::load(int y0, int y1) {
   if (source_.rows == nullptr) {
     return;
   }
-  const bool is_whole = rows_at_once() == dims().height;  // then each row is made once
+  const bool is_whole = rows_at_once() == dims().height;  // then each row is computed once
   source_.rows->load_rows(is_whole ? 0 : y0, is_whole ? dims().height : y1);
 }
 
-/// A tile in work: its values, the kept coefficients at 12 bytes each and their packed copies.
+/// A tile being coded: its values, the kept coefficients at 12 bytes each and their packed
+/// copies.
 std::size_t Compressor::tiles_at_once() const {
   const std::uint64_t values = std::uint64_t{kTile} * kTile * count(dims().n_lights);
   const std::uint64_t products = gram_size(dims().n_lights) * count(dims().channels);
@@ -301,7 +302,7 @@ void Compressor::fit_plate() {
       kPlateShare * (is_integer ? kIntegerPlate : coding_.header.asked_relative_l2);
   coding_.vectors = fit_plate_vectors(*source_.plate, target);
   if (coding_.vectors.rank == 0) {
-    return;  // the plate is black: nothing to take off
+    return;  // the plate is black: nothing to subtract
   }
   BasisHeader& header = coding_.header;
   header.plate = source_.plate_origin;
@@ -310,8 +311,8 @@ void Compressor::fit_plate() {
   header.plate_degree = choose_plate_degree(*source_.plate, coding_.vectors, kTile, target);
 }
 
-/// All rows of a small picture; of a large one one row in each row of tiles, at a height that
-/// differs from one to the next.
+/// All rows of a small picture; of a large one, one row per row of tiles, at a varying height
+/// within the tiles.
 StackSample Compressor::sample_tile_row(int tile_row) {
   const int tile_y0 = tile_row * kTile;
   const int tile_y1 = std::min(dims().height, tile_y0 + kTile);
@@ -372,7 +373,7 @@ void Compressor::choose_steps(const StackSample& sample) {
   const double rms_pixel = std::sqrt(sample.energy / sample.n_rows);
   header.dark_norm = kDarkFloor * rms_pixel;
   if (sample.energy == 0.0) {
-    header.step = 1.0;  // black as far as was looked: nothing will be kept
+    header.step = 1.0;  // the sample is black: nothing will be kept
     header.gain_step = 1.0;
     return;
   }
@@ -388,7 +389,7 @@ void Compressor::choose_steps(const StackSample& sample) {
       sample.residuals.n_kept(header.step) <= kMostProductTerms * sample.n_rows;
 }
 
-/// What a coded tile row depends on beside the job.
+/// What a coded tile row depends on besides the job.
 std::string Compressor::step_key() const {
   return fmt::format("{} {} {:x} {:x} {:x}", to_string(coding_.header.coding),
                      coding_.has_term_products,
@@ -484,7 +485,7 @@ void Compressor::code_tile_rows(int from, int to, Progress& progress) {
           work_.write(products_name(tile_row), std::as_bytes(std::span(rounded)), key);
           std::fill(products.begin(), products.end(), 0.0);
         }
-        work_.write_numbers(sums_name(tile_row), sums.to_numbers(), key);  // last: says "whole"
+        work_.write_numbers(sums_name(tile_row), sums.to_numbers(), key);  // last: marks "done"
         channels.clear();
         sums = TileSums(dims());
         progress.advance();
@@ -507,8 +508,8 @@ TileSums Compressor::sum_tile_rows() {
   return sums;
 }
 
-/// Products of all rows of tiles, (channels, gram_size); a row's are floats, off by 2^-24 of
-/// the norms at most.
+/// Products of all rows of tiles, (channels, gram_size); a row's are floats, with an error of
+/// at most 2^-24 of the norms.
 std::vector<double> Compressor::sum_products(std::size_t begin, double unit) const {
   std::vector<double> products(count(dims().channels) * gram_size(dims().n_lights));
   for (int r = 0; r < n_tile_rows(); ++r) {
@@ -558,7 +559,7 @@ void Compressor::report(const TileSums& sums) {
   }
 }
 
-/// The file from the tile rows; it gets its name when it is whole.
+/// The file from the tile rows; it gets its name when it is complete.
 void Compressor::write(const TileSums& sums) {
   if (options_.rank.i == 0) {
     BasisTables tables;
@@ -616,7 +617,7 @@ CompressSummary Compressor::run() {
   try {
     return compress();
   } catch (const Error& error) {
-    // Bad input is as bad in a rerun; a full disk is not.
+    // Bad input stays bad in a rerun; a full disk need not.
     is_kept_ = error.code() == ExitCode::io && !source_.key.empty();
     throw;
   }
@@ -635,14 +636,14 @@ CompressSummary Compressor::compress() {
     choose_steps(sample());
   } else if (header.coding == BasisCoding::integers) {
     fit_plate();
-    // A light's share of the gain's rounding is an eighth of a unit.
+    // The gain's rounding costs a light an eighth of a unit.
     header.gain_step = 0.25 * *std::min_element(header.units.begin(), header.units.end()) *
                        std::sqrt(double(dims().n_lights));
   }
   summary_.seconds_looked = lap();
   for (int attempt = 0;; ++attempt) {
     if (attempt == kMaxAttempts) {
-      // Floats have 24 bits: an error below their rounding is reached by keeping them all.
+      // Floats have 24 bits: an error below their rounding is achieved by keeping them all.
       header.coding = BasisCoding::lossless;
     }
     if (header.coding == BasisCoding::lossless) {

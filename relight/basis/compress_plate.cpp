@@ -29,17 +29,17 @@ using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::R
 using RowMatrixF = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 constexpr int kMaxRank = 24;
-// Rms that vectors and polynomials may miss, each as a share of the target: nothing else is to
-// be made up for, as it is where a capture's residual follows.
+// Rms error allowed to vectors and polynomials, each as a fraction of the target: here no
+// residual follows that would make up for it, as it does in a capture.
 constexpr std::array<double, 2> kShares = {0.6, kPlateShare};
-constexpr double kSmoothShare = 1e-3;  // of the target: what the tiles' series may miss
+constexpr double kSmoothShare = 1e-3;  // of the target: error allowed to the tiles' series
 constexpr int kChecks = 256;           // pixels compared with light_irradiance()
-constexpr double kCheckFactor = 2.0;   // of their rms: stated
-constexpr double kNearPeak = 0.8;      // of the largest value looked at: looked at closely
+constexpr double kCheckFactor = 2.0;   // of their rms: the stated error
+constexpr double kNearPeak = 0.8;      // of the largest sampled value: inspected closely
 
-/// What a pixel drawn for a check told.
+/// Result of checking randomly drawn pixels.
 struct CheckSums {
-  VectorXd light;        ///< (n_lights): sum of squares of what the coordinates miss
+  VectorXd light;        ///< (n_lights): sum of squared errors of the coordinates
   VectorXd coefficient;  ///< the same of its basis coefficients
   double missed = 0.0;
   double energy = 0.0;
@@ -47,7 +47,7 @@ struct CheckSums {
   double n = 0.0;
 };
 
-/// One tile as the file has it, and its sums in coordinates of the vectors.
+/// One tile as in the file, and its sums in coordinates of the vectors.
 struct PlateTile {
   PackedTile packed;
   MatrixXd errors;       ///< sum over the pixels of e e'
@@ -69,7 +69,7 @@ class PlateCompressor {
     }
   }
 
-  /// @param target  of the polynomials. @return  whether the error asked for is reached
+  /// @param target  of the polynomials. @return  whether the requested error is achieved
   [[nodiscard]] bool code(double target);
   [[nodiscard]] CompressSummary write(const std::filesystem::path& file);
 
@@ -95,9 +95,9 @@ class PlateCompressor {
   std::vector<PlateTile> tiles_;
 };
 
-/// The largest value: of the lights that come near it in a tile, every pixel.
+/// The largest value: every pixel is searched for the lights that come near it in a tile.
 double PlateCompressor::find_peak() const {
-  constexpr int kSteps = 3;  // places looked at along a tile
+  constexpr int kSteps = 3;  // positions sampled along a tile
   std::vector<MatrixXd> seen(count(smooth_.n_tiles()));
   parallel_for(seen.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -186,8 +186,8 @@ PlateTile PlateCompressor::code_tile(int i_tile) const {
   return tile;
 }
 
-/// What the coordinates miss of the file's error, at drawn pixels: with the file's own floats
-/// and by light_irradiance(), so that nothing of the way here is taken on trust.
+/// The file's error that the coordinates do not capture, at drawn pixels: computed from the
+/// file's own floats and light_irradiance(), independent of the approximations so far.
 CheckSums PlateCompressor::check(int i_tile, const PixelBlock& pixels, const MatrixXd& u,
                                  const MatrixXd& rest) const {
   const TileRect rect = smooth_.tile_rect(i_tile);
@@ -228,8 +228,7 @@ CheckSums PlateCompressor::check(int i_tile, const PixelBlock& pixels, const Mat
   return sums;
 }
 
-/// What no error of a value exceeds: a pixel's whole error times the longest row of the
-/// vectors.
+/// Bound on the error of any value: a pixel's whole error times the longest row of the vectors.
 double PlateCompressor::worst_value() const {
   double longest = 0.0;
   for (const PlateTile& tile : tiles_) {
@@ -238,7 +237,7 @@ double PlateCompressor::worst_value() const {
   return longest * smooth_.vectors().rowwise().norm().maxCoeff();
 }
 
-/// Squared norms of the pictures of what the vectors make: diag(V S V').
+/// Squared norms of the lights' pictures made of the vectors: diag(V S V').
 VectorXd PlateCompressor::pictures(const MatrixXd& vectors, const MatrixXd& sums) const {
   return (vectors * sums).cwiseProduct(vectors).rowwise().sum().cwiseMax(0.0);
 }
@@ -298,7 +297,7 @@ bool PlateCompressor::code(double target) {
 }
 
 CompressSummary PlateCompressor::write(const std::filesystem::path& file) {
-  // A sum over all pixels from those that were checked.
+  // Extrapolates the checked pixels' sums to all pixels.
   const double scale =
       kCheckFactor * kCheckFactor * static_cast<double>(header_.dims.n_pixels()) / checks_.n;
   const VectorXd light_missed = (scale * checks_.light).cwiseSqrt();
@@ -328,7 +327,7 @@ CompressSummary PlateCompressor::write(const std::filesystem::path& file) {
   const std::vector<double> rests = {coefficient_missed.maxCoeff()};
   tables.coded_bound =
       fit_picture_bound(header_, products(), tables.coefficient_errors, rests, block_bytes);
-  // Nothing is stored beside the plate, and so nothing dropped of it.
+  // Nothing but the plate is stored, so nothing can be dropped.
   tables.term_bound.shares.assign(count(n_gram_blocks(n_lights())), 0.0F);
   tables.term_bound.rests = tables.term_bound.shares;
   CompressSummary summary;

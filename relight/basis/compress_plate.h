@@ -8,20 +8,18 @@
 #include "relight/basis/plate/plate.h"
 
 /// @file
-/// A computed plate to its file without working through every pixel under every light. Sums
-/// over all pixels are taken in the coordinates of the few vectors that carry the plate
-/// (smooth_plate.h), whose own error is measured at drawn pixels on what the file gives back
-/// and is part of every error stated. Method, cost: docs/numerics/relight.md, "What a plate
-/// costs".
+/// Compresses a computed clean plate without evaluating every pixel under every light. Sums
+/// over all pixels are taken in the coordinates of the few vectors that span the plate
+/// (smooth_plate.h); their own error is measured at drawn pixels on the decoded file and is
+/// part of every stated error. Method, cost: docs/numerics/relight.md, "What a plate costs".
 
 namespace haarlight {
 
-/// Writes the file that compress_stack() would, but for rounding, or nothing where the plate is
-/// not smooth over its tiles or plate vectors alone do not reach the error asked for.
+/// Writes the file that compress_stack() would, up to rounding, or nothing if the plate is not
+/// smooth over its tiles or plate vectors alone do not achieve the requested error.
 /// @param source  its stack and plate are `plate`
-/// @param degree  of the tiles' series; 0: as smooth_degree() finds. One that is too small
-/// shows
-///                that the errors stated hold nonetheless
+/// @param degree  of the tiles' series; 0: as smooth_degree() chooses. Too small a degree must
+///                still give stated errors that hold (for tests)
 /// @throws Error  as compress_stack()
 [[nodiscard]] std::optional<CompressSummary> compress_smooth_plate(
     const ComputedPlate& plate, const CompressSource& source, const std::filesystem::path& file,

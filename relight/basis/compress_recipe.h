@@ -4,19 +4,20 @@
 #include "relight/basis/compress.h"
 
 /// @file
-/// What all ways to a basis file share: the figures of docs/numerics/relight.md, "The coder".
+/// Parameters common to all ways to a basis file: the figures of docs/numerics/relight.md, "The
+/// coder".
 
 namespace haarlight {
 
 inline constexpr int kTile = 32;
-/// Pixels below 1 % of the rms norm are judged against that.
+/// For pixels below 1 % of the rms norm, errors are relative to that.
 inline constexpr double kDarkFloor = 0.01;
-/// Plate: rms that vectors and polynomials may miss, each as a share of the target.
+/// Clean plate: rms error allowed to vectors and polynomials, each as a fraction of the target.
 inline constexpr double kPlateShare = 0.25;
-/// Gain step, as a share of the allowed rms error a pixel.
+/// Gain step, as a fraction of the allowed rms error per pixel.
 inline constexpr double kGainStep = 0.125;
 
-/// The header before anything was looked at. @throws Error  as compress_stack()
+/// The header before any data is inspected. @throws Error  as compress_stack()
 [[nodiscard]] BasisHeader first_header(const CompressSource& source,
                                        const CompressOptions& options);
 

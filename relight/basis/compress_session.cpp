@@ -35,7 +35,7 @@ HaarGrid rig_grid(const Rig& rig) {
   return are_alike && is_worth_a_wavelet(grid) ? grid : HaarGrid{};
 }
 
-/// A session's rows, developed from its frames when they are asked for.
+/// A session's rows, developed from its frames on demand.
 class DevelopedRows final : public RowSource {
  public:
   DevelopedRows(const Session& session, const DevelopOptions& options)
@@ -52,7 +52,7 @@ class DevelopedRows final : public RowSource {
     if (y0 >= y0_ && y1 <= y1_) {
       return;
     }
-    rows_ = {};  // first, so that both are never held
+    rows_ = {};  // first, so that both are never held at once
     rows_ = developer_.rows(y0, y1);
     y0_ = y0;
     y1_ = y1;
@@ -75,7 +75,7 @@ class DevelopedRows final : public RowSource {
   }
 
  private:
-  /// A tile of what the developed rows hold, one for each value.
+  /// A tile of the developed rows' per-value data.
   template <class T>
   void cut(const std::vector<T>& from, const TileRect& rect, T* to) const {
     HAARLIGHT_EXPECTS(rect.y0 >= y0_ && rect.y0 + rect.height <= y1_, "rows that are loaded");
@@ -183,8 +183,8 @@ std::optional<double> measure_noise(const Session& session, const PlateChoice& c
 
 namespace {
 
-/// Where the floats are whole steps of the camera to the bit, those are the smaller way to keep
-/// them. Nothing where one of them is not.
+/// Where the floats are exactly whole camera steps, storing those is smaller. Nothing where any
+/// value is not.
 std::optional<CompressSummary> compress_whole_steps(const CompressSource& source,
                                                     const std::filesystem::path& file,
                                                     CompressOptions options) {
@@ -205,7 +205,7 @@ std::optional<CompressSummary> compress_whole_steps(const CompressSource& source
       }
     }
   }
-  // Under another name until it is known that the other rows are exact, too.
+  // Under a temporary name until the other rows are known to be exact, too.
   std::filesystem::path whole = file;
   whole += ".whole";
   options.is_integer = true;
@@ -246,7 +246,7 @@ CompressSummary compress_session(const Session& session, const PlateChoice& choi
       content_hash(rows.key() + "\n" + std::string(to_string(plate.origin)) + "\n" + plate.key);
   source.grid = haar_grid(session.info());
   source.units = rows.steps();
-  // The rig speaks for the lights only when the session has all of them.
+  // The rig describes the lights only if the session has all of them.
   if (session.rig() && session.rig()->n_lights() == rows.dims().n_lights) {
     source.rig_toml = session.rig()->text;
     source.rig_hash = session.rig()->hash;

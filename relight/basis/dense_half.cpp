@@ -20,7 +20,7 @@ namespace {
 
 constexpr int kTile = 32;
 constexpr std::size_t kBuildBatch = 64;
-constexpr std::size_t kPixelsAtOnce = 64;  // their rows stay in the second cache for a batch
+constexpr std::size_t kPixelsAtOnce = 64;  // their rows stay in the L2 cache for a batch
 constexpr int kTopExponent = 15;           // the largest value is stored in [2^14, 2^15]
 
 [[noreturn]] void throw_bad_value(const std::string& what, const std::string& cure,
@@ -36,7 +36,7 @@ constexpr int kTopExponent = 15;           // the largest value is stored in [2^
 /// The exponent that brings `peak` into [2^14, 2^15).
 int exponent_of(float peak) { return std::ilogb(peak) + 1 - kTopExponent; }
 
-/// Up to kBatch queries of one channel, and what the kernels need of them.
+/// Up to kBatch queries of one channel, in the form the kernels need.
 struct Chunk {
   std::vector<const LightQuery*> queries;
   std::vector<int> exponents;  ///< each query's weights are in units of 2^exponent
@@ -44,7 +44,7 @@ struct Chunk {
   int n_segments = 0;
   std::vector<float> weights;  ///< (stride), or (stride / 8, kBatch, 8)
 
-  /// Sums a pixel.
+  /// Sums per pixel.
   [[nodiscard]] std::size_t width() const noexcept { return queries.size() == 1 ? 1 : kBatch; }
 };
 
@@ -82,7 +82,7 @@ Chunk make_chunk(std::vector<const LightQuery*> queries, std::size_t stride) {
 
 }  // namespace
 
-/// Of one tile, summed in the tiles' order afterwards.
+/// Losses of one tile, later summed in tile order.
 struct DenseHalf::Losses {
   std::vector<double> energy;  ///< (channels, n_lights): of T
   std::vector<double> stored;  ///< of what is stored
@@ -226,8 +226,8 @@ void DenseHalf::store_channel(std::span<const float> values, const TileRect& rec
   losses.bytes += count(rect.n_pixels()) * stride_ * sizeof(std::uint16_t);
 }
 
-/// A light's value passes its weight's rounding, its product's, one addition a segment, five of
-/// the fold and the picture's own.
+/// A light's value passes the rounding of its weight and product, one addition per segment,
+/// five of the fold, and the picture's own.
 double DenseHalf::rounding(const LightQuery& query, int n_segments) const {
   constexpr int kOthers = 8;
   const std::size_t first = count(query.channel) * query.given.size();
@@ -291,7 +291,8 @@ std::vector<RelitPicture> DenseHalf::relight(std::span<const LightWeights> weigh
           rest = rest.subspan(n_pixels * width);
         }
       }
-      // Only now: stores to a picture's far rows between reads make the reads a fifth slower.
+      // Only now: interleaving stores to a picture's distant rows would slow the reads by a
+      // fifth.
       std::span<const float> rest = sums;
       for (const Chunk& chunk : chunks[count(c)]) {
         for (std::size_t q = 0; q < chunk.queries.size(); ++q) {

@@ -14,9 +14,9 @@
 #include "relight/basis/relight_kernels.h"
 
 /// @file
-/// A whole light stack in memory as half floats, for lighting it again and again: two bytes a
-/// value, each tile and channel with its own power of two so that its largest value lies in
-/// [2^14, 2^15]. What half floats cost is measured while they are made and is part of every
+/// A whole light stack in memory as half floats, for repeated relighting: two bytes per value,
+/// each tile and channel with its own power of two so that its largest value lies in [2^14,
+/// 2^15]. The rounding error of half floats is measured during conversion and is part of every
 /// picture's bound. Method and figures: docs/numerics/relight.md, "Kernels".
 
 namespace haarlight {
@@ -27,17 +27,17 @@ struct HalfOptions {
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
 };
 
-/// What the stack lost on its way to half floats.
+/// The stack's loss in conversion to half floats.
 struct HalfReport {
   double relative_l2 = 0.0;       ///< ||stored - T|| / ||T||
-  std::uint64_t underflowed = 0;  ///< values that became 0 and were not
-  std::uint64_t bytes = 0;        ///< of values kept; empty tiles take none
+  std::uint64_t underflowed = 0;  ///< nonzero values that became 0
+  std::uint64_t bytes = 0;        ///< of stored values; empty tiles take none
 };
 
 /// Const calls are thread-safe.
 class DenseHalf {
  public:
-  /// Reads all of the stack once, tile by tile.
+  /// Reads the whole stack once, tile by tile.
   /// @param name  of the stack, for errors
   /// @throws Error  NaN, infinity or, with a fixed exponent, a value beyond 65504 units (names
   ///                light and pixel); more memory than allowed
@@ -46,11 +46,11 @@ class DenseHalf {
   [[nodiscard]] StackDims dims() const noexcept { return header_.dims; }
   [[nodiscard]] const HalfReport& report() const noexcept { return report_; }
 
-  /// One picture an environment; lights that are dark in all environments of a batch of 8 and
+  /// One picture per environment; lights that are dark in all environments of a batch of 8 and
   /// empty tiles are not read. `bound.coded` is the storage's error, `bound.rounding` that of
   /// sums in float. The bits of a picture do not depend on its neighbours in the batch.
-  /// @param reuse  pictures of an earlier call, whose memory is taken over
-  /// @throws Error  weights of another number of lights or of colours
+  /// @param reuse  pictures of an earlier call, whose memory is reused
+  /// @throws Error  weights with a wrong number of lights or colours
   [[nodiscard]] std::vector<RelitPicture> relight(std::span<const LightWeights> weights,
                                                   KernelCode code = best_kernel_code(),
                                                   std::vector<RelitPicture> reuse = {}) const;

@@ -25,8 +25,8 @@ namespace {
 constexpr std::size_t kPixelBatch = 16;
 constexpr std::size_t kPad = 32;  // numbers of the widest vector register
 constexpr std::size_t kHalfPad = 16;
-constexpr std::size_t kNear = 8;    // rows that stay in the first cache while others pass
-constexpr std::size_t kPanel = 32;  // and in the second
+constexpr std::size_t kNear = 8;    // rows that stay in the L1 cache while others stream by
+constexpr std::size_t kPanel = 32;  // and in the L2 cache
 constexpr std::size_t kMostPixels = 1024;
 
 std::size_t triangle(std::size_t n) { return n * (n + 1) / 2; }
@@ -132,7 +132,7 @@ void dots(KernelCode code, const NumberRows& a, const NumberRows& b, std::int32_
   dots_portable(a, b, out);
 }
 
-/// Errors as whole numbers, halves to the even one. @return  what they miss at most, in steps
+/// Errors as whole numbers, ties to even. @return  the largest rounding error, in steps
 template <class Real>
 Real to_whole_portable(std::span<const Real> errors, Real inverse_scale, std::int16_t* to) {
   constexpr auto kMost = static_cast<Real>(kGramLargest);
@@ -184,7 +184,7 @@ double to_whole(std::span<const double> errors, double inverse_scale, std::int16
   return to_whole_portable(errors, inverse_scale, to);
 }
 
-/// The lower triangle of rows times rows; `n` of them, and zeros up to a multiple of 4 behind.
+/// The lower triangle of rows times rows; `n` of them, followed by zeros up to a multiple of 4.
 void multiply_block(KernelCode code, const NumberRows& rows, std::size_t n, std::int32_t* out) {
   std::int32_t four_by_two[8];  // NOLINT(modernize-avoid-c-arrays): registers' way out
   const auto four_rows = [&](std::size_t i, std::size_t j_begin, std::size_t j_end) {
@@ -209,7 +209,7 @@ void multiply_block(KernelCode code, const NumberRows& rows, std::size_t n, std:
 
 using Matrix = Eigen::MatrixXd;
 
-/// Products of the pictures brought to length 1.
+/// Products of the pictures normalised to length 1.
 Matrix correlations(std::span<const double> products, std::span<const float> norms) {
   const auto n = static_cast<Eigen::Index>(norms.size());
   Eigen::VectorXd inverse(n);
@@ -229,8 +229,8 @@ Matrix correlations(std::span<const double> products, std::span<const float> nor
 }
 
 /// The largest eigenvalues and vectors, ascending, from a block Krylov space [Halko11, 4.5].
-/// Only how sharp the bound becomes depends on how well they are found: at twice the depth the
-/// share was 0 to 2 % lower (two captures of the demo and a made stack, 32 vectors).
+/// Their accuracy affects only how sharp the bound becomes: at twice the depth the bound on the
+/// rest was 0 to 2 % lower (two captures of the demo and a synthetic stack, 32 vectors).
 struct TopVectors {
   Eigen::VectorXd values;
   Matrix vectors;
@@ -253,7 +253,7 @@ TopVectors top_vectors(const Matrix& all, Eigen::Index wanted) {
   for (Eigen::Index done = 0; done < size; done += kBlock) {
     const Eigen::Index width = std::min(kBlock, size - done);
     next = orthonormal_columns(next.leftCols(width));
-    for (int pass = 0; pass < 2 && done > 0; ++pass) {  // twice: the first leaves its rounding
+    for (int pass = 0; pass < 2 && done > 0; ++pass) {  // twice: once leaves rounding errors
       const auto before = basis.leftCols(done);
       const Matrix along = before.transpose() * next;
       next.noalias() -= before * along;
@@ -267,7 +267,7 @@ TopVectors top_vectors(const Matrix& all, Eigen::Index wanted) {
   return {small.values, basis * small.vectors};
 }
 
-/// About the largest eigenvalue, from below.
+/// An estimate of the largest eigenvalue, from below.
 double largest_eigenvalue(const Matrix& all) {
   constexpr int kPasses = 40;
   Eigen::VectorXd v(all.rows());
@@ -283,13 +283,14 @@ double largest_eigenvalue(const Matrix& all) {
     v /= norm;
     const Eigen::VectorXd image = all * v;
     found = v.dot(image);
-    v = image + std::abs(found) * v;  // the largest, not the one of the largest size
+    v = image + std::abs(found) * v;  // the largest, not the largest in magnitude
   }
   return std::max(found, 0.0);
 }
 
-/// A share that no eigenvalue reaches: share I - rest has a Cholesky factor. The factor of a
-/// matrix in doubles proves it to n^2 2^-53 of the share (1e-10), below what is added.
+/// A bound above all eigenvalues (`share`): share I - rest has a Cholesky factor. Its
+/// factorisation in doubles proves that to n^2 2^-53 of the bound (1e-10), below the margin
+/// added.
 double proven_share(const Matrix& rest) {
   constexpr double kMargin = 1.003;
   constexpr double kGrowth = 1.02;
@@ -304,9 +305,8 @@ double proven_share(const Matrix& rest) {
   }
 }
 
-/// A size of a vector's step: its numbers are then whole ones of 8 bits, two bytes of a float.
-/// Finer ones cost a third byte: unrounded numbers make the share at most 0.9 % lower (on the
-/// same).
+/// The step of a vector: its numbers are then 8-bit integers, two bytes of a float. Finer ones
+/// cost a third byte: unrounded numbers make that bound at most 0.9 % lower (same data).
 double step_of(double largest) {
   constexpr double kMostSteps = 255.0;
   return largest > 0.0 ? std::exp2(std::ceil(std::log2(largest / kMostSteps))) : 1.0;
@@ -423,7 +423,7 @@ ProductBound fit_product_bound(std::span<const double> products, std::span<const
     }
     rest.noalias() -= kept * kept.transpose();
   }
-  // Each product may be off by 2^-23 of the norms, n of them a row; and a norm by as much.
+  // Each product may be off by 2^-23 of the norms, n of them per row; and a norm by as much.
   bound.share = round_up(proven_share(rest) + 0x1p-23 * static_cast<double>(n + 8));
   return bound;
 }

@@ -9,24 +9,24 @@
 #include "relight/basis/relight_kernels.h"
 
 /// @file
-/// How the pictures of the coefficients' errors go together: their products <E_i, E_j> over the
-/// pixels, and from them a bound on ||sum l_i E_i|| that a file can hold. Products are sums of
-/// whole numbers: the same for any order, threads and processes. Method, cost and figures:
-/// docs/numerics/relight.md, "The coding error's bound".
+/// How the error pictures of the coefficients correlate: their products <E_i, E_j> over the
+/// pixels, and from them a bound on ||sum l_i E_i|| that a file can store. Products are sums of
+/// whole numbers: the same for any order and any number of threads and processes. Method, cost
+/// and figures: docs/numerics/relight.md, "The coding error's bound".
 
 namespace haarlight {
 
-/// Products are taken among so many neighbours in the order of coefficients; between blocks the
-/// triangle inequality is left.
+/// Products are formed within blocks of this many neighbours in coefficient order; between
+/// blocks the triangle inequality is used.
 inline constexpr int kGramBlock = 1024;
-/// An error is taken as a whole number of this size at most: 2^20 squares fit 31 bits.
+/// An error is rounded to an integer of at most this magnitude: 2^20 squares fit 31 bits.
 inline constexpr int kGramLargest = 1400;
 
 [[nodiscard]] int n_gram_blocks(int n_lights);
-/// Products of one channel: of each block the lower triangle, row by row.
+/// Products of one channel: the lower triangle of each block, row by row.
 [[nodiscard]] std::size_t gram_size(int n_lights);
 
-/// The errors of one tile and channel as whole numbers, place by place.
+/// The errors of one tile and channel as whole numbers, coefficient by coefficient.
 class TileErrors {
  public:
   /// @param n_pixels  at most 1024
@@ -39,7 +39,7 @@ class TileErrors {
 
   /// Every pixel was appended: sum over the pixels of n_i n_j, (gram_size(n_lights)).
   [[nodiscard]] std::vector<std::int32_t> products(KernelCode code = best_kernel_code());
-  /// What the whole numbers miss of any appended error, in steps, at most.
+  /// The largest rounding error of any appended error, in steps.
   [[nodiscard]] double largest_rest() const noexcept { return largest_rest_; }
 
  private:
@@ -49,15 +49,15 @@ class TileErrors {
 
   std::span<const int> places_;
   std::size_t n_pixels_;
-  std::size_t stride_;               ///< pixels of a row, padded with zeros
-  std::vector<std::int16_t> rows_;   ///< (n_lights, stride), by place
+  std::size_t stride_;               ///< pixels per row, padded with zeros
+  std::vector<std::int16_t> rows_;   ///< (n_lights, stride), in coefficient order
   std::vector<std::int16_t> batch_;  ///< (pixels of the batch, n_lights), by index
   std::size_t n_batch_ = 0;
   std::size_t n_done_ = 0;
   double largest_rest_ = 0.0;
 };
 
-/// Products of stored coefficients, pixel by pixel: few of them are not zero.
+/// Products of stored coefficients, pixel by pixel: few are nonzero.
 class SparseProducts {
  public:
   explicit SparseProducts(int n_lights);

@@ -11,7 +11,7 @@ namespace haarlight {
 
 namespace {
 
-// Times the smallest half (2^-24), or the smallest step of a pixel (2^-40), still normal.
+// Still normal when multiplied by the smallest half (2^-24) or the smallest pixel step (2^-40).
 constexpr double kSmallestFactor = 0x1p-60;
 
 }  // namespace
@@ -84,7 +84,7 @@ void put_sums(std::span<const float> sums, std::size_t stride, int exponent,
     } else {
       for (std::size_t k = 0; k < width; ++k) {
         const double sum = from[k * stride];
-        // 0 times a unit beyond doubles would be NaN.
+        // 0 times a unit that overflows double would be NaN.
         to[k * channels] =
             static_cast<float>(is_double ? unit * sum : std::ldexp(sum, exponent));
       }

@@ -17,7 +17,7 @@ namespace {
 using Index = std::ptrdiff_t;
 
 constexpr int kLargestSize = 1024;
-constexpr std::size_t kStackValues = 4096;  // scratch that fits the stack: rigs have 32 x 32
+constexpr std::size_t kStackValues = 4096;  // scratch that fits on the stack: rigs have 32 x 32
 
 void require_shape(std::size_t size, int n) {
   HAARLIGHT_EXPECTS(is_haar_size(n), "the Haar transform needs a power of two up to 1024");
@@ -170,8 +170,8 @@ std::vector<std::pair<Index, Index>> steps_of(const HaarGrid& grid) {
   return steps;
 }
 
-/// Of the pairs along one side of n lights at each level: the parts of s's first and second
-/// value. Of two groups of as many lights both are exactly the root of 1/2.
+/// The pair weights along one side of n lights at each level: the parts of s's first and second
+/// value. For two groups of equal size both are exactly sqrt(1/2).
 struct PairParts {
   double first = 0.0;
   double second = 0.0;
@@ -196,7 +196,7 @@ std::vector<std::vector<PairParts>> parts_of(Index n) {
   return parts;
 }
 
-/// s and d of a pair, and the pair of s and d: the same reflection.
+/// s and d from a pair, and the pair from s and d: the same reflection.
 template <class T>
 void reflect(const PairParts& part, T a, T b, T& first, T& second) {
   first = static_cast<T>(part.first * double{a} + part.second * double{b});

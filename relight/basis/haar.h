@@ -6,7 +6,7 @@
 #include <vector>
 
 /// @file
-/// The 2-D orthonormal nonstandard Haar transform of an n x n array, and its integer form.
+/// The 2-D orthonormal nonstandard Haar transform of an n x n array, and its integer version.
 /// Source: Haar (1910) as used by [Ng03] for lighting; layout and signs of
 /// data/golden/haar.json, which are PyWavelets' `coeffs_to_array(wavedec2(x, 'haar'))`. Notes:
 /// docs/numerics/haar.md.
@@ -22,12 +22,12 @@ namespace haarlight {
 /// True for 1, 2, 4, ... 1024: the sizes the plain transforms take.
 [[nodiscard]] bool is_haar_size(int n) noexcept;
 
-/// Lights in rows and columns. Where these are no power of two, or differ, the unbalanced Haar
-/// transform is meant [Girardi97]: neighbours are paired, the last of an odd number waits for
+/// Lights in rows and columns. Where these differ or are not powers of two, the unbalanced Haar
+/// transform is used [Girardi97]: neighbours are paired, the last of an odd number waits for
 /// the next level, and a pair of groups of a and b lights with normalised sums x and y becomes
 ///     s = (sqrt(a) x + sqrt(b) y) / sqrt(a + b),   d = (sqrt(b) x - sqrt(a) y) / sqrt(a + b),
 /// along x, then along y. It is orthonormal, needs as many coefficients as there are lights
-/// (padding with zeros would need up to four times as many), gives nothing but its mean for a
+/// (padding with zeros would need up to four times as many), gives only the mean for a
 /// constant, and is the transform above for an n x n grid.
 struct HaarGrid {
   int rows = 0;
@@ -40,34 +40,34 @@ struct HaarGrid {
   friend bool operator==(const HaarGrid&, const HaarGrid&) = default;
 };
 
-/// In place on x[row][col], n x n values. O(n^2). Pure but for `x`; safe from any thread.
-/// @throws ContractViolation  n no power of two up to 1024, or x of another size
+/// In place on x[row][col], n x n values. O(n^2). Pure except for `x`; safe from any thread.
+/// @throws ContractViolation  n not a power of two up to 1024, or x of another size
 void haar_forward(std::span<float> x, int n);
 void haar_forward(std::span<double> x, int n);
-/// The exact inverse up to rounding: 2 log2(n) additions a value.
+/// The exact inverse up to rounding: 2 log2(n) additions per value.
 void haar_inverse(std::span<float> x, int n);
 void haar_inverse(std::span<double> x, int n);
-/// The same of every rows x cols array of x, one after the other; of a plain grid the same
-/// bits.
+/// The same of every rows x cols array of x, one after the other; bit-identical for a plain
+/// grid.
 void haar_forward(std::span<float> x, const HaarGrid& grid);
 void haar_forward(std::span<double> x, const HaarGrid& grid);
 void haar_inverse(std::span<float> x, const HaarGrid& grid);
 void haar_inverse(std::span<double> x, const HaarGrid& grid);
 
 /// The lossless integer S-transform of every rows x cols array of x: per level along x, then y:
-/// d = a - b, s = b + (d >> 1), s in front, d behind; the last of an odd number is its own s;
-/// same layout as above. Values must stay within a quarter of the type's range so that no
-/// difference overflows.
+/// d = a - b, s = b + (d >> 1), s first, then d; the last of an odd number is its own s; same
+/// layout as above. Values must stay within a quarter of the type's range so that no difference
+/// overflows.
 void s_transform_forward(std::span<std::int64_t> x, const HaarGrid& grid);
 void s_transform_inverse(std::span<std::int64_t> x, const HaarGrid& grid);
 
-/// Indices row * cols + col from coarse to fine: by level (of the mean 0, of the details that
-/// the first of all steps back adds 1, and so on), within a level by index. The order in which
-/// a basis file stores coefficients.
+/// Indices row * cols + col from coarse to fine: by level (0 for the mean, 1 for the details
+/// added by the first inverse step, and so on), within a level by index. The order in which a
+/// basis file stores coefficients.
 [[nodiscard]] std::vector<int> haar_order(const HaarGrid& grid);
 
-/// That order cut into groups: the coefficients of at least 8 a side together (all of a smaller
-/// grid), then a group a level. @return  where each ends
+/// That order cut into groups: the coefficients of at least 8 per side together (all of a
+/// smaller grid), then one group per level. @return  where each ends
 [[nodiscard]] std::vector<int> haar_group_ends(const HaarGrid& grid);
 
 }  // namespace haarlight

@@ -22,7 +22,7 @@ namespace {
 
 using Index = std::ptrdiff_t;
 
-constexpr int kLargest = 64;  // two arrays of doubles fill half of the second cache
+constexpr int kLargest = 64;  // two arrays of doubles fill half of the L2 cache
 constexpr std::size_t kGrainValues = std::size_t{1} << 18U;
 
 template <class T>
@@ -30,7 +30,7 @@ using Scratch = std::array<T, std::size_t{kLargest} * kLargest>;
 
 #if defined(__x86_64__)
 
-/// Sixteen values as the eight of even and the eight of odd places.
+/// Sixteen values as the eight at even and the eight at odd indices.
 struct Halves {
   __m256 even;
   __m256 odd;
@@ -55,7 +55,7 @@ struct Halves {
 #endif
 
 /// One level of x, m x m with rows `stride` apart: LL to `ll` (rows m/2 apart), the details to
-/// their places in `out`, n x n. haar.cpp's forward_level, operation by operation.
+/// their positions in `out`, n x n. haar.cpp's forward_level, operation by operation.
 template <class T>
 [[gnu::always_inline]] inline void forward_level(const T* __restrict x, Index stride, Index m,
                                                  T* __restrict ll, T* __restrict out, Index n) {

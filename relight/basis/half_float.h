@@ -16,7 +16,7 @@ inline constexpr float kLargestHalf = 65504.0F;
 [[nodiscard]] inline float half_to_float(std::uint16_t half) noexcept {
   const std::uint32_t magnitude = (half & 0x7fffU) << 13U;
   const std::uint32_t sign = (half & 0x8000U) << 16U;
-  // 2^112 moves the exponent's bias from 15 to 127; subnormals follow by themselves.
+  // 2^112 moves the exponent's bias from 15 to 127; subnormals come out right automatically.
   const float value = std::bit_cast<float>(magnitude) * 0x1p112F;
   return std::bit_cast<float>(std::bit_cast<std::uint32_t>(value) | sign);
 }

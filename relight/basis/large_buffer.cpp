@@ -17,7 +17,7 @@ LargeBuffer::LargeBuffer(std::size_t n_bytes) {
     throw std::bad_alloc();
   }
   bytes_ = {static_cast<std::byte*>(mapped), Unmap{n_bytes}};
-  // Advice, not a need: pages of 2 MB are read 5 % faster.
+  // Only a hint: pages of 2 MB are read 5 % faster.
   (void)::madvise(mapped, n_bytes, MADV_HUGEPAGE);
 }
 

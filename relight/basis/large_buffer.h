@@ -6,8 +6,8 @@
 #include <span>
 
 /// @file
-/// Much memory for reading again and again: from the system's pages, of 2 MB where it grants
-/// them.
+/// A large buffer for repeated reading: straight from the system, in 2 MB pages where
+/// available.
 
 namespace haarlight {
 

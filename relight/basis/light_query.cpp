@@ -29,8 +29,8 @@ std::vector<double> light_coefficients(const BasisHeader& header, const Eigen::V
   return light;
 }
 
-/// Of each channel alone, in fixed pieces and eight sums a piece: the same bits on any number
-/// of threads.
+/// Each channel alone, in fixed pieces with eight sums each: the same bits on any number of
+/// threads.
 std::vector<double> channel_norms(const Image<float>& picture) {
   constexpr std::size_t kPiece = std::size_t{1} << 16U;
   constexpr std::size_t kLanes = 8;
@@ -74,7 +74,7 @@ double error_of(const RelightBound& bound) {
 }
 
 /// The smallest K for each environment whose bound keeps `max_error`. A picture of few terms
-/// first tells how bright the whole one must be at least: truth >= ||P_K|| - its error's bound.
+/// first gives a lower bound on the whole one's norm: truth >= ||P_K|| - its error's bound.
 std::vector<RelitPicture> relight_within(
     LightQueries& queries, double max_error, TermOrder order,
     const std::function<std::vector<RelitPicture>()>& sum) {
@@ -105,7 +105,7 @@ std::vector<RelitPicture> relight_within(
               ? queries.terms_within(static_cast<int>(e),
                                      max_error * truth[e] - bound.coded - bound.rounding, order)
               : std::nullopt;
-      // Always more terms than before: sums taken in another order differ in their last bits.
+      // Always more terms than before: sums in another order differ in their last bits.
       terms[e] =
           std::max(pictures[e].terms + 1,
                    enough ? *enough : std::min(kGrowth * terms[e], pictures[e].terms_all));
@@ -171,7 +171,7 @@ LightQueries::LightQueries(const BasisHeader& header, const BasisTables& tables,
 
 double picture_bound(const PictureBound& bound, std::span<const float> norms,
                      std::span<const double> light, std::span<const int> order, int channel) {
-  constexpr double kRounding = 1e-9;  // of these sums: 2^-53 times some thousand
+  constexpr double kRounding = 1e-9;  // of these sums: 2^-53 times a few thousand
   const std::size_t n_lights = light.size();
   const std::size_t n_vectors = count(bound.n_vectors);
   const int n_blocks = n_gram_blocks(static_cast<int>(n_lights));
@@ -204,7 +204,7 @@ double picture_bound(const PictureBound& bound, std::span<const float> norms,
   return sum * (1.0 + kRounding);
 }
 
-/// What of the light in use was clipped.
+/// Which part of the light in use was clipped.
 void LightQueries::count_clipped(const Eigen::VectorXd& w, LightQuery& query) const {
   const std::size_t start = count(query.channel) * query.given.size();
   const auto n_pixels = static_cast<double>(header_.dims.n_pixels());
@@ -221,8 +221,8 @@ void LightQueries::count_clipped(const Eigen::VectorXd& w, LightQuery& query) co
 }
 
 /// The smallest of the bounds on ||sum_k w_k E_k||, E the error of the coded stack: triangle
-/// inequality over coefficients, over lights, Cauchy-Schwarz, and what the file holds on how
-/// the errors go together.
+/// inequality over coefficients, over lights, Cauchy-Schwarz, and the file's bound on how the
+/// errors correlate.
 double LightQueries::coded_bound(const LightQuery& query, const Eigen::VectorXd& w) const {
   const std::size_t start = count(query.channel) * query.light.size();
   double by_coefficient = 0.0;
@@ -251,7 +251,7 @@ double LightQueries::reach(const LightQuery& query, int i) const {
   return std::abs(query.light[count(i)]) * double{tables_.coefficient_norms[start + count(i)]};
 }
 
-/// Terms in the order of their worth; those that add nothing are left out.
+/// Terms in descending order of worth; those that add nothing are left out.
 std::vector<int> LightQueries::rank_terms(const LightQuery& query, TermOrder order) const {
   std::vector<double> worth(query.light.size());
   std::vector<int> terms;
@@ -267,7 +267,7 @@ std::vector<int> LightQueries::rank_terms(const LightQuery& query, TermOrder ord
   return terms;
 }
 
-/// By what the file holds on how the terms' pictures go together; from the last term on.
+/// By the file's bound on how the terms' pictures correlate; from the last term backwards.
 void LightQueries::sharpen_tails(const LightQuery& query, Ranking& ranking) const {
   const PictureBound& bound = tables_.term_bound;
   const std::size_t n_lights = query.light.size();
@@ -442,7 +442,7 @@ void LightQueries::finish(std::vector<RelitPicture>& pictures) const {
 namespace {
 
 double relative_bound(double error, double picture_norm) {
-  if (!std::isfinite(picture_norm)) {  // brighter than floats can tell
+  if (!std::isfinite(picture_norm)) {  // beyond the range of floats
     return std::numeric_limits<double>::infinity();
   }
   const double truth = picture_norm - error;

@@ -10,13 +10,13 @@
 #include "relight/basis/relight.h"
 
 /// @file
-/// What relighting asks of a basis, whatever holds it (the file, or memory): lighting
-/// coefficients, terms in order of their worth, the bounds on what is left out. Method:
+/// What relighting needs from a basis, wherever it is held (file or memory): lighting
+/// coefficients, terms in order of worth, bounds on what is left out. Method:
 /// docs/numerics/relight.md, "Relighting".
 
 namespace haarlight {
 
-/// What one colour of one environment asks of one channel of the basis.
+/// The query of one colour of one environment to one channel of the basis.
 struct LightQuery {
   int environment = 0;
   int out_channel = 0;
@@ -34,15 +34,14 @@ struct LightQuery {
 };
 
 /// Bounds on the norm of a tail: entry K bounds ||sum of l_i C_i over ranked[K], ranked[K+1],
-/// ...||; one entry more than `ranked` has, the last is 0. Default: the triangle inequality.
+/// ...||; one more entry than `ranked`, the last one 0. Default: the triangle inequality.
 using TailBound =
     std::function<std::vector<double>(const LightQuery& query, std::span<const int> ranked)>;
 
-/// The questions of some environments. Borrows header, tables and name.
-/// One thread.
+/// The queries of several environments. Borrows header, tables and name. One thread.
 class LightQueries {
  public:
-  /// @throws Error  weights of another number of lights or of colours
+  /// @throws Error  weights with a wrong number of lights or colours
   LightQueries(const BasisHeader& header, const BasisTables& tables, const std::string& name,
                std::span<const LightWeights> weights, TailBound tail_bound = {});
 
@@ -57,10 +56,10 @@ class LightQueries {
   [[nodiscard]] std::size_t n_environments() const noexcept { return out_channels_.size(); }
   /// RelightBound::coded of one environment.
   [[nodiscard]] double coded(std::size_t environment) const;
-  /// To the bound of a picture of all lights that was summed elsewhere: the file's own error
-  /// and `more`, and what was clipped.
+  /// Adds to the bound of a picture of all lights that was summed elsewhere: the file's own
+  /// error and `more`, and what was clipped.
   void add_coded(std::size_t environment, double more, RelightBound& bound) const;
-  /// Black pictures of the environments' shapes, in the memory of `reuse` where that fits: new
+  /// Black pictures of the environments' shapes, in the memory of `reuse` where it fits: fresh
   /// pages cost as much as summing a sparse picture.
   [[nodiscard]] std::vector<RelitPicture> black_pictures(
       std::vector<RelitPicture> reuse = {}) const;
@@ -69,7 +68,7 @@ class LightQueries {
   void finish(std::vector<RelitPicture>& pictures) const;
 
  private:
-  /// Terms from the worthiest on, and bounds on what is dropped behind each.
+  /// Terms in descending worth, and bounds on what is dropped after each.
   struct Ranking {
     TermOrder order = TermOrder::transport;
     std::vector<int> terms;
@@ -79,7 +78,7 @@ class LightQueries {
   [[nodiscard]] double reach(const LightQuery& query, int i) const;
   [[nodiscard]] std::vector<int> rank_terms(const LightQuery& query, TermOrder order) const;
   void sharpen_tails(const LightQuery& query, Ranking& ranking) const;
-  /// Of all_[q]; kept until another order is asked for.
+  /// For all_[q]; kept until another order is requested.
   [[nodiscard]] const Ranking& ranking(std::size_t q, TermOrder order);
   [[nodiscard]] double coded_bound(const LightQuery& query, const Eigen::VectorXd& w) const;
   void state_clipped(std::size_t environment, RelightBound& bound) const;
@@ -95,7 +94,7 @@ class LightQueries {
   std::vector<std::optional<Ranking>> rankings_;  ///< of all_
 };
 
-/// ||sum_i l_i P_i|| at most, by a bound that a file holds.
+/// Upper bound on ||sum_i l_i P_i||, by a bound stored in a file.
 /// @param norms    (n_lights) of one channel, by light-domain index: p_i >= ||P_i||
 /// @param light    (n_lights): l_i, by light-domain index
 /// @param order    coefficient_order()
@@ -107,8 +106,8 @@ class LightQueries {
 /// RelightBound::relative_l2 from the others, and that of each channel.
 void set_relative_bound(RelightBound& bound);
 
-/// Runs `sum` (which sums the terms kept now and calls finish()) as the options ask: once, or,
-/// for a largest error, until the bound is kept or no term is left.
+/// Runs `sum` (which sums the terms kept now and calls finish()) as the options request: once,
+/// or, for a maximum error, until the bound is met or no term is left.
 [[nodiscard]] std::vector<RelitPicture> relight_as_asked(
     LightQueries& queries, const RelightOptions& options,
     const std::function<std::vector<RelitPicture>()>& sum);

@@ -12,8 +12,8 @@ namespace haarlight {
 
 namespace {
 
-// Of the bound on the coding error: vectors a block, and the share of the file they may take at
-// about 1.5 bytes a number.
+// For the bound on the coding error: vectors per block, and the fraction of the file they may
+// take at about 1.5 bytes per number.
 constexpr int kLightsPerVector = 32;
 constexpr double kVectorShare = 0.125;
 constexpr double kVectorBytes = 1.5;

@@ -6,7 +6,7 @@
 #include "relight/basis/basis_file.h"
 
 /// @file
-/// From the products of the coefficients' error pictures to the bound that a file holds.
+/// From the products of the coefficients' error pictures to the bound that a file stores.
 /// Method: docs/numerics/relight.md, "The coding error's bound".
 
 namespace haarlight {

@@ -20,15 +20,15 @@ namespace haarlight {
 namespace {
 
 constexpr int kMostLights = 1 << 15;  // an index and its high part share 16 bits
-// Nanoseconds an entry on one core, single and for a batch (bench/relight/kernels.cpp); only
-// their ratios choose.
+// Nanoseconds per entry on one core, single and for a batch (bench/relight/kernels.cpp); only
+// their ratios matter.
 constexpr double kRowCost = 0.45;
 constexpr double kListCost = 1.0;
 constexpr double kBatchRowCost = 2.0;
 constexpr double kBatchListCost = 4.0;
-// Above this share of the lights a pixel's coefficients cost more than its half floats.
+// Above this fraction of the lights, a pixel's coefficients cost more than its half floats.
 constexpr double kDenseShare = 0.25;
-// From one lit list in 16 on it is faster to look at all than to search each.
+// From one lit list in 16 on, scanning all is faster than searching for each.
 constexpr std::size_t kSearchCost = 16;
 constexpr std::size_t kTilesAtOnce = 64;
 constexpr std::size_t kTileParts = 8;  // partial sums of the pictures' products
@@ -86,7 +86,7 @@ std::string_view to_string(RelightMethod method) noexcept {
   return "";
 }
 
-/// Up to kBatch queries of one channel, and what the kernels need of them.
+/// Up to kBatch queries of one channel, in the form the kernels need.
 struct PreparedBasis::Chunk {
   std::vector<const LightQuery*> queries;
   std::vector<int> exponents;  ///< each query's factors are in units of 2^exponent
@@ -176,7 +176,7 @@ void PreparedBasis::unpack(const BasisFile& basis, std::uint64_t memory_bytes) {
                                   static_cast<int>((first + i) % channels));
       }
     });
-    // One behind the other, as they are read.
+    // Contiguous, in the order they are read.
     std::uint64_t of_rows = 0;
     std::uint64_t of_lists = 0;
     for (const SparseTile& tile : unpacked) {
@@ -224,7 +224,7 @@ void PreparedBasis::measure_products(double most) {
       work += 0.5 * 8.0 * length * length;
     }
   }
-  // The sums' own room is bounded with the work: 8 partial sums of n^4 doubles.
+  // The memory of the sums is bounded along with the work: 8 partial sums of n^4 doubles.
   if (work > most || double(per_grid * per_grid) > 0x1p22) {
     return;
   }
@@ -280,7 +280,7 @@ std::vector<double> PreparedBasis::grid_products(int channel, std::size_t grid,
 
 /// ||sum of x_i N_i||^2 = x' R x with N_i = C_i / ||C_i||, x_i = l_i ||C_i||, R their products.
 /// Rounding R and the sum costs at most 2^-22 (sum |x_i|)^2, which is added; the norms of
-/// different grids are added up.
+/// different grids are added.
 std::vector<double> PreparedBasis::sharper_tails(const LightQuery& query,
                                                  std::span<const int> ranked) const {
   constexpr double kRounding = 0x1p-22;
@@ -326,7 +326,7 @@ PreparedBasis::Chunk PreparedBasis::make_chunk(std::vector<const LightQuery*> qu
   chunk.light.assign(2 * n_lights * chunk.width, 0.0F);
   for (std::size_t q = 0; q < chunk.queries.size(); ++q) {
     const LightQuery& query = *chunk.queries[q];
-    // One unit for what coefficients and gains are multiplied with.
+    // One unit for the factors of coefficients and gains.
     const int exponent = unit_exponent(factors_of(query));
     chunk.exponents.push_back(exponent);
     for (std::size_t i = 0; i < n_lights; ++i) {
@@ -364,9 +364,9 @@ std::vector<double> PreparedBasis::factors_of(const LightQuery& query) const {
   return factors;
 }
 
-/// A value passes the rounding of its factor, of its product, an addition for each entry of the
-/// pixel, the last one and the picture's own. The plate's sums are double: they pass the last
-/// two.
+/// A value passes the rounding of its factor and its product, one addition per entry of the
+/// pixel, the last one and the picture's own. The plate's sums are double: they pass only the
+/// last two.
 double PreparedBasis::rounding(const LightQuery& query, int exponent) const {
   constexpr int kOthers = 6;
   constexpr double kSplit = 3.0;  // |high part| + |low part| <= 3 |value|
@@ -506,7 +506,7 @@ std::vector<RelitPicture> PreparedBasis::sum(const LightQueries& asked,
   return pictures;
 }
 
-/// The half floats are of what the file decodes to: their error and the file's add up. Decoding
+/// The half floats hold what the file decodes to: their error and the file's add up. Decoding
 /// rounds coefficients and values to float: at most 2^-24 of their norm each, and the
 /// residual's norm is at most twice the stack's.
 std::vector<RelitPicture> PreparedBasis::relight_dense(std::span<const LightWeights> weights,

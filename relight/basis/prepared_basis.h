@@ -18,20 +18,20 @@
 #include "relight/basis/relight_kernels.h"
 
 /// @file
-/// A basis file unpacked into memory, for relighting it again and again: animations, a server.
-/// Sums are float, in an order fixed by the data: the same bits for any number of threads, for
-/// an environment alone or in a batch, by rows or by lists. Their rounding is part of the
-/// bound. Method, rule of choice and figures: docs/numerics/relight.md, "Kernels".
+/// A basis file unpacked into memory, for repeated relighting: animations, a server. Sums are
+/// float, in an order fixed by the data: the same bits for any number of threads, for an
+/// environment alone or in a batch, by rows or by lists. Their rounding is part of the bound.
+/// Method, selection rule and figures: docs/numerics/relight.md, "Kernels".
 
 namespace haarlight {
 
 enum class PreparedForm {
-  automatic,  ///< sparse, unless the file is lossless or has too many coefficients a pixel
+  automatic,  ///< sparse, unless the file is lossless or has too many coefficients per pixel
   sparse,     ///< rows and lists of the stored coefficients; quantised files
   dense,      ///< every light of every pixel as half floats; any file, no choice of terms
 };
 
-/// What sums a picture.
+/// How a picture is summed.
 enum class RelightMethod {
   dense_half,         ///< all lights of all pixels
   sparse_rows,        ///< all coefficients, pixel by pixel
@@ -41,17 +41,17 @@ enum class RelightMethod {
 
 struct PrepareOptions {
   PreparedForm form = PreparedForm::automatic;
-  /// Sum of products of coefficients that may be spent on the sharper bound on dropped terms,
-  /// about a second a billion on one core; beyond it the triangle inequality is left.
+  /// Number of coefficient products that may be spent on the sharper bound on dropped terms,
+  /// about one second per billion on one core; beyond it the triangle inequality is used.
   double bound_products = 4e9;
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
 };
 
 struct PreparedRun {
-  /// None: the faster one, by the number of coefficients that the light has.
+  /// None: the faster one, by the number of coefficients of the light.
   std::optional<RelightMethod> method;
   KernelCode code = best_kernel_code();
-  std::vector<RelitPicture> reuse;  ///< of an earlier call, whose memory is taken over
+  std::vector<RelitPicture> reuse;  ///< of an earlier call, whose memory is reused
 };
 
 /// Const calls are thread-safe.
@@ -63,7 +63,7 @@ class PreparedBasis {
   explicit PreparedBasis(const BasisFile& basis, const PrepareOptions& options = {});
 
   [[nodiscard]] const BasisHeader& header() const noexcept { return header_; }
-  /// automatic, decided.
+  /// The form in use: `automatic`, resolved.
   [[nodiscard]] PreparedForm form() const noexcept {
     return dense_ ? PreparedForm::dense : PreparedForm::sparse;
   }
@@ -71,8 +71,8 @@ class PreparedBasis {
   [[nodiscard]] bool has_sharp_bound() const noexcept { return !products_.empty(); }
 
   /// As relight() does, from memory; RelitPicture::method names what was chosen.
-  /// @throws Error  weights of another number of lights; RelightOptions::terms of the dense
-  ///                form, which knows no terms
+  /// @throws Error  weights with a wrong number of lights; RelightOptions::terms with the dense
+  ///                form, which has no terms
   [[nodiscard]] std::vector<RelitPicture> relight(std::span<const LightWeights> weights,
                                                   const RelightOptions& options = {},
                                                   PreparedRun run = {}) const;
@@ -107,7 +107,7 @@ class PreparedBasis {
   std::uint64_t bytes_ = 0;
   std::optional<DenseHalf> dense_;
   std::vector<TileRect> rects_;
-  /// What the tiles live in, some tiles each.
+  /// Memory that the tiles live in, several tiles each.
   struct Memory {
     explicit Memory(std::uint64_t bytes);
     LargeBuffer buffer;
@@ -116,7 +116,7 @@ class PreparedBasis {
   std::vector<Memory> memory_;
   std::vector<SparseTile> tiles_;            ///< (tiles, channels)
   std::vector<std::uint64_t> list_lengths_;  ///< (channels, 2 n_lights): entries of all tiles
-  std::vector<std::uint64_t> row_entries_;   ///< (channels): with the rows' filling
+  std::vector<std::uint64_t> row_entries_;   ///< (channels): including the rows' padding
   std::vector<std::uint32_t> longest_rows_;  ///< (channels): entries of one pixel
   std::vector<double> plate_norms_;          ///< (channels, rank): ||gain u_j||, in gain steps
   std::vector<double> norms_;                ///< (channels, n_lights): ||C_i|| in steps

@@ -38,7 +38,7 @@ class Relighting {
   const BasisFile& basis_;
   LightQueries asked_;
   const std::vector<LightQuery>& queries_;             ///< with the terms kept
-  std::vector<std::vector<double>> lossless_weights_;  ///< a query: what each light gets
+  std::vector<std::vector<double>> lossless_weights_;  ///< per query: each light's weight
 };
 
 bool Relighting::is_group_needed(int channel, int group) const {
@@ -48,7 +48,7 @@ bool Relighting::is_group_needed(int channel, int group) const {
     }
     const bool is_lossless = basis_.header().coding != BasisCoding::quantised;
     if (basis_.header().coding == BasisCoding::integers && queries_[q].terms > 0) {
-      return true;  // no light comes alone
+      return true;  // no light can be read alone
     }
     const std::vector<double>& values = is_lossless ? lossless_weights_[q] : queries_[q].light;
     for (int place = basis_.group_begin(group); place < basis_.group_end(group); ++place) {
@@ -134,7 +134,7 @@ void Relighting::sum_lossless(int i_tile, const TileRect& rect, int channel,
   }
 }
 
-/// Integers can only be had of all lights at once.
+/// Integers can only be decoded for all lights at once.
 void Relighting::sum_integers(int i_tile, int channel,
                               std::vector<std::vector<double>>& sums) const {
   const bool is_wanted =

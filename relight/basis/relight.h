@@ -16,53 +16,53 @@
 /// Pictures from a basis file: sum of w_k T_k in the domain of the file. Source: [Ng03], the
 /// transport-weighted order of its coefficients. Method and bounds: docs/numerics/relight.md,
 /// "Relighting". Sums are double over the lights in a fixed order: results do not depend on the
-/// number of threads. Negative values of truncation are kept.
+/// number of threads. Negative values from truncation are kept.
 
 namespace haarlight {
 
-/// Drive of every light, (n_lights, 1 or 3): one colour for all channels, or one each.
+/// Weight of every light, (n_lights, 1 or 3): the same for all channels, or one each.
 using LightWeights = Eigen::MatrixXd;
 
-/// In which order the fast mode takes terms.
+/// The order in which the fast mode adds terms.
 enum class TermOrder {
   transport,  ///< by |l_i| * ||T_i||: what a term adds to the picture at most
   light,      ///< by |l_i| alone; leaves 79 % error with nine LEDs and 16 terms: for comparison
 };
 
 struct RelightOptions {
-  std::optional<int> terms;         ///< K largest terms a colour; 0 keeps the plate part alone
+  std::optional<int> terms;         ///< K largest terms per colour; 0 keeps only the plate part
   std::optional<double> max_error;  ///< smallest K whose bound on the relative L2 holds
   TermOrder order = TermOrder::transport;
 };
 
-/// Of one channel of a picture.
+/// Bounds on one channel of a picture.
 struct ChannelBound {
   double error =
-      0.0;  ///< of its dropped terms and of the coding; RelightBound::rounding besides
+      0.0;  ///< of its dropped terms and of the coding; RelightBound::rounding comes on top
   double picture_norm = 0.0;
   double relative_l2 = 0.0;  ///< as RelightBound::relative_l2
 };
 
-/// Rigorous bounds, from the norms in the file; no truth is needed. Per picture. They are
-/// against the stack that was compressed: what a clipped value lacks is in none but `clipped`.
+/// Rigorous bounds, from the norms in the file; no ground truth is needed. Per picture. They
+/// are relative to the stack that was compressed: what clipped values lack is only in
+/// `clipped`.
 struct RelightBound {
   /// ||picture - exact picture of the basis file|| <= this: sum of the dropped |l_i| * ||T_i||.
   double dropped = 0.0;
   /// ||exact picture of the file - picture of the uncompressed stack|| <= this.
   double coded = 0.0;
-  /// Of sums in float: 0 here, where sums are double; see prepared_basis.h.
+  /// Rounding of sums in float: 0 here, where sums are double; see prepared_basis.h.
   double rounding = 0.0;
-  double picture_norm = 0.0;  ///< of the picture given out
+  double picture_norm = 0.0;  ///< of the returned picture
   /// e / (picture_norm - e) with e = dropped + coded + rounding; infinity when that is not
   /// positive and 0 for a picture without any light.
   double relative_l2 = 0.0;
   std::vector<ChannelBound> channels;  ///< each channel alone
-  /// What the bounds above leave out: the share of the values under the lights in use that were
-  /// clipped in every exposure and so are lower bounds; none: the file does not tell.
+  /// Not covered by the bounds above: the fraction of the values under the lights in use that
+  /// were clipped in every exposure and so are lower bounds; none: unknown to the file.
   std::optional<double> clipped_share;
-  /// Where no clipped value was truly brighter than 1 + f times what the file holds, the
-  /// picture of the light as it was is at most f * clipped further off: sum |w_k| ||T_k,
-  /// clipped||.
+  /// If no clipped value was truly brighter than 1 + f times what the file holds, the picture
+  /// of the true light is off by at most another f * clipped: sum |w_k| ||T_k, clipped||.
   double clipped = 0.0;
 };
 
@@ -72,12 +72,12 @@ struct RelitPicture {
   int terms = 0;                 ///< terms summed, the largest over the colours
   int terms_all = 0;             ///< terms the exact mode would sum: nonzero l_i with a norm
   std::uint64_t bytes_read = 0;  ///< of blocks
-  std::string method = "file";   ///< what summed: the file, or a RelightMethod's name
+  std::string method = "file";   ///< how it was summed: the file, or a RelightMethod's name
 };
 
 /// Exact mode unless an option says otherwise. One pass over the file for all environments.
-/// @param weights  one matrix an environment, all finite
-/// @throws Error  damaged blocks; weights of another number of lights
+/// @param weights  one matrix per environment, all finite
+/// @throws Error  damaged blocks; weights with a wrong number of lights
 [[nodiscard]] std::vector<RelitPicture> relight(const BasisFile& basis,
                                                 std::span<const LightWeights> weights,
                                                 const RelightOptions& options = {});

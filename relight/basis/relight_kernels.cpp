@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::size_t kLanes = 8;
 
-/// Eight running sums to one, in the order in which a vector register folds.
+/// Eight running sums to one, in the order in which a vector register is folded.
 float fold(const float* a) {
   return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
 }
@@ -116,7 +116,7 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
   }
 }
 
-/// Plain loops that the compiler turns into whichever vectors the caller allows.
+/// Plain loops that the compiler vectorises for whichever target the caller allows.
 [[gnu::always_inline]] inline void add_list_batch_body(std::span<const ListEntry> list,
                                                        const float* factors, float* sums) {
   for (const ListEntry& entry : list) {
@@ -169,7 +169,7 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
 }
 
 /// One of the four octets of every 32 lights, so that eight environments' sums stay in
-/// registers; a row is in the first cache from its first octet on.
+/// registers; a row is in the L1 cache from its first octet on.
 [[gnu::target("avx2,f16c")]] void sum_octets(const std::uint16_t* row,
                                              std::span<const LaneRange> ranges,
                                              const float* weights, int octet, __m256* out) {
@@ -223,13 +223,13 @@ void sum_rows_batch_portable(const SparseRows& rows, const float* light, float* 
 [[gnu::target("avx2,f16c")]] void sum_rows_avx2(const SparseRows& rows, const float* light,
                                                 float* sums) {
   const std::size_t n_slots = rows.starts.size() - 1;
-  // Put in their places only at the end: scattered stores make the reads between them slower.
+  // Scattered to their pixels only at the end: scattered stores slow the reads between them.
   const auto in_slots = std::make_unique_for_overwrite<float[]>(n_slots * kLanes);
   for (std::size_t s = 0; s < n_slots; ++s) {
     const RowBlock* block = rows.blocks.data() + rows.starts[s];
     const RowBlock* end = rows.blocks.data() + rows.starts[s + 1];
     __m256 a = _mm256_setzero_ps();
-    for (; end - block >= 2; block += 2) {  // a line of the cache
+    for (; end - block >= 2; block += 2) {  // one cache line
       prefetch_ahead(block->index.data());
       a = _mm256_add_ps(a, row_products(block[0], light));
       a = _mm256_add_ps(a, row_products(block[1], light));
@@ -296,7 +296,7 @@ KernelCode find_best_code() {
 }  // namespace
 
 KernelCode best_kernel_code() noexcept {
-  // Asked once: a virtual machine takes some 20 microseconds to answer CPUID.
+  // Queried once: a virtual machine takes about 20 microseconds to answer CPUID.
   static const KernelCode kBest = find_best_code();
   return kBest;
 }

@@ -10,23 +10,23 @@
 /// The inner loops of repeated relighting, over one tile's values in memory. Sums are float, in
 /// an order that is fixed by the data's layout: the same bits for any number of threads, for
 /// one environment or a batch, with and without AVX2 (products are rounded before they are
-/// added: a fused multiply-add would make results depend on the machine and gains nothing,
-/// memory being the limit). What that rounding can cost is bounded by the callers; method and
-/// figures: docs/numerics/relight.md, "Kernels". Pure but for `sums`; safe from any thread.
+/// added: a fused multiply-add would make results machine-dependent and gain nothing, memory
+/// being the limit). The callers bound that rounding error; method and figures:
+/// docs/numerics/relight.md, "Kernels". Pure except for `sums`; safe from any thread.
 
 namespace haarlight {
 
-/// How the loops were compiled.
+/// How the loops are compiled.
 enum class KernelCode {
   portable,  ///< plain C++
   avx2,      ///< x86 with AVX2 and F16C
 };
-/// The fastest that this machine runs.
+/// The fastest that this machine supports.
 [[nodiscard]] KernelCode best_kernel_code() noexcept;
 
 /// Lights of a dense row are padded to this: 4 x 8 running sums.
 inline constexpr int kDenseLanes = 32;
-/// Environments that share one reading of the data.
+/// Environments that share one pass over the data.
 inline constexpr int kBatch = 8;
 
 /// Lights [begin, end), multiples of kDenseLanes.
@@ -60,15 +60,16 @@ struct RowBlock {
 };
 
 /// Sparse rows, eight pixels side by side: slot s holds pixels[8 s ...] in the blocks
-/// [starts[s], starts[s + 1]); shorter rows are filled with zeros, which is little, since
-/// pixels are ordered by the length of their rows. Pixels without coefficients are in no slot.
+/// [starts[s], starts[s + 1]); shorter rows are padded with zeros, which are few, since pixels
+/// are ordered by the length of their rows. Pixels without coefficients are in no slot.
 struct SparseRows {
   std::span<const std::uint16_t> pixels;
   std::span<const std::uint32_t> starts;  ///< (slots + 1)
   std::span<const RowBlock> blocks;
 };
 
-/// sums[p] = sum of value * light[index] for the pixels that have a row; the others stay.
+/// sums[p] = sum of value * light[index] for the pixels that have a row; the others are
+/// unchanged.
 /// @param light  a factor for every index
 /// @param sums   (n_pixels)
 void sum_rows(KernelCode code, const SparseRows& rows, std::span<const float> light,
@@ -84,8 +85,8 @@ struct ListEntry {
   std::int16_t value = 0;
 };
 
-/// sums[pixel] += value * factor over one coefficient's list. Lists in ascending order of their
-/// coefficients give the bits of sum_rows(), whose rows have the same order.
+/// sums[pixel] += value * factor over one coefficient's list. Adding lists in ascending order
+/// of their coefficients is bit-identical to sum_rows(), whose rows have the same order.
 void add_list(std::span<const ListEntry> list, float factor, std::span<float> sums);
 /// @param factors  (kBatch)
 /// @param sums     (n_pixels, kBatch)

@@ -20,7 +20,7 @@ namespace {
 using nlohmann::json;
 
 constexpr double kMost =
-    1e20;  // of a drive: sums of products end in single precision at 3.4e38
+    1e20;  // of a weight: sums of products end in single precision at 3.4e38
 constexpr std::uintmax_t kMaxWeightBytes = std::uintmax_t{64} << 20U;  // 3 * 24576 numbers
 
 void add_word(std::string_view word, Eigen::MatrixXd& weights) {

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 
 /// @file
-/// Drives of lights as people write them: on the command line and in a JSON file.
+/// Light weights as users write them: on the command line and in a JSON file.
 
 namespace haarlight {
 
@@ -19,9 +19,9 @@ namespace haarlight {
 [[nodiscard]] Eigen::MatrixXd weights_from_words(const std::vector<std::string>& words,
                                                  int n_lights);
 
-/// A JSON list of one number or [r, g, b] a light; rows of a face may be nested lists.
+/// A JSON list of one number or [r, g, b] per light; rows of a face may be nested lists.
 /// @return  (n_lights, 1 or 3)
-/// @throws Error  not such a list, another number of lights, a number that is not finite
+/// @throws Error  not such a list, a wrong number of lights, a number that is not finite
 [[nodiscard]] Eigen::MatrixXd weights_from_json(const std::filesystem::path& file,
                                                 int n_lights);
 

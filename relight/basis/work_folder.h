@@ -11,25 +11,25 @@
 #include "core/files.h"
 
 /// @file
-/// The finished pieces of a long job, so that a killed one goes on where it was and several
-/// processes can share one. A piece is a file that is whole or not there; it carries the key of
-/// everything it depends on and a checksum. Pieces with another key count as not there.
+/// The finished pieces of a long job, so that a killed one resumes where it stopped and several
+/// processes can share one. A piece is a file that is complete or absent; it carries the key of
+/// everything it depends on and a checksum. Pieces with another key count as absent.
 
 namespace haarlight {
 
 class WorkFolder {
  public:
-  /// Makes the folder where it is missing.
+  /// Creates the folder if missing.
   /// @param key  of the job: its input and its settings; empty: no other run's pieces fit
   /// @throws Error(io)
   WorkFolder(std::filesystem::path folder, std::string key);
 
-  /// Holds the folder for this process alone as long as the object lives; pieces of a job with
-  /// another key are deleted. @throws Error(interrupted)  another process has it
+  /// Holds the folder for this process alone for the lifetime of the object; pieces of a job
+  /// with another key are deleted. @throws Error(interrupted)  another process has it
   void own();
 
   /// A piece's bytes; nothing when it is missing, damaged or another job's.
-  /// @param key  beside the job's: what this piece depends on
+  /// @param key  in addition to the job's: what this piece depends on
   [[nodiscard]] std::optional<std::vector<std::byte>> read(const std::string& name,
                                                            const std::string& key = {}) const;
   /// @throws Error(io)  the disk is full, ...: pieces already written stay
@@ -44,7 +44,7 @@ class WorkFolder {
 
   [[nodiscard]] std::filesystem::path path(const std::string& name) const;
   [[nodiscard]] bool is_own() const noexcept { return lock_.is_open(); }
-  /// Deletes the folder and all that is in it.
+  /// Deletes the folder and everything in it.
   void remove() noexcept;
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// Circles in the mean of all pictures: where edges vote for the same centre and radius.
+/// Circles in the mean of all pictures by a Hough vote of edges for centre and radius.
 
 #include <algorithm>
 #include <array>
@@ -18,16 +18,16 @@ namespace {
 
 using Eigen::Vector2d;
 
-constexpr int kCoarse = 320;         // pixels of the longer side that is voted on
+constexpr int kCoarse = 320;         // longer side of the voting picture, pixels
 constexpr double kEdgeShare = 0.06;  // of the pixels: the strongest edges vote
 constexpr double kLeastAlong = 0.9;  // cosine between an edge's normal and the radius
 constexpr int kAngles = 360;
-constexpr double kBand = 0.07;  // of the radius: where an edge is looked for
+constexpr double kBand = 0.07;  // of the radius: search range for an edge
 constexpr int kFitRounds = 10;
-constexpr double kBlur = 2.0;  // pixels: how far an edge is smeared
+constexpr double kBlur = 2.0;  // pixels: width of a blurred edge
 
-/// Edges count by their share of the light around, so that a dark ball before a dark wall has
-/// an outline as well.
+/// Edges count relative to the surrounding light, so that a dark ball before a dark wall has an
+/// outline as well.
 struct Edges {
   Image<float> x;  ///< unit normals
   Image<float> y;
@@ -123,7 +123,7 @@ class Votes {
       }
     }
   }
-  /// Best first: votes of 3 x 3 x 3 cells over the root of the radius.
+  /// Best first: votes of 3 x 3 x 3 cells over the square root of the radius.
   [[nodiscard]] std::vector<PictureCircle> peaks(int most) const {
     std::vector<float> score(of_.size(), 0.0F);
     for (int i = 0; i < n_; ++i) {
@@ -164,7 +164,8 @@ class Votes {
             of_[index(k, y + j, x - 1)] + of_[index(k, y + j, x)] + of_[index(k, y + j, x + 1)];
       }
     }
-    // By the root: by the radius itself a texture's smallest circles would come first.
+    // The square root: divided by the radius itself, a texture's smallest circles would come
+    // first.
     return static_cast<float>(sum) / std::sqrt(static_cast<float>(least_ + i));
   }
   void clear_near(int i, int y, int x, std::vector<float>& score) const {
@@ -186,7 +187,7 @@ class Votes {
   std::vector<std::uint16_t> of_;
 };
 
-/// Share of the circle with an edge on it that runs along it.
+/// Fraction of the circle that has an edge running along it.
 double seen_share(const Edges& e, const PictureCircle& circle, float least) {
   constexpr int kArcs = 72;
   int n = 0;
@@ -227,7 +228,7 @@ struct RadialEdge {
   double strength = 0.0;
 };
 
-/// The strongest step along one radius, to a part of a pixel.
+/// The strongest step along one radius, with sub-pixel precision.
 RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circle, double angle,
                       double band, double floor) {
   const Vector2d out(std::cos(angle), std::sin(angle));
@@ -255,7 +256,8 @@ RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circl
       at = r;
     }
   }
-  // The light itself says where: relative steps and roots lean to the dark side of a blur.
+  // Located in linear light: relative steps and square roots are biased to the dark side of a
+  // blur.
   const auto slope = [&](double r) {
     const double low =
         sample(picture, circle.x + (r - step) * out.x(), circle.y + (r - step) * out.y());
@@ -283,7 +285,7 @@ RadialEdge edge_along(ImageView<const float> picture, const PictureCircle& circl
   return {Vector2d(circle.x, circle.y) + at * out, best};
 }
 
-/// A coarse circle measured on the whole picture; nothing where it dissolves.
+/// A coarse circle measured at full resolution; nothing if its edge is not found.
 std::optional<MeasuredBall> measured(ImageView<const float> picture, PictureCircle circle,
                                      double floor) {
   std::vector<Vector2d> kept;
@@ -316,7 +318,7 @@ std::optional<MeasuredBall> measured(ImageView<const float> picture, PictureCirc
     try {
       circle = fit_circle(kept);
     } catch (const Error&) {
-      return std::nullopt;  // what is left lies on a line: no ball
+      return std::nullopt;  // the remaining points lie on a line: no ball
     }
     band = std::max(2.5, 0.7 * band);
   }
@@ -392,7 +394,7 @@ std::vector<MeasuredBall> find_circles(ImageView<const float> mean,
     if (!ball) {
       continue;
     }
-    // Votes nearby lead to one circle.
+    // Nearby votes lead to the same circle.
     const auto is_known = [&](const MeasuredBall& known) {
       const PictureCircle& a = ball->circle;
       const PictureCircle& b = known.circle;

@@ -16,13 +16,13 @@ namespace haarlight {
 
 namespace {
 
-// Least over largest eigenvalue of the lights' directions: below, one component of the normal
-// would be noise a thousandfold.
+// Smallest over largest eigenvalue of the lights' directions: below it, noise in one component
+// of the normal would be amplified a thousandfold.
 constexpr double kInPlane = 1e-6;
 
 constexpr int kRemembered = 8;
 
-/// Points over a length and normals, one long column.
+/// Points in units of a length, and normals, as one long column.
 Eigen::VectorXd state_of(std::span<const Eigen::Vector3d> points,
                          std::span<const Eigen::Vector3d> normals, double length) {
   const auto n = static_cast<Eigen::Index>(points.size());
@@ -34,11 +34,11 @@ Eigen::VectorXd state_of(std::span<const Eigen::Vector3d> points,
   return x;
 }
 
-/// Anderson's mixing: the combination of past rounds whose residual is least. A round lowers
-/// the slow modes by a few per cent only, since the lights bend towards a wrong shape.
+/// Anderson mixing: the combination of past rounds with the smallest residual. A round alone
+/// reduces the slow modes by only a few per cent, since the lights adapt to a wrong shape.
 class Mixing {
  public:
-  /// @param x  a state  @param g  what a round makes of it  @return  the next state
+  /// @param x  a state  @param g  the result of a round from it  @return  the next state
   Eigen::VectorXd next(const Eigen::VectorXd& x, const Eigen::VectorXd& g) {
     const Eigen::VectorXd f = g - x;
     if (last_f_.size() > 0) {
@@ -107,7 +107,7 @@ PointNormals solve_normals(const TargetSamples& samples, std::span<const NearLig
         if (samples.used(static_cast<int>(k))[p] == 0 || !(off > 0.0)) {
           continue;
         }
-        // I = a (n.way) e cos^mu / r^2; the noise of I says what each equation is worth.
+        // I = a (n.way) e cos^mu / r^2; the noise of I gives each equation's weight.
         const double gain = light.power[0] * std::pow(off, light.mu) / r2;
         const auto value = static_cast<double>(samples.values(static_cast<int>(k))[p]);
         const double weight = 1.0 / std::max(samples.noise.variance(value), 1e-300);
@@ -173,7 +173,7 @@ Alternation calibrate_with_shape(TargetSamples samples, std::vector<NearLight> s
       out.has_converged = true;
       break;
     }
-    // A mixture that fits much worse than the best round was a step too far.
+    // A mixture that fits much worse than the best round overshot.
     if (out.chi2.back() > 2.0 * least) {
       mixing.forget();
     }

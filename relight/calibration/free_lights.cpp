@@ -15,10 +15,10 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
-/// What comes before the fit of everything.
+/// The fit that precedes the fit of everything.
 enum class FirstFit {
-  lobe_held,  ///< axes that are off pull a free exponent away before they are unknowns
-  isotropic,  ///< without a lobe: a light aimed at the middle hardly has one there
+  lobe_held,  ///< wrong axes would bias a free exponent before they become unknowns
+  isotropic,  ///< without a lobe: it hardly varies for a light aimed at the middle
   none,
 };
 
@@ -49,7 +49,7 @@ LightCalibration find_free_lights(const TargetSamples& samples,
                                   const FreeLightOptions& options) {
   CalibrationOptions each = options.lights;
   std::vector<NearLight> start = paper_start(samples, each.mu_start);
-  // Straight down is towards a point so far below that no light's place matters.
+  // Straight down is towards a point so far below that no light's position matters.
   constexpr double kFarBelow = 1e8;
   const Eigen::Vector3d centre = target_extent(samples).centre;
   const Eigen::Vector3d aim =
@@ -65,8 +65,8 @@ LightCalibration find_free_lights(const TargetSamples& samples,
   } else {
     each.aim_sigma = options.aim_sigma_deg * kDegree;
   }
-  // An axis that is off, or a lobe far from the start's, can lead to another valley. Where the
-  // model explains the pictures nothing is tried twice.
+  // A wrong axis, or a lobe far from the start's, can lead to another local minimum. Where the
+  // model explains the pictures, nothing else is tried.
   LightCalibration best = fit_from(samples, start, each, FirstFit::lobe_held);
   for (const FirstFit way : {FirstFit::none, FirstFit::isotropic}) {
     if (best.test.is_passed() || options.aim == Aim::everywhere) {

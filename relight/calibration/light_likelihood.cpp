@@ -17,7 +17,7 @@ namespace haarlight {
 
 namespace {
 
-// A belief so weak that it moves nothing which the samples say, but keeps every system
+// A prior too weak to affect anything the samples determine, but which keeps every system
 // solvable: each unknown is known to a factor e^(+-30).
 constexpr double kWeakPrior = 1.0 / (30.0 * 30.0);
 constexpr std::size_t kLightsAtOnce = 16;
@@ -31,7 +31,7 @@ using OwnMatrix =
     Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostOwn, kMostOwn>;
 using OwnVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMostOwn, 1>;
 
-/// The highest point: lights are above it, and their height over it is moved by factors.
+/// The highest point: lights are above it, and steps scale their height over it by factors.
 double ground_of(const TargetSamples& samples) {
   double z = -1e300;
   for (const Eigen::Vector3d& p : samples.points_mm) {
@@ -41,14 +41,14 @@ double ground_of(const TargetSamples& samples) {
 }
 
 /// Normal equations. A light's unknowns: (x, y, z) in units of its height; where wanted its
-/// aim, two numbers in units of what is known of them; last, ln power. Common ones: ln albedo
-/// of each point (unless known), then S that all lights share.
+/// aim, two numbers in units of their prior sigma; last, ln power. Common ones: ln albedo of
+/// each point (unless known), then S shared by all lights.
 struct Equations {
   std::vector<OwnMatrix> own;      ///< (K)
   std::vector<OwnVector> own_rhs;  ///< (K)
   Eigen::MatrixXd cross;           ///< (G, N K), N own unknowns
   Eigen::VectorXd common_point;    ///< (P or 0), diagonal
-  Eigen::MatrixXd point_shared;    ///< (P or 0, S), points against what all share
+  Eigen::MatrixXd point_shared;    ///< (P or 0, S), points against the shared unknowns
   Eigen::MatrixXd shared;          ///< (S, S)
   Eigen::VectorXd rhs;             ///< (G)
   double chi2 = 0.0;
@@ -80,7 +80,7 @@ class FreeSystem {
     return light.position_mm.z() - ground_;
   }
 
-  /// Everything at one place.
+  /// Assembles everything at one parameter vector.
   [[nodiscard]] Equations assemble(std::span<const NearLight> lights,
                                    std::span<const double> albedo, const SheetValues& sheet,
                                    std::span<const float> inverse_variance) const {
@@ -124,7 +124,7 @@ class FreeSystem {
         if (has_aim() && lights[k].aim_mm) {
           const Eigen::MatrixXd per_off = t.axis.matrix() * axis_per_aim(lights[k]);
           j.middleCols<2>(3) = aim_unit(k, lights[k]) * per_off;
-          // Place and exponent alone, mu aim_off / distance held.
+          // Position and exponent alone, with mu aim_off / distance held.
           const Eigen::VectorXd by_off =
               per_off * (across_aim(lights[k]).transpose() * lights[k].aim_off);
           t.log_cos -= by_off.array() / lights[k].mu;
@@ -206,7 +206,7 @@ class FreeSystem {
     });
     if (n_free_points_ > 0) {
       f.point = ((1.0 + damping) * eq.common_point.array() + kWeakPrior).matrix();
-      // The common scale of power and albedo: the mean of ln albedo stays where it is.
+      // The common scale of power and albedo: the mean of ln albedo is held.
       f.gauge = std::max(eq.common_point.mean(), 1.0) / static_cast<double>(n_points_);
       f.point_shared = eq.point_shared;
     }
@@ -226,7 +226,7 @@ class FreeSystem {
   struct Step {
     Eigen::VectorXd common;      ///< (G)
     std::vector<OwnVector> own;  ///< (K)
-    double predicted = 0.0;      ///< how much chi^2 would fall, by the linear model
+    double predicted = 0.0;      ///< predicted decrease of chi^2, by the linear model
   };
   [[nodiscard]] Step solve(const Equations& eq, const Factored& f) const {
     const std::size_t n_lights = eq.own.size();
@@ -254,7 +254,7 @@ class FreeSystem {
   /// Moves a copy of lights and albedo. Factors keep heights, powers and albedos positive.
   void take(const Step& step, std::vector<NearLight>& lights, std::vector<double>& albedo,
             SheetValues& sheet) const {
-    const double limit = 1.0;  // a factor e a step
+    const double limit = 1.0;  // a factor e per step
     const auto bounded = [limit](double x) { return std::clamp(x, -limit, limit); };
     for (std::size_t k = 0; k < lights.size(); ++k) {
       NearLight& light = lights[k];
@@ -295,8 +295,8 @@ class FreeSystem {
     }
   }
 
-  /// What the test modes' own equations are, all else eliminated: the last of the factored
-  /// system's lower half.
+  /// The test modes' own equations, all else eliminated: the trailing block of the factored
+  /// system's lower triangle.
   [[nodiscard]] ModelTest test(const Equations& eq, const Factored& f, double freedom) const {
     const Eigen::Index n = shared_.n_test();
     if (!f.is_sound() || n == 0) {
@@ -310,7 +310,7 @@ class FreeSystem {
     Eigen::VectorXd direct = f.shared.diagonal().tail(n);
     if (!f.is_dense) {
       rhs = f.modes.transpose() * rhs;
-      // There the shared unknowns are counted in the root of their own weight.
+      // There the shared unknowns are scaled by the square root of their own weight.
       direct.setOnes();
     }
     const Eigen::VectorXd half = f.common.solve_lower(rhs);
@@ -332,7 +332,7 @@ class FreeSystem {
     const auto last = [&](std::size_t k) {
       return f.own[k].matrixLLT()(n_own_ - 1, n_own_ - 1);
     };
-    // The mean of ln power, whose own error each light's relative power has as well.
+    // The mean of ln power, whose error each light's relative power also has.
     Eigen::VectorXd mean = Eigen::VectorXd::Zero(n_common_);
     double mean_own = 0.0;
     for (std::size_t k = 0; k < n_lights; ++k) {
@@ -376,7 +376,7 @@ class FreeSystem {
 
  private:
   [[nodiscard]] bool has_aim() const { return n_own_ == kMostOwn; }
-  /// Where light k's unknowns begin.
+  /// Index of light k's first unknown.
   [[nodiscard]] Eigen::Index first_own(std::size_t k) const {
     return n_own_ * static_cast<Eigen::Index>(k);
   }
@@ -384,12 +384,12 @@ class FreeSystem {
     return (light.position_mm - middle_).norm();
   }
   /// aim_off of one unit of its unknown. The prior is on mu aim_off / distance, which is what
-  /// the pictures show: on aim_off alone it would be met the better the larger mu and the
-  /// nearer the light is, and pull both.
+  /// the pictures show: on aim_off alone it would favour large mu and near lights, and bias
+  /// both.
   [[nodiscard]] double aim_unit(std::size_t k, const NearLight& light) const {
     return options_.aim_sigma * known_[k] * distance(light) / std::max(light.mu, 1e-3);
   }
-  /// What is known of a light's aim from before. @return  its chi^2
+  /// The prior on a light's aim. @return  its chi^2
   [[nodiscard]] double add_aim_prior(std::size_t k, const NearLight& light, OwnMatrix& matrix,
                                      OwnVector& rhs) const {
     if (!has_aim()) {
@@ -401,7 +401,7 @@ class FreeSystem {
     rhs.segment<2>(3) -= off;
     return off.squaredNorm();
   }
-  /// Between the way to the aim and the points, rad.
+  /// Angles between the directions to the aim and to the points, rad.
   [[nodiscard]] static Eigen::ArrayXd angles_to_aim(const TargetColumns& target,
                                                     const NearLight& light) {
     const Eigen::Vector3d way =
@@ -431,7 +431,7 @@ class FreeSystem {
             f.reduced_cross.middleRows(j0, width).transpose();
       }
     });
-    f.common = Cholesky(s);  // reads the lower half
+    f.common = Cholesky(s);  // reads the lower triangle
   }
 
   /// S without the lights' part, times columns.
@@ -448,7 +448,7 @@ class FreeSystem {
     return y;
   }
 
-  /// Polynomials on the target, orthonormal under D, with their own small system.
+  /// Polynomials on the target, orthonormal with respect to D, with their own small system.
   void factor_modes(Factored& f) const {
     f.diagonal.resize(n_common_);
     f.diagonal.head(n_points_) = f.point;
@@ -493,7 +493,7 @@ class FreeSystem {
     return t;
   }
 
-  /// S^-1 times columns: exact where dense, by the modes otherwise.
+  /// S^-1 times columns: exact if dense, by the modes otherwise.
   [[nodiscard]] Eigen::MatrixXd inverse_times(const Factored& f,
                                               const Eigen::MatrixXd& x) const {
     if (n_common_ == 0) {
@@ -509,7 +509,7 @@ class FreeSystem {
     return y;
   }
 
-  /// Preconditioned conjugate gradients to 1e-8 of the right hand side.
+  /// Preconditioned conjugate gradients to 1e-8 of the right-hand side.
   [[nodiscard]] Eigen::VectorXd descend(const Factored& f, const Eigen::VectorXd& rhs) const {
     constexpr int kMostSteps = 200;
     constexpr double kSmall = 1e-8;
@@ -633,7 +633,7 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
       fit.sheet = next_sheet;
       const double gain = (eq.chi2 - next.chi2) / step.predicted;
       eq = std::move(next);
-      // In a bent valley less damping was just refused: once is enough.
+      // In a curved valley less damping was just rejected: once is enough.
       damping = gain > 0.5 && !was_refused ? damping / 10.0 : damping;
       damping = damping < kLeastDamping ? 0.0 : damping;
       was_refused = false;
@@ -672,7 +672,7 @@ PowerFit fit_powers(const TargetSamples& samples, std::vector<NearLight> lights,
           Eigen::Map<const Eigen::ArrayXf>(samples.values(static_cast<int>(k), c), n)
               .cast<double>();
     }
-    // The noise by the sample itself: the same for both sides of the alternation.
+    // The noise from the sample itself: the same for both sides of the alternation.
     Eigen::ArrayXXd weight = used / intensity.unaryExpr([&](double value) {
       return std::max(samples.noise.variance(std::max(value, 0.0)), 1e-300);
     });

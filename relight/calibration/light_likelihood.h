@@ -13,16 +13,16 @@
 
 /// @file
 /// Free lights by maximum likelihood, and how well they can be known at all. The likelihood is
-/// normal with the samples' noise; unknowns are each light's place and power, a lobe exponent
-/// that all share, and each point's albedo. Given the albedo the lights are independent: their
-/// 4 x 4 blocks are eliminated, and the points and the exponent are solved for together
-/// (a Schur complement). Notes: docs/numerics/near-light.md.
+/// normal with the samples' noise; unknowns are each light's position and power, a lobe
+/// exponent shared by all, and each point's albedo. Given the albedo the lights are
+/// independent: their 4 x 4 blocks are eliminated, and the points and the exponent are solved
+/// jointly (a Schur complement). Notes: docs/numerics/near-light.md.
 
 namespace haarlight {
 
-/// How well one light is known: standard deviations of the Cramer-Rao bound.
+/// The uncertainty of one light: standard deviations of the Cramer-Rao bound.
 struct LightBound {
-  /// Of the position, mm^2.
+  /// Covariance of the position, mm^2.
   Eigen::Matrix3d position_mm2 = Eigen::Matrix3d::Zero();
   double power = 0.0;  ///< relative
 };
@@ -37,32 +37,32 @@ struct LightBounds {
 enum class Coupling {
   automatic,  ///< dense up to 600 points, then modes
   dense,      ///< exact: 2 K P^2 operations and P^3 / 3
-  /// What couples points are smooth functions of the place on the target: polynomials of degree
-  /// up to 11 hold it. Fits are solved to the end by conjugate gradients with these modes, and
-  /// lose nothing; bounds take the modes alone.
+  /// The coupling of points is smooth over the target: polynomials of degree up to 11 capture
+  /// it. Fits are solved to convergence by conjugate gradients with these modes as
+  /// preconditioner, and lose nothing; bounds use the modes alone.
   modes,
 };
 
 struct LikelihoodOptions {
   bool is_mu_free = true;
-  bool is_albedo_known = false;  ///< for bounds alone
+  bool is_albedo_known = false;  ///< for bounds only
   Coupling coupling = Coupling::automatic;
   int max_iterations = 200;
-  /// Ends when a step would lower chi^2 by less than this: parameters then lie within about the
-  /// square root of it, in standard deviations, all of them together.
+  /// Stops when a step would lower chi^2 by less than this: all parameters together are then
+  /// within about its square root, in standard deviations.
   double tolerance_chi2 = 0.02;
   std::function<bool()> should_stop = {};
-  /// > 0: each light's axis may be off its aim by so much, rad, a standard deviation in each of
-  /// two directions, and is an unknown; for lights with an aim alone, which must share mu.
+  /// > 0: standard deviation of each light's aiming error in each of two directions, rad; the
+  /// axis is then an unknown; only for lights with an aim, which must share mu.
   double aim_sigma = 0.0;
-  SheetPriors sheet;        ///< which of the sheet's terms are unknown; none unless said
-  SheetValues sheet_start;  ///< where a fit begins and where a bound is taken
+  SheetPriors sheet;        ///< which of the sheet's terms are unknown; default: none
+  SheetValues sheet_start;  ///< where a fit starts and where a bound is evaluated
 };
 
-/// The bound at `lights` for these points, masks and noise. Intensities are not looked at.
-/// With several channels the bound of a statistic that joins them: exact where the channels'
-/// noise is in one proportion everywhere. The common scale of power and albedo is fixed by
-/// mean power = 1 (albedo unknown) or by the albedo.
+/// The bound at `lights` for these points, masks and noise. Intensities are not used. With
+/// several channels, the bound of a statistic that combines them: exact where the channels'
+/// noise ratio is the same everywhere. The common scale of power and albedo is fixed by mean
+/// power = 1 (albedo unknown) or by the albedo.
 /// @param albedo  (C, P), in units of intensity per power and stencil
 [[nodiscard]] LightBounds free_light_bounds(const TargetSamples& samples,
                                             std::span<const NearLight> lights,
@@ -74,28 +74,28 @@ struct LikelihoodFit {
   std::vector<NearLight> lights;  ///< (K), mean power 1
   std::vector<double> albedo;     ///< (C, P), albedo times vignetting; 0 where nothing was used
   SheetValues sheet;
-  double chi2 = 0.0;           ///< over the used samples, and what was known of the sheet
+  double chi2 = 0.0;           ///< over the used samples and the sheet's priors
   std::int64_t n_samples = 0;  ///< used, all channels
   int n_iterations = 0;
   bool has_converged = false;
 };
 
-/// Levenberg-Marquardt from `lights`. A light without a used sample stays where it is.
-/// Heights over the highest point keep their sign: they are moved by factors.
-/// @throws Error  a light that starts behind a used sample
+/// Levenberg-Marquardt from `lights`. A light without a used sample stays where it is. Heights
+/// over the highest point keep their sign: steps multiply them.
+/// @throws Error  a light that starts below the surface at a used sample
 [[nodiscard]] LikelihoodFit fit_free_lights(const TargetSamples& samples,
                                             std::vector<NearLight> lights,
                                             const LikelihoodOptions& options = {});
 
-/// What smooth functions of light and point would still take from a fit's residuals, every
-/// unknown of the fit set free again: a score test, so nothing is fitted anew.
-/// @param freedom  samples less unknowns of the fit
+/// How much of a fit's residuals smooth functions of light and point would still explain, with
+/// every unknown of the fit free again: a score test, so nothing is refitted.
+/// @param freedom  samples minus unknowns of the fit
 [[nodiscard]] ModelTest test_free_lights(const TargetSamples& samples, const LikelihoodFit& fit,
                                          const LikelihoodOptions& options, double freedom);
 
-/// Albedo and powers, given where the lights are: alternating least squares in a few sweeps
-/// from the lights' own powers, weighted by the samples' own noise or by `inverse_variance`,
-/// (K, C, P). Mean power of each channel 1.
+/// Albedo and powers given the light positions: alternating least squares in a few sweeps from
+/// the lights' own powers, weighted by the samples' own noise or by `inverse_variance`, (K, C,
+/// P). Mean power of each channel 1.
 struct PowerFit {
   std::vector<NearLight> lights;
   std::vector<double> albedo;  ///< (C, P)

@@ -12,7 +12,7 @@ namespace {
 
 constexpr Eigen::Index kSurfaceTerms = 6;
 
-/// Heights of the surface's terms and their slopes, a unit of each.
+/// Heights and slopes of the surface's terms, for one unit of each.
 void fill_surface(TargetColumns& t) {
   const Eigen::Index n = t.point.rows();
   const Eigen::RowVector2d low = t.point.leftCols<2>().colwise().minCoeff();
@@ -60,7 +60,7 @@ TargetColumns::TargetColumns(const TargetSamples& samples, const SheetValues& sh
   per_height.setZero(n, 3);
   per_height.col(2).setOnes();
   if (view.rows() > 0) {
-    // What the camera sees at height z lies on its ray.
+    // The point the camera sees at height z lies on its ray.
     per_height = view.colwise() / view.col(2).max(0.05);
   }
   const Eigen::Map<const Eigen::VectorXd> surface(
@@ -85,7 +85,7 @@ namespace {
 /// The sheet's reflectance over Lambert's, F = 1 + q g + s b, and what it adds to the terms.
 void add_reflectance(const TargetColumns& target, const Eigen::ArrayX3d& way,
                      const Eigen::ArrayXd& inverse_r, bool is_wanted, LightTerms& t) {
-  constexpr double kLeast = 0.05;  // a step that went too far keeps a sign
+  constexpr double kLeast = 0.05;  // keeps the sign after too long a step
   const Eigen::ArrayXd cos_light = (target.normal * way).rowwise().sum();
   const Eigen::ArrayXd s = (target.across * way).rowwise().sum();
   const Eigen::ArrayX3d towards = way + target.view;
@@ -101,7 +101,7 @@ void add_reflectance(const TargetColumns& target, const Eigen::ArrayX3d& way,
     t.roughness = g / f;
     t.sheen = lobe / f;
   }
-  // By the direction to the light, then across it by the place.
+  // By the direction to the light, then by the position across it.
   const Eigen::ArrayXd rises = (s > 0.0).select(target.roughness / steeper, 0.0);
   const Eigen::ArrayXd falls = (cos_light > target.cos_view).select(rises * g, 0.0);
   const Eigen::ArrayXd by_lobe =
@@ -124,7 +124,7 @@ void add_reflectance(const TargetColumns& target, const Eigen::ArrayX3d& way,
   t.position += (by_way - way.colwise() * along).colwise() * scale;
 }
 
-/// Of a light at one point.
+/// Terms of a light at one point.
 LightTerms point_terms(const TargetColumns& target, const NearLight& light,
                        const Eigen::Vector3d& place, const std::uint8_t* used,
                        WantedTerms wanted) {
@@ -175,7 +175,7 @@ LightTerms point_terms(const TargetColumns& target, const NearLight& light,
   return t;
 }
 
-/// sum += weight * values, where values were asked for.
+/// sum += weight * values, where values were requested.
 template <class Values>
 void add_weighted(Values& sum, const Values& values, const Eigen::ArrayXd& weight) {
   if (values.rows() > 0) {

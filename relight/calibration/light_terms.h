@@ -10,17 +10,17 @@
 #include "relight/calibration/target_samples.h"
 
 /// @file
-/// The stencil of one light at all points of a target, with its derivatives: what the
-/// likelihood of free lights and of a rigid array are both built from.
+/// The stencil of one light at all points of a target, with its derivatives: the basis of both
+/// likelihoods, of free lights and of a rigid array.
 
 namespace haarlight {
 
-/// Points and normals as columns, where the sheet's own terms put them.
+/// Points and normals as columns, displaced by the sheet's own terms.
 struct TargetColumns {
   explicit TargetColumns(const TargetSamples& samples, const SheetValues& sheet = {});
   Eigen::ArrayX3d point;   ///< (P, 3), mm
   Eigen::ArrayX3d normal;  ///< (P, 3)
-  Eigen::ArrayX3d view;    ///< (P, 3), unit, to the camera; (0, 3) where it is not known
+  Eigen::ArrayX3d view;    ///< (P, 3), unit, to the camera; (0, 3) if unknown
   Eigen::ArrayX3d across;  ///< (P, 3), the part of `view` in the surface; likewise
   Eigen::ArrayXd cos_view;
   double roughness = 0.0;
@@ -28,7 +28,7 @@ struct TargetColumns {
   // How the surface's terms move a point (height 1 mm along the camera's ray), and lens.
   Eigen::ArrayX3d per_height;  ///< (P, 3)
   Eigen::ArrayX3d per_lens;    ///< (P, 3), mm
-  Eigen::ArrayXXd height;      ///< (P, 6), mm a unit: height, tilts, bows
+  Eigen::ArrayXXd height;      ///< (P, 6), mm per unit: height, tilts, bows
   Eigen::ArrayXXd slope_x;     ///< (P, 6), its derivative along x
   Eigen::ArrayXXd slope_y;
 };
@@ -39,13 +39,13 @@ struct LightTerms {
   Eigen::ArrayXd h;          ///< (P), mm^-2; 0 where there is no light
   Eigen::ArrayXd log_cos;    ///< (P), d ln h / d mu
   Eigen::ArrayX3d position;  ///< (P, 3), d ln h / d l, mm^-1, the axis held
-  Eigen::ArrayX3d axis;      ///< (P, 3), d ln h / d axis; empty unless asked for, or aimed
-  Eigen::ArrayX3d normal;    ///< (P, 3), of Lambert's cosine by n; empty unless asked for
-  Eigen::ArrayXd roughness;  ///< (P); empty unless asked for and the view is known
+  Eigen::ArrayX3d axis;      ///< (P, 3), d ln h / d axis; empty unless requested, or aimed
+  Eigen::ArrayX3d normal;    ///< (P, 3), of Lambert's cosine by n; empty unless requested
+  Eigen::ArrayXd roughness;  ///< (P); empty unless requested and the view is known
   Eigen::ArrayXd sheen;      ///< (P); likewise
   bool reaches_used = true;  ///< h > 0 at every used sample
 };
-/// Which derivatives are wanted beside those of place and exponent.
+/// Derivatives to compute besides those by position and exponent.
 struct WantedTerms {
   bool axis = false;
   bool sheet = false;
@@ -58,7 +58,7 @@ struct WantedTerms {
 [[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3> per_place(const LightTerms& terms,
                                                                  const NearLight& light);
 
-/// Inverse variances of samples, (K, C, P), 0 where masked: what a fit holds fixed.
+/// Inverse variances of samples, (K, C, P), 0 where masked: held fixed in a fit.
 [[nodiscard]] std::vector<float> inverse_variances(const TargetSamples& samples,
                                                    const TargetColumns& target,
                                                    std::span<const NearLight> lights,
@@ -77,7 +77,7 @@ struct LightResidual {
                                            std::span<const double> albedo,
                                            std::span<const float> inverse_variance);
 
-/// Scales each channel's powers to mean 1 over the lights in use, the albedo the other way.
+/// Scales each channel's powers to mean 1 over the lights in use, and the albedo inversely.
 /// @param albedo  (C, P)
 void fix_power_scale(const TargetSamples& samples, std::span<NearLight> lights,
                      std::span<double> albedo);

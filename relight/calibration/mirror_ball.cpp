@@ -21,10 +21,10 @@ using Eigen::Vector3d;
 
 constexpr const char* kWhere = "mirror ball";
 constexpr int kBins = 36;
-constexpr double kMostMiss = 0.05;  // of the radius: of a mask that is a ball
+constexpr double kMostMiss = 0.05;  // of the radius: largest misfit of a ball's mask
 constexpr double kRivalSeen = 0.1;
 constexpr double kRivalAway = 0.05;
-constexpr double kMostZ = 3.72;  // one honest calibration in 10 000
+constexpr double kMostZ = 3.72;  // one sound calibration in 10 000
 
 /// From a camera's frame (y down, z forward) to the picture's.
 Vector3d in_picture(const Vector3d& v) { return {v.x(), -v.y(), -v.z()}; }
@@ -35,7 +35,7 @@ CameraModel at_origin(const CameraModel& camera) {
   return out;
 }
 
-/// The outline as it would be with another circle: d is added to (x, y, radius).
+/// The outline for a perturbed circle: d is added to (x, y, radius).
 std::vector<Vector2d> moved_outline(const MeasuredBall& ball, const Vector3d& d) {
   const Vector2d centre(ball.circle.x, ball.circle.y);
   std::vector<Vector2d> out;
@@ -123,7 +123,7 @@ BallHighlight measure_highlight(ImageView<const float> picture, const PictureCir
       n += value(y, x) >= options.share * most ? 1.0 : 0.0;
     }
   }
-  // A blob of n pixels: those on its edge are in or out by chance.
+  // A blob of n pixels: those on its edge fall inside or outside by chance.
   const double blob = std::sqrt(std::max(n, 1.0) / std::numbers::pi);
   const double grid = 0.29 * std::sqrt(2.0 / (std::numbers::pi * std::max(blob, 0.5)));
   options.share = 0.5;
@@ -131,9 +131,9 @@ BallHighlight measure_highlight(ImageView<const float> picture, const PictureCir
   try {
     wide = find_highlight(picture, ball, options);
   } catch (const Error&) {
-    wide = out.at;  // half the ball is half as bright: the upper part alone counts
+    wide = out.at;  // half the ball is above half the peak: only the upper part counts
   }
-  // Two thresholds that disagree by d: each is d / sqrt(2) off, in two coordinates.
+  // Two thresholds that disagree by d: each is off by d / sqrt(2), in two coordinates.
   out.sigma_px = std::hypot(grid, 0.5 * (wide - out.at).norm());
   return out;
 }
@@ -144,7 +144,7 @@ BallChoice choose_balls(std::span<const MeasuredBall> circles,
   BallChoice out;
   for (std::size_t i = 0; i < circles.size(); ++i) {
     const PictureCircle& a = circles[i].circle;
-    // Highlights that do not move belong to something else that shines.
+    // Highlights that do not move belong to something else shiny.
     const bool is_ball = 5 * evidence[i].n_highlights >= 4 * n_pictures &&
                          (n_pictures < 2 || evidence[i].wander_px > 0.01 * a.radius);
     if (!is_ball) {
@@ -219,11 +219,11 @@ namespace {
 
 using BallParameters = Eigen::Matrix<double, 5, 1>;  // highlight x, y; circle x, y, radius
 
-/// A ball's spheres: as measured, and with each of the circle's numbers moved up and down.
+/// A ball's spheres: as measured, and with each circle parameter perturbed up and down.
 struct SphereSteps {
   MirrorSphere at;
   std::array<MirrorSphere, 6> moved;
-  Vector3d depth_per_pixel = Vector3d::Zero();  ///< of the plane below it, by circle's numbers
+  Vector3d depth_per_pixel = Vector3d::Zero();  ///< of the plane below it, by circle parameters
 };
 constexpr double kStep = 0.05;  // pixels
 
@@ -243,9 +243,9 @@ SphereSteps sphere_steps(const CameraModel& camera, const MeasuredBall& ball,
   return out;
 }
 
-/// One ball's ray and how far it passes from a point, across it, with derivatives.
+/// One ball's ray and its perpendicular offset from a point, with derivatives.
 struct RayMiss {
-  Eigen::Matrix<double, 2, 3> across;  ///< two unit directions across the ray
+  Eigen::Matrix<double, 2, 3> across;  ///< two unit directions perpendicular to the ray
   Vector2d miss;
   Eigen::Matrix<double, 2, 5> per_parameter;
   Eigen::Matrix2d covariance;
@@ -335,7 +335,7 @@ BallPlaces ball_places(
     light.position_mm = intersect(rays).position_mm;
     std::vector<RayMiss> misses;
     Matrix3d information = Matrix3d::Zero();
-    constexpr int kRounds = 3;  // weights change little with the place
+    constexpr int kRounds = 3;  // weights change little with the position
     for (int round = 0; round < kRounds; ++round) {
       misses.clear();
       information.setZero();
@@ -351,7 +351,7 @@ BallPlaces ball_places(
     }
     const Matrix3d known = information.inverse();
     light.freedom = 2 * static_cast<int>(shown.size()) - 3;
-    // The plane that heights count from moves with every ball's own depth.
+    // The reference plane of heights moves with every ball's own depth.
     std::vector<std::size_t> seen_at(n_balls, n_balls);
     for (std::size_t i = 0; i < shown.size(); ++i) {
       seen_at[shown[i]] = i;

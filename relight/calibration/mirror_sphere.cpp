@@ -56,7 +56,7 @@ std::vector<Eigen::Vector2d> outline_points(ImageView<const float> mask) {
 }
 
 PictureCircle fit_circle(std::span<const Eigen::Vector2d> points) {
-  // x^2 + y^2 = 2 a x + 2 b y + c, about the mean for the sake of its condition.
+  // x^2 + y^2 = 2 a x + 2 b y + c, about the mean for better conditioning.
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
   for (const Eigen::Vector2d& p : points) {
     mean += p / static_cast<double>(points.size());
@@ -141,7 +141,7 @@ Eigen::Vector2d find_highlight(ImageView<const float> picture, const PictureCirc
           continue;
         }
         mark = 1;
-        // A saturated highlight is flat: every pixel of it counts at least a little.
+        // A saturated highlight is flat: every pixel of it gets at least some weight.
         const double w = value(py, px) - level + 0.05 * most;
         part.weight += w;
         part.at += w * Eigen::Vector2d(px + 0.5, py + 0.5);
@@ -215,7 +215,7 @@ ReflectedRay reflect_off(const CameraModel& camera, const MirrorSphere& sphere,
 
 Eigen::Vector2d glint_of(const CameraModel& camera, const MirrorSphere& sphere,
                          const Eigen::Vector3d& light_mm) {
-  // The normal there halves the angle between the ways to light and camera.
+  // The normal there bisects the directions to light and camera.
   Eigen::Vector3d n = (light_mm - sphere.centre_mm).normalized() +
                       (camera.centre_world() - sphere.centre_mm).normalized();
   n.normalize();

@@ -10,9 +10,9 @@
 #include "core/rig/camera_model.h"
 
 /// @file
-/// Lights from mirror spheres, what near-light calibration is compared with: the highlight on a
-/// ball tells a direction; the reflected rays of several balls meet at a near light. Pixels
-/// with centres at +0.5, y down; directions x right, y up, z to the camera.
+/// Lights from mirror spheres, the baseline for near-light calibration: the highlight on a ball
+/// gives a direction; the reflected rays of several balls meet at a near light. Pixels with
+/// centres at +0.5, y down; directions x right, y up, z to the camera.
 
 namespace haarlight {
 
@@ -23,8 +23,8 @@ struct PictureCircle {
   double rms = 0.0;     ///< of the points it was fitted to, pixels
 };
 
-/// Where a mask passes 0.5 of its maximum, between pixel centres: a ball's outline.
-/// @param mask  (h, w, any); the first channel counts
+/// Where a mask crosses 0.5 of its maximum, between pixel centres: a ball's outline.
+/// @param mask  (h, w, any); only the first channel is used
 /// @throws Error  nothing, or everything, is inside
 [[nodiscard]] std::vector<Eigen::Vector2d> outline_points(ImageView<const float> mask);
 
@@ -32,13 +32,13 @@ struct PictureCircle {
 [[nodiscard]] PictureCircle fit_circle(std::span<const Eigen::Vector2d> points);
 
 struct HighlightOptions {
-  double share = 0.8;    ///< of the brightest pixel's value: what belongs to the highlight
-  double inside = 0.97;  ///< of the radius is looked at: the rim mirrors the surroundings
-  /// A highlight may fill this share of the ball's area; more is not a highlight.
+  double share = 0.8;    ///< of the brightest pixel's value: threshold of the highlight
+  double inside = 0.97;  ///< of the radius is searched: the rim mirrors the surroundings
+  /// Largest fraction of the ball's area that a highlight may fill.
   double most_area = 0.1;
 };
 
-/// Centroid, weighted by what exceeds the threshold, of the brightest connected part.
+/// Centroid of the brightest connected component, weighted by the excess over the threshold.
 /// @param picture  (h, w, 1 or 3); channels are added
 /// @throws Error  a black ball, or no highlight: too large
 [[nodiscard]] Eigen::Vector2d find_highlight(ImageView<const float> picture,
@@ -58,7 +58,7 @@ struct MirrorSphere {
 };
 
 /// Where a ball of known radius is, from its outline: the rays through it lie on a cone.
-/// @throws Error  fewer than 3 points, or points that are no outline
+/// @throws Error  fewer than 3 points, or points that are not an outline
 [[nodiscard]] MirrorSphere sphere_from_outline(const CameraModel& camera,
                                                std::span<const Eigen::Vector2d> outline,
                                                double radius_mm);
@@ -67,7 +67,7 @@ struct ReflectedRay {
   Eigen::Vector3d origin_mm = Eigen::Vector3d::Zero();   ///< on the ball
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  ///< unit, to the light
 };
-/// @throws Error  the picture point does not see the ball
+/// @throws Error  the picture point does not show the ball
 [[nodiscard]] ReflectedRay reflect_off(const CameraModel& camera, const MirrorSphere& sphere,
                                        const Eigen::Vector2d& highlight);
 
@@ -78,8 +78,8 @@ struct ReflectedRay {
 struct Triangulated {
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
   double rms_mm = 0.0;  ///< distance of the rays from it
-  /// Least eigenvalue over the largest of sum (1 - d d^T): 0 for parallel rays, whose distance
-  /// along them nobody knows.
+  /// Smallest over largest eigenvalue of sum (1 - d d^T): 0 for parallel rays, along which the
+  /// distance is undetermined.
   double conditioning = 0.0;
 };
 /// The point nearest to all rays, least squares.

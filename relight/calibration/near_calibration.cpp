@@ -27,7 +27,7 @@ namespace {
 constexpr const char* kWhere = "near-light calibration";
 constexpr int kMaxOutlierRounds = 4;
 constexpr double kGrossShare = 0.4;
-// Light that no sample holds in any direction: all lights at one place.
+// A light that the samples constrain in no direction: all lights at one position.
 constexpr double kUnknownShare = 5.0;
 constexpr double kSigmasToDiffer = 5.0;
 
@@ -60,8 +60,9 @@ CentreTerms centre_terms(const NearLight& light, const Eigen::Vector3d& point) {
   return t;
 }
 
-/// What both problems share: lights from parameters, and the gradient's way back. A light's
-/// power is carried as the light it gives the target's middle, which the samples hold best.
+/// What both problems share: lights from parameters, and the gradient by the chain rule. A
+/// light's power is parameterised as its irradiance at the target's middle, which the samples
+/// determine best.
 class VarianceProblem {
  public:
   VarianceProblem(const TargetSamples& samples, const CalibrationOptions& options)
@@ -76,7 +77,7 @@ class VarianceProblem {
   virtual void chain(const double* x, std::span<const NearLight> lights,
                      const VarianceGradient& gradient, double* out) const = 0;
 
-  /// D and its gradient; infinity and zeros where lights or D are no numbers.
+  /// D and its gradient; infinity and zeros where lights or D are not finite.
   double evaluate(const double* x, double* gradient) const {
     constexpr double kNone = std::numeric_limits<double>::infinity();
     std::fill_n(gradient, n_parameters(), 0.0);
@@ -115,7 +116,7 @@ class VarianceProblem {
 };
 
 /// Parameters of a light: a = (x - x0) / h, b = (y - y0) / h, ln(h / size) with h its height
-/// over the highest point, then ln of the light at the middle a channel; last, mu.
+/// over the highest point, then ln of the light at the middle per channel; last, mu.
 class FreeProblem final : public VarianceProblem {
  public:
   FreeProblem(const TargetSamples& samples, const CalibrationOptions& options,
@@ -310,11 +311,11 @@ struct Descent {
   bool has_converged = false;
 };
 
-/// What libLBFGS, a library of C, hands back to its callbacks.
+/// What libLBFGS, a C library, passes to its callbacks.
 struct DescentRun {
   const VarianceProblem& problem;
   const std::function<bool()>& should_stop;
-  std::exception_ptr failure;  ///< to be thrown when no C is below us any more
+  std::exception_ptr failure;  ///< rethrown once no C frame is below us
   int n_iterations = 0;
 };
 
@@ -331,7 +332,7 @@ double evaluate_run(void* instance, const double* x, double* gradient, int n, do
   return std::numeric_limits<double>::infinity();
 }
 
-/// @return  0 to go on
+/// @return  0 to continue
 int follow_run(void* instance, const double* /*x*/, const double* /*gradient*/, double /*d*/,
                double /*norm_x*/, double /*norm_gradient*/, double /*step*/, int /*n*/,
                int iteration, int /*n_evaluations*/) {
@@ -340,7 +341,7 @@ int follow_run(void* instance, const double* /*x*/, const double* /*gradient*/, 
   return run.should_stop && run.should_stop() ? LBFGSERR_CANCELED : 0;
 }
 
-/// L-BFGS; its line search goes back from where D is infinite.
+/// L-BFGS; its line search backs off where D is infinite.
 Descent descend(const VarianceProblem& problem, std::vector<double>& x,
                 const CalibrationOptions& options) {
   lbfgs_parameter_t settings;
@@ -353,7 +354,7 @@ Descent descend(const VarianceProblem& problem, std::vector<double>& x,
   settings.past = 1;
   settings.delta = 1e-9;
   settings.epsilon = 1e-14;
-  // Built with vector instructions it takes multiples of 8 numbers from memory of its own.
+  // Built with vector instructions, it requires multiples of 8 numbers in memory it allocated.
   const std::size_t n = (x.size() + 7) / 8 * 8;
   const std::unique_ptr<double, decltype(&lbfgs_free)> own(lbfgs_malloc(static_cast<int>(n)),
                                                            &lbfgs_free);
@@ -391,8 +392,8 @@ int coarse_factor(const TargetSamples& samples, const CalibrationOptions& option
   return factor;
 }
 
-/// Masks samples that contradict the lights. The albedo is the median over the lights, which
-/// half of them may spoil. @return how many
+/// Masks samples that contradict the lights. The albedo is the median over the lights, robust
+/// to outliers in up to half of them. @return how many
 std::int64_t mask_outliers(TargetSamples& samples, std::span<const NearLight> lights,
                            const SheetValues& sheet, double outlier_share,
                            std::vector<SampleCounts>& counts) {
@@ -422,7 +423,7 @@ std::int64_t mask_outliers(TargetSamples& samples, std::span<const NearLight> li
           }
         }
         if (ratio.size() < 3) {
-          continue;  // two lights: nobody can say which of them is wrong
+          continue;  // two lights: no telling which of them is wrong
         }
         const double albedo = upper_median(std::span(ratio));
         for (std::size_t k = 0; k < lights.size(); ++k) {
@@ -480,7 +481,7 @@ void require_lights(const TargetSamples& samples, std::span<const NearLight> lig
   }
 }
 
-/// Points that fewer than two lights see say nothing.
+/// Points lit by fewer than two lights carry no information.
 void drop_lonely_points(TargetSamples& samples, std::vector<SampleCounts>& counts) {
   const std::size_t n = samples.n_points();
   for (std::size_t p = 0; p < n; ++p) {
@@ -602,7 +603,7 @@ std::size_t count_points(const TargetSamples& samples) {
   return count;
 }
 
-/// Pictures that differ by their brightness alone say nothing of places.
+/// Pictures that differ only in brightness carry no information on positions.
 void require_difference(const TargetSamples& samples, std::span<const NearLight> start) {
   std::vector<NearLight> alike(start.begin(), start.end());
   for (NearLight& light : alike) {
@@ -713,7 +714,7 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
   if (options.start == Start::uniform_albedo) {
     lights = uniform_albedo_start(coarse_samples(samples, factor), std::move(lights));
     if (options.outlier_share > 0.0) {
-      // Gross ones first: one light under a shadow would bend all others in the joint fit.
+      // Gross ones first: one shadowed light would bias all others in the joint fit.
       mask_outliers(samples, lights, {}, std::max(kGrossShare, options.outlier_share), counts);
       drop_lonely_points(samples, counts);
       require_lights(samples, lights);

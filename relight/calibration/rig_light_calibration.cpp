@@ -34,7 +34,7 @@ Eigen::Isometry3d frame_of(const ShadowPlane& plane, double height_mm) {
 Eigen::Isometry3d frame_of(const Face& face) {
   Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
   const double hand = face.u.cross(face.v).dot(face.emits);
-  // Right-handed either way: the third axis is u x v.
+  // Right-handed in either case: the third axis is u x v.
   frame.linear() << face.u, face.v, (hand > 0.0 ? 1.0 : -1.0) * face.emits;
   frame.translation() = face.centre;
   return frame;
@@ -78,7 +78,7 @@ double neighbour_noise(const LightStack& stack, const std::vector<std::uint8_t>&
                    0.4549);  // median of chi^2 with one degree of freedom
 }
 
-/// floor^2 + shot v through the pixels' own variances, each by its share of the line; of a
+/// floor^2 + shot v fitted to the pixels' variances, each weighted by the fitted line; for a
 /// block's mean.
 SampleNoise noise_of(const std::vector<Eigen::Vector2d>& pairs, double per_block) {
   Eigen::Matrix2d m = Eigen::Matrix2d::Zero();
@@ -261,7 +261,7 @@ std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples&
     result.turned_deg = std::abs(turn.angle()) * 180.0 / std::numbers::pi;
     out.push_back(std::move(result));
   }
-  // One sheet: its albedo is the same under every face, so each face's scale is known.
+  // One sheet: its albedo is the same under every face, which fixes each face's scale.
   std::vector<double> scale(out.size(), 0.0);
   double mean = 0.0;
   for (std::size_t f = 0; f < out.size(); ++f) {

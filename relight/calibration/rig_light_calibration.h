@@ -14,8 +14,8 @@
 
 /// @file
 /// The lights of a rig from a session of a flat matte sheet on its shadow plane: each face as a
-/// rigid array, from where the rig file has it. Frames: docs/reference/rig-file.md; method and
-/// errors: docs/numerics/near-light.md.
+/// rigid array, starting from its pose in the rig file. Frames: docs/reference/rig-file.md;
+/// method and errors: docs/numerics/near-light.md.
 
 namespace haarlight {
 
@@ -23,22 +23,22 @@ struct SheetOptions {
   /// Nothing: the middle four fifths of the plane's extent.
   std::optional<SheetRegion> region;
   double height_mm = 0.0;  ///< of the sheet over the plane: its thickness
-  int samples = 48;        ///< about so many blocks along the longer side
+  int samples = 48;        ///< approximate number of blocks along the longer side
 };
 
 /// Block averages of the session's pictures, in the plane's frame (x along u, y along v, z
-/// along n, origin at the plane's). Blocks that are not wholly on the sheet are masked, and
-/// samples of which a pixel is clipped.
+/// along n, origin at the plane's). Blocks not wholly on the sheet are masked, as are samples
+/// with a clipped pixel.
 struct SheetSamples {
   TargetSamples samples;
   Eigen::Isometry3d world_from_sheet = Eigen::Isometry3d::Identity();
   int block = 1;                ///< pixels along a block's side
-  double relative_noise = 0.0;  ///< of a block, in the middle of all samples
+  double relative_noise = 0.0;  ///< of a block, median of all samples
 };
-/// @param error  standard errors of the stack, -1 where clipped; null: nothing is known of
-///               clipping, and the noise is taken from neighbouring pixels
-/// @param rig  its first camera took the pictures, its first plane bears the sheet
-/// @throws Error  a stack of other pictures, a sheet that fills fewer than 6 x 6 blocks
+/// @param error  standard errors of the stack, -1 where clipped; null: clipping is unknown, and
+///               the noise is estimated from neighbouring pixels
+/// @param rig  its first camera took the pictures, its first plane carries the sheet
+/// @throws Error  a stack of different pictures, a sheet that fills fewer than 6 x 6 blocks
 [[nodiscard]] SheetSamples sample_sheet(const Rig& rig, const LightStack& stack,
                                         const LightStack* error,
                                         const SheetOptions& options = {});
@@ -52,15 +52,15 @@ struct FaceCalibration {
   Eigen::Isometry3d world_from_face = Eigen::Isometry3d::Identity();  ///< x u, y v, z -emits
   /// Of turn (rad) and shift (mm), about the world's axes.
   Eigen::Matrix<double, 6, 6> pose_world = Eigen::Matrix<double, 6, 6>::Zero();
-  double moved_mm = 0.0;  ///< the middle, from where the rig file has it
+  double moved_mm = 0.0;  ///< displacement of the middle from the rig file's pose
   double turned_deg = 0.0;
 };
 
-/// What is not known for certain of a sheet of matte paper under this rig's first camera
-/// (matte_paper()), and of its first plane where that was measured: its height and its tilt.
+/// Uncertainties of a sheet of matte paper under this rig's first camera (matte_paper()), and
+/// of its first plane, if measured: its height and its tilt.
 [[nodiscard]] SheetPriors sheet_priors(const Rig& rig, const SheetSamples& sheet);
 
-/// Every face of the rig, its emitters of the rig file's size. Powers of all faces share one
+/// Every face of the rig, with emitters of the rig file's size. Powers of all faces share one
 /// scale: their mean is 1.
 /// @throws Error  naming the face that cannot be calibrated
 [[nodiscard]] std::vector<FaceCalibration> calibrate_faces(const Rig& rig,

@@ -20,7 +20,7 @@ constexpr double kWeakPrior = 1.0 / (30.0 * 30.0);  // as light_likelihood.cpp
 constexpr std::size_t kLightsAtOnce = 16;
 constexpr Eigen::Index kTile = 64;
 
-constexpr Eigen::Index kPose = 6;  // turn, shift over the height; then what all lights share
+constexpr Eigen::Index kPose = 6;  // turn, shift over the height; then the shared unknowns
 
 Eigen::Vector3d middle_of(std::span<const NearLight> lights) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
@@ -31,7 +31,7 @@ Eigen::Vector3d middle_of(std::span<const NearLight> lights) {
 }
 
 struct Equations {
-  Eigen::MatrixXd pose;        ///< (Q, Q): the pose, then what all lights share
+  Eigen::MatrixXd pose;        ///< (Q, Q): the pose, then the shared unknowns
   Eigen::VectorXd pose_rhs;    ///< (Q)
   Eigen::MatrixXd light_pose;  ///< (K, Q)
   Eigen::VectorXd light;       ///< (K), diagonal
@@ -54,7 +54,7 @@ class RigidSystem {
         unit_mm_(unit_mm) {}
 
   [[nodiscard]] const SharedTerms& shared() const { return shared_; }
-  /// Unknowns beside the lights' powers and the points.
+  /// Unknowns other than the lights' powers and the points.
   [[nodiscard]] Eigen::Index n_common() const { return kPose + shared_.size(); }
 
   [[nodiscard]] Equations assemble(std::span<const NearLight> lights,
@@ -140,7 +140,7 @@ class RigidSystem {
 
   /// Lights, then the pose: points eliminated.
   struct Reduced {
-    Eigen::MatrixXd matrix;  ///< (K + Q, K + Q), lower half
+    Eigen::MatrixXd matrix;  ///< (K + Q, K + Q), lower triangle
     Eigen::VectorXd rhs;
     Eigen::VectorXd inverse_point;  ///< (P); empty where the albedo is known
   };
@@ -152,7 +152,7 @@ class RigidSystem {
     out.rhs.resize(n_lights + n_common);
     auto lights = out.matrix.topLeftCorner(n_lights, n_lights);
     if (!options_.is_albedo_known) {
-      // The common scale of power and albedo: the mean of ln power stays where it is.
+      // The common scale of power and albedo: the mean of ln power is held.
       lights.setConstant(std::max(eq.light.mean(), 1.0) / static_cast<double>(n_lights));
     }
     lights.diagonal() += ((1.0 + damping) * eq.light.array() + kWeakPrior).matrix();
@@ -204,7 +204,7 @@ double mean_height(const TargetSamples& samples, std::span<const NearLight> ligh
   return std::max(std::abs(middle_of(lights).z() - target_extent(samples).centre.z()), 1e-9);
 }
 
-/// Powers and exponents of others.
+/// Lights with the powers and exponents of others.
 std::vector<NearLight> with_powers(std::vector<NearLight> lights,
                                    std::span<const NearLight> powers) {
   for (std::size_t k = 0; k < lights.size(); ++k) {
@@ -255,7 +255,7 @@ PoseBound rigid_bound(const TargetSamples& samples, std::span<const NearLight> l
   bound.covariance = pose.topLeftCorner<6, 6>();
   bound.mu = options.is_mu_free ? std::sqrt(pose(kPose, kPose)) : 0.0;
   bound.sheet = system.shared().sigmas(pose.bottomRightCorner(n_shared, n_shared));
-  // Powers over their mean.
+  // Powers relative to their mean.
   Eigen::VectorXd share(static_cast<Eigen::Index>(lights.size()));
   for (Eigen::Index k = 0; k < share.size(); ++k) {
     share[k] = lights[static_cast<std::size_t>(k)].power[0];
@@ -410,7 +410,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
       std::accumulate(samples.is_used.begin(), samples.is_used.end(), std::int64_t{0}) *
       samples.n_channels;
   fix_power_scale(samples, fit.lights, fit.albedo);
-  // A rotation stays one through many products.
+  // Re-orthonormalised: stays a rotation through many products.
   out.world_from_array.linear() =
       Eigen::Quaterniond(out.world_from_array.linear()).normalized().toRotationMatrix();
   return out;

@@ -12,16 +12,16 @@
 #include "relight/calibration/target_samples.h"
 
 /// @file
-/// An array of lights whose layout is known: six unknowns of its pose, each light's power, one
-/// lobe exponent, each point's albedo. Points are eliminated one by one, what is left is dense
-/// in the lights. Notes: docs/numerics/near-light.md.
+/// An array of lights of known layout: six unknowns of its pose, each light's power, one lobe
+/// exponent, each point's albedo. Points are eliminated one by one; the remaining system is
+/// dense in the lights. Notes: docs/numerics/near-light.md.
 
 namespace haarlight {
 
 struct RigidArray {
   std::vector<Eigen::Vector3d> places_mm;  ///< (K), in the array's frame
-  std::vector<Eigen::Vector3d> axes;       ///< (K), unit, likewise: the way each shines
-  /// Edges of each emitter there, as NearLight has them; empty: points.
+  std::vector<Eigen::Vector3d> axes;       ///< (K), unit, likewise: direction of emission
+  /// Edges of each emitter in that frame, as in NearLight; empty: points.
   std::vector<Eigen::Matrix<double, 3, 2>> emitters_mm;
 };
 
@@ -36,10 +36,10 @@ struct PoseBound {
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();  ///< rad, mm
   double mu = 0.0;
   SheetValues sheet;               ///< of the sheet's terms; 0: not fitted
-  std::vector<LightBound> lights;  ///< (K), what the pose's error does to each
+  std::vector<LightBound> lights;  ///< (K), effect of the pose's error on each
 };
 
-/// The bound at a pose; options as free_light_bounds().
+/// The bound at a pose; options as in free_light_bounds().
 /// @param lights  (K), at that pose, with their powers
 /// @param albedo  (C, P)
 [[nodiscard]] PoseBound rigid_bound(const TargetSamples& samples,
@@ -52,7 +52,8 @@ struct RigidFit {
   LikelihoodFit fit;
 };
 
-/// Levenberg-Marquardt from a pose. @throws Error  a light that starts behind a used sample
+/// Levenberg-Marquardt from a pose. @throws Error  a light that starts below the surface at a
+/// used sample
 [[nodiscard]] RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
                                        const Eigen::Isometry3d& start,
                                        std::vector<NearLight> lights,

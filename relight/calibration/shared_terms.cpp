@@ -15,12 +15,12 @@ namespace {
 constexpr int kPointDegree = 4;
 constexpr int kLightDegree = 3;
 constexpr int kLightsPerMode = 4;
-// A mode of which other unknowns hold all but this share says nothing of its own.
+// A mode explained by other unknowns up to this fraction carries no information of its own.
 constexpr double kOwnShare = 1e-8;
 
 SheetTerm term_at(std::size_t i) { return static_cast<SheetTerm>(i); }
 
-/// The longest step of each term at once.
+/// The longest single step of each term.
 double longest_step(SheetTerm term) {
   switch (term) {
     case SheetTerm::roughness:
@@ -87,7 +87,7 @@ TestModes test_modes(const TargetSamples& samples, std::span<const NearLight> li
 ModelTest judge_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
                       const Eigen::VectorXd& direct, double chi2, double freedom) {
   ModelTest test;
-  // In units of what each mode would weigh if no other unknown held any of it.
+  // In units of each mode's weight if no other unknown explained any of it.
   const Eigen::VectorXd unit = direct.cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const SymmetricEigen eigen = symmetric_eigen(unit.asDiagonal() * a * unit.asDiagonal());
   const Eigen::VectorXd along = eigen.vectors.transpose() * b.cwiseProduct(unit);

@@ -10,14 +10,14 @@
 #include "relight/calibration/sheet_model.h"
 
 /// @file
-/// The unknowns that all lights share, as columns of d ln h: the lobe's exponent, the sheet's
+/// The unknowns shared by all lights, as columns of d ln h: the lobe's exponent, the sheet's
 /// terms, and, for the test of the model, smooth functions of light and point together.
 
 namespace haarlight {
 
-/// Products of a polynomial of the light's place and one of the point's. Constants are left
-/// out: a light's power and a point's albedo hold them. After them, suspects of their own: the
-/// lobe's angle squared, which a lobe that is no power of a cosine has.
+/// Products of a polynomial in the light's position and one in the point's. Constants are left
+/// out: they are absorbed by power and albedo. Then specific suspects: the lobe's angle
+/// squared, present if the lobe is not a power of a cosine.
 struct TestModes {
   Eigen::ArrayXXd target;  ///< (P, M)
   Eigen::ArrayXXd light;   ///< (K, L)
@@ -29,14 +29,14 @@ struct TestModes {
 [[nodiscard]] TestModes test_modes(const TargetSamples& samples,
                                    std::span<const NearLight> lights);
 
-/// Whether the pictures hold something smooth that the fitted model cannot follow.
+/// Whether the pictures contain something smooth that the fitted model cannot follow.
 struct ModelTest {
-  double chi2 = 0.0;    ///< what the test modes would take away, over the noise that is left
-  int n = 0;            ///< independent modes: chi2's expectation where the model is right
+  double chi2 = 0.0;    ///< what the test modes would explain, over the remaining noise
+  int n = 0;            ///< independent modes: expectation of chi2 if the model is right
   double z = 0.0;       ///< chi2 as a standard normal (Wilson and Hilferty, 1931)
   double lobe_z = 0.0;  ///< of the lobe's shape alone, a standard normal
   bool is_done = false;
-  /// Honest pictures exceed one of the two once in about 5000 calibrations.
+  /// Pictures that fit the model exceed one of the two once in about 5000 calibrations.
   static constexpr double kMostZ = 3.72;
   static constexpr double kMostLobeZ = 3.89;
   [[nodiscard]] bool is_passed() const {
@@ -44,7 +44,7 @@ struct ModelTest {
   }
 };
 /// From the test modes' own equations, all other unknowns eliminated: A x = b.
-/// @param chi2_per_freedom  of the fit, which stands for the noise where it is not 1
+/// @param chi2_per_freedom  of the fit, taken as the noise scale where it is not 1
 [[nodiscard]] ModelTest judge_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
                                     const Eigen::VectorXd& direct, double chi2, double freedom);
 
@@ -61,10 +61,10 @@ class SharedTerms {
   /// d ln h of one light. @param out  (P, size()), the caller's
   void fill(const TargetColumns& target, const LightTerms& terms, int light,
             Eigen::Ref<Eigen::MatrixXd> out) const;
-  /// What is known from before, into the equations. @return  its chi^2
+  /// Adds the priors to the equations. @return  its chi^2
   [[nodiscard]] double add_priors(const SheetValues& sheet, Eigen::Ref<Eigen::MatrixXd> matrix,
                                   Eigen::Ref<Eigen::VectorXd> rhs) const;
-  /// A step, no longer than what the linear model can be trusted for.
+  /// Takes a step, no longer than the linear model can be trusted.
   void take(const Eigen::VectorXd& step, double& mu, SheetValues& sheet) const;
   /// Standard deviations from the shared unknowns' covariance (n_model x n_model).
   [[nodiscard]] SheetValues sigmas(const Eigen::MatrixXd& covariance) const;

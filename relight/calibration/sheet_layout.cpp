@@ -19,8 +19,8 @@ constexpr const char* kWhere = "calibration of the lights";
 constexpr std::size_t kLeastRuns = 100;
 constexpr std::size_t kNoiseBins = 8;
 
-/// How the seen point moves with a lens of more radial distortion: a unit is the distance from
-/// the middle itself, at the picture's corner.
+/// How the point seen moves with more radial distortion: one unit is, at the picture's corner,
+/// the distance from the middle itself.
 Eigen::Vector3d lens_shift(const CameraModel& camera, const PixelPoints& points, double x,
                            double y) {
   constexpr double kSmall = 1e-3;
@@ -246,7 +246,7 @@ SampleNoise noise_between_lights(const TargetSamples& s) {
   }
   std::sort(runs.begin(), runs.end(),
             [](const Run& a, const Run& b) { return a.per_intensity < b.per_intensity; });
-  // relative^2 + shot / I through each bin's median, weighted by its own square.
+  // relative^2 + shot / I fitted to each bin's median, weighted by its own square.
   Eigen::Matrix2d m = Eigen::Matrix2d::Zero();
   Eigen::Vector2d rhs = Eigen::Vector2d::Zero();
   for (std::size_t b = 0; b < kNoiseBins; ++b) {

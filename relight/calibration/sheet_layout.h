@@ -12,13 +12,13 @@
 #include "relight/light/near_light.h"
 
 /// @file
-/// Where a flat sheet's blocks lie in the pictures, and its samples from one picture a light:
-/// what rigs and folders of pictures share. Frame of the sheet: mm, z = 0 on it, +z to the
+/// Where a flat sheet's blocks lie in the pictures, and its samples from one picture per light:
+/// common to rigs and folders of pictures. Frame of the sheet: mm, z = 0 on it, +z to the
 /// lights.
 
 namespace haarlight {
 
-/// Where on the sheet samples are taken: a rectangle of the plane, mm along its u and v.
+/// The sampled part of the sheet: a rectangle of the plane, mm along its u and v.
 struct SheetRegion {
   double u0 = 0.0;
   double u1 = 0.0;
@@ -36,39 +36,39 @@ struct SheetLayout {
   int rows = 0;
   int cols = 0;
   std::vector<std::uint8_t> is_sheet;  ///< (height, width)
-  std::vector<Eigen::Vector2d> place;  ///< (height, width), on the sheet
+  std::vector<Eigen::Vector2d> place;  ///< (height, width), position on the sheet
 
   [[nodiscard]] std::size_t n_blocks() const {
     return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
   }
 };
-/// @param samples  about so many blocks along the longer side
+/// @param samples  approximate number of blocks along the longer side
 /// @throws Error  a region that fills fewer than 6 x 6 blocks
 [[nodiscard]] SheetLayout lay_out_sheet(const PixelPoints& points, int width, int height,
                                         const Eigen::Isometry3d& sheet_from_world,
                                         const SheetRegion& region, int samples);
 
-/// Places, normals, ways to the camera and what a lens would move, with no light yet. Blocks
-/// that are not wholly on the sheet are masked.
+/// Positions, normals, directions to the camera and lens shifts, with no light yet. Blocks not
+/// wholly on the sheet are masked.
 [[nodiscard]] TargetSamples samples_without_light(const SheetLayout& layout,
                                                   const PixelPoints& points,
                                                   const CameraModel& camera,
                                                   const Eigen::Isometry3d& sheet_from_world,
                                                   int n_lights, int n_channels);
 
-/// A camera `camera_mm` straight over the middle of a sheet of which its pictures show
-/// `width_mm` across: frame as PixelPoints::orthographic has it.
-/// @param tilt  rad, by which it stands aside towards +x and +y; it still looks at the middle
+/// A camera `camera_mm` straight over the middle of a sheet, its pictures `width_mm` across:
+/// frame as in PixelPoints::orthographic.
+/// @param tilt  rad, its offset towards +x and +y; it still looks at the middle
 [[nodiscard]] CameraModel camera_over_sheet(
     int width, int height, double width_mm, double camera_mm,
     const Eigen::Vector2d& tilt = Eigen::Vector2d::Zero());
 
-/// The same samples as another camera would have seen them: places, ways to the camera and the
-/// lens' shifts anew, by the middles of the blocks.
+/// The same samples as seen by another camera: positions, directions to the camera and lens
+/// shifts are recomputed from the block centres.
 [[nodiscard]] TargetSamples seen_from(TargetSamples samples, const SheetLayout& layout,
                                       const CameraModel& camera);
 
-/// Block averages of one picture a light.
+/// Block averages of one picture per light.
 class SheetSampler {
  public:
   /// @param empty  samples_without_light() of this layout
@@ -76,7 +76,7 @@ class SheetSampler {
   /// @param picture  linear light, of the layout's size and the samples' channels
   /// @param clip  a block with a value at or above it is masked for this light
   void add(int light, ImageView<const float> picture, float clip);
-  /// With the noise of a block as noise_between_lights() finds it.
+  /// With the noise of a block as estimated by noise_between_lights().
   [[nodiscard]] TargetSamples finish() const;
 
  private:
@@ -84,12 +84,11 @@ class SheetSampler {
   TargetSamples samples_;
 };
 
-/// The noise of samples that lie as a picture, from the pictures alone: fourth differences,
-/// along rows and columns, of the logarithm of two lights' ratio. The albedo, however
-/// patterned, is in both lights and goes; light that changes smoothly goes to (block /
-/// distance)^4. Medians: dust and shadows' edges do not count. What is the same in all pictures
-/// is not noise.
-/// @throws Error  fewer than 100 runs of five blocks that two lights both reach
+/// The noise of samples on a grid, from the pictures alone: fourth differences, along rows and
+/// columns, of the logarithm of two lights' ratio. The albedo, however patterned, cancels;
+/// smooth light cancels to (block / distance)^4. Medians ignore dust and shadow edges. What is
+/// the same in all pictures is not counted as noise.
+/// @throws Error  fewer than 100 runs of five blocks lit by both of two lights
 [[nodiscard]] SampleNoise noise_between_lights(const TargetSamples& samples);
 
 }  // namespace haarlight

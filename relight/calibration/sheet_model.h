@@ -8,9 +8,9 @@
 
 /// @file
 /// What a real sheet of paper and a real camera add to a flat Lambertian target, each as one
-/// number that all lights share: how rough and how glossy the paper is, where its surface lies,
-/// what the lens model leaves over. Each has a standard deviation from before; a fit either
-/// finds it or carries it into its uncertainties. Notes: docs/numerics/near-light.md.
+/// number shared by all lights: how rough and how glossy the paper is, where its surface lies,
+/// the residual of the lens model. Each has a prior standard deviation; a fit either determines
+/// it or propagates it into its uncertainties. Notes: docs/numerics/near-light.md.
 
 namespace haarlight {
 
@@ -27,7 +27,7 @@ enum class SheetTerm : std::size_t {
   bow_xx,  ///< a X^2, mm; X and Y: from the middle, 1 at half the longer side
   bow_xy,  ///< b X Y, mm
   bow_yy,  ///< c Y^2, mm
-  lens,    ///< radial distortion left over at the picture's corner, share of the distance
+  lens,    ///< residual radial distortion at the picture's corner, relative
 };
 constexpr std::size_t kSheetTerms = 9;
 constexpr double kSheenExponent = 10.0;
@@ -46,8 +46,8 @@ struct SheetValues {
   [[nodiscard]] bool is_zero() const;
 };
 
-/// sigma: what is known of each term before the fit, about 0. 0: it is 0 and no unknown;
-/// infinity: nothing is known.
+/// sigma: prior standard deviation of each term, about 0. 0: the term is fixed at 0; infinity:
+/// no prior.
 struct SheetPriors {
   SheetValues sigma;
   [[nodiscard]] bool is_free(SheetTerm term) const { return sigma[term] > 0.0; }
@@ -56,12 +56,12 @@ struct SheetPriors {
   }
 };
 
-/// A sheet of good matte paper that was laid flat by hand under a calibrated lens: roughness
-/// anything, sheen 10 %, bow 1 mm in each of its three shapes, lens 0.5 %.
+/// Good matte paper laid flat by hand under a calibrated lens: any roughness, sheen 10 %, bow 1
+/// mm in each of its three shapes, lens 0.5 %.
 /// @param has_view  false: the camera's direction is not known, which roughness and sheen need
 [[nodiscard]] SheetPriors matte_paper(bool has_view);
 
-/// B / A of a facet slope sigma (rad), and back. 0 .. 0.54; monotone.
+/// B / A from a facet slope sigma (rad), and back. 0 .. 0.54; monotone.
 [[nodiscard]] double roughness_of_slope(double sigma);
 [[nodiscard]] double slope_of_roughness(double q);
 

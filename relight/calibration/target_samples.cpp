@@ -87,7 +87,7 @@ TargetExtent target_extent(const TargetSamples& s) {
 
 std::vector<SampleCounts> mask_samples(TargetSamples& s, const MaskOptions& options) {
   const std::size_t n = s.n_points();
-  // The brightest sample that is not saturated, of each light and of all.
+  // The brightest unsaturated sample, of each light and of all.
   std::vector<double> brightest(static_cast<std::size_t>(s.n_lights), 0.0);
   double of_all = 0.0;
   for (int k = 0; k < s.n_lights; ++k) {
@@ -222,7 +222,7 @@ TargetSamples simulate_target(std::span<const NearLight> lights,
       double z = 0.0;
       Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
       if (target.height) {
-        const double h = 1e-4 * target.size_mm;  // differences: error of order h^2
+        const double h = 1e-4 * target.size_mm;  // central differences: error of order h^2
         z = target.height(px, py);
         n = Eigen::Vector3d((target.height(px - h, py) - target.height(px + h, py)) / (2 * h),
                             (target.height(px, py - h) - target.height(px, py + h)) / (2 * h),

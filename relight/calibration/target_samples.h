@@ -12,16 +12,16 @@
 #include "relight/light/near_light.h"
 
 /// @file
-/// Pictures of a matte calibration target, one a light, as numbers: what near-light calibration
-/// reads. Everything in mm, in one right-handed frame in which +z points away from the target,
-/// towards the lights. Linear light, black subtracted. Source: [Huang15], section IV.
+/// Pictures of a matte calibration target, one per light, as numbers: the input of near-light
+/// calibration. Everything in mm, in one right-handed frame in which +z points away from the
+/// target, towards the lights. Linear light, black subtracted. Source: [Huang15], section IV.
 
 namespace haarlight {
 
 /// Standard deviation of an intensity I: sqrt(floor^2 + shot I + (relative I)^2).
 struct SampleNoise {
   double relative = 0.005;
-  double shot = 0.0;   ///< in units of intensity: 1 / (electrons a unit)
+  double shot = 0.0;   ///< in units of intensity: 1 / (electrons per unit)
   double floor = 0.0;  ///< in units of intensity
 
   [[nodiscard]] double variance(double intensity) const noexcept {
@@ -33,18 +33,18 @@ struct SampleNoise {
 struct TargetSamples {
   int n_lights = 0;
   int n_channels = 1;  ///< 1 or 3
-  /// Points that lie as a picture, row by row: (rows x cols) = P; 0: in no order. A coarse
-  /// start averages blocks of such a grid; of other points it takes some.
+  /// Points on a picture-like grid, row by row: (rows x cols) = P; 0: unordered. A coarse start
+  /// averages blocks of such a grid; of other points it takes a subset.
   int rows = 0;
   int cols = 0;
   std::vector<Eigen::Vector3d> points_mm;  ///< (P)
   std::vector<Eigen::Vector3d> normals;    ///< (P), unit
-  /// (P), unit, from the point to the camera; empty: not known. What a surface that is not
-  /// quite Lambertian reflects depends on it (relight/calibration/sheet_model.h).
+  /// (P), unit, from the point to the camera; empty: unknown. A not quite Lambertian
+  /// reflectance depends on it (relight/calibration/sheet_model.h).
   std::vector<Eigen::Vector3d> to_camera;
-  /// (P), mm: how each point would move with a lens whose radial distortion is more by 1 at the
-  /// picture's corner (as a share of the distance from its middle); empty: the target's own
-  /// middle stands for the picture's, and its half side for the corner.
+  /// (P), mm: how each point would move if the lens had 1 more radial distortion at the
+  /// picture's corner (relative to the distance from its middle); empty: the target's own
+  /// middle is used for the picture's, and its half side for the corner.
   std::vector<Eigen::Vector3d> lens_mm;
   std::vector<float> intensity;       ///< (K, C, P)
   std::vector<std::uint8_t> is_used;  ///< (K, P), 0: masked out
@@ -62,7 +62,7 @@ struct TargetSamples {
   }
 };
 
-/// @throws Error  sizes that do not agree, a normal that is not unit, NaN: by index
+/// @throws Error  inconsistent sizes, a normal that is not unit, NaN; gives the index
 void require_consistent(const TargetSamples& samples);
 
 /// Centre of the points and the longer side of their bounding box in x and y, mm.
@@ -70,7 +70,7 @@ struct TargetExtent {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   double size_mm = 0.0;
 };
-/// @throws Error  fewer than three points, or all on one line
+/// @throws Error  fewer than three points, or all collinear
 [[nodiscard]] TargetExtent target_extent(const TargetSamples& samples);
 
 // ---- what is left out ----
@@ -82,23 +82,23 @@ struct SampleCounts {
   std::int64_t dark = 0;
   std::int64_t shadowed = 0;   ///< far below what a fit with the other samples expects
   std::int64_t outlying = 0;   ///< far above it (a highlight, dust)
-  std::int64_t by_caller = 0;  ///< were masked when the samples came
+  std::int64_t by_caller = 0;  ///< already masked on input
 };
 
 struct MaskOptions {
   double saturation = 1.0;  ///< at or above, in any channel: saturated
-  /// Below this share of the light's own brightest sample in every channel: dark; a light whose
-  /// brightest is below this share of the brightest of all is measured by that instead.
+  /// Below this fraction of the light's own brightest sample in every channel: dark; a light
+  /// whose brightest is below this fraction of the overall brightest is compared with that
+  /// instead.
   double dark_share = 1e-3;
 };
 
 /// Clears is_used of saturated and dark samples. @return (K)
 std::vector<SampleCounts> mask_samples(TargetSamples& samples, const MaskOptions& options);
 
-/// Block averages, `factor` x `factor` points each, of samples that lie as a picture; a block
-/// with a masked sample is masked for that light. Points in no order: every factor^2-th.
-/// Averaging lowers the noise; what it does to a curved falloff is of second order in the
-/// block.
+/// Block averages, `factor` x `factor` points each, of samples on a grid; a block with a masked
+/// sample is masked for that light. Unordered points: every factor^2-th. Averaging lowers the
+/// noise; its bias on a curved falloff is of second order in the block size.
 [[nodiscard]] TargetSamples coarse_samples(const TargetSamples& samples, int factor);
 
 // ---- simulation ----
@@ -108,21 +108,21 @@ struct SimulatedTarget {
   int cols = 48;
   double size_mm = 200.0;  ///< of the longer side
   int n_channels = 1;
-  double noise = 0.005;        ///< relative, normal; the samples' noise model says the same
-  double saturation = 0.0;     ///< > 0: values are cut there
+  double noise = 0.005;        ///< relative, normal; also stated in the samples' noise model
+  double saturation = 0.0;     ///< > 0: values are clipped there
   int bits = 0;                ///< > 0: rounded to 2^bits - 1 steps of the brightest sample
   double albedo_spread = 0.0;  ///< albedo uniform in 1 -+ spread, by point
   double vignetting = 0.0;     ///< loss at the target's corner
-  /// Height over z = 0, mm, by (x, y); empty: flat. Normals follow by differences.
+  /// Height over z = 0, mm, by (x, y); empty: flat. Normals by finite differences.
   std::function<double(double x, double y)> height = {};
   std::uint64_t seed = 1;
 };
 
-/// I = a eta e f(l, p) (1 + noise), every sample used; 0 where a light is behind.
+/// I = a eta e f(l, p) (1 + noise), every sample used; 0 where a light is behind the surface.
 [[nodiscard]] TargetSamples simulate_target(std::span<const NearLight> lights,
                                             const SimulatedTarget& target);
 
-/// rows x cols lights of a flat array that looks down from z = height_mm, its middle over the
+/// rows x cols lights of a flat array facing down from z = height_mm, its middle over the
 /// origin, powers uniform in 1 -+ spread and of mean 1.
 [[nodiscard]] std::vector<NearLight> array_lights(int rows, int cols, double pitch_mm,
                                                   double height_mm, double mu,

@@ -19,7 +19,7 @@ namespace {
 
 constexpr int kMaxSteps = 60;
 constexpr std::ptrdiff_t kLeastSamples = 6;
-constexpr double kSpread = 0.1;  // of ln albedo over a sheet, and then some
+constexpr double kSpread = 0.1;  // of ln albedo over a sheet, with a margin
 
 struct Guess {
   NearLight light;
@@ -83,7 +83,7 @@ class OneLight {
     return {light, now->log_power, now->misfit};
   }
 
-  /// Where the picture is brightest: the mean place, weighted by the fourth power.
+  /// Where the picture is brightest: the mean position, weighted by the fourth power.
   [[nodiscard]] Eigen::Vector3d bright_place() const {
     const Eigen::ArrayXd w = weight_ * (4.0 * (log_i_ - log_i_.maxCoeff())).exp();
     const double sum = std::max(w.sum(), 1e-300);
@@ -98,7 +98,7 @@ class OneLight {
     double log_power = 0.0;
     double misfit = 0.0;
   };
-  /// The power is the best one at each place.
+  /// The power is optimal for each position.
   [[nodiscard]] std::optional<Trial> look(const NearLight& light) const {
     const LightTerms t = light_terms(target_, light, used_);
     if (!t.reaches_used) {
@@ -114,7 +114,7 @@ class OneLight {
       }
     }
     out.log_power = upper_median(apart);
-    // Cauchy's loss: a shadow over a third of the sheet does not pull.
+    // Cauchy loss: a shadow over a third of the sheet does not bias the fit.
     const Eigen::ArrayXd miss = log_i_ - log_h - out.log_power;
     const Eigen::ArrayXd square = (miss / kSpread).square();
     const Eigen::ArrayXd weight = weight_ / (1.0 + square);

@@ -6,12 +6,12 @@
 #include "relight/calibration/target_samples.h"
 
 /// @file
-/// A first guess of where lights are: each on its own, as if the target's albedo were the same
-/// everywhere. What a sheet of paper nearly is; the stages after it drop the assumption.
+/// A first guess of the lights' positions: each on its own, assuming a uniform albedo, which
+/// nearly holds for a sheet of paper; later stages drop the assumption.
 
 namespace haarlight {
 
-/// Robust fit of ln I by (place, power), one light after the other, from its place in
+/// Robust fit of ln I by (position, power), one light after the other, from its position in
 /// `start` and from a few heights over the brightest part; the best is kept. Lights without 6
 /// used samples keep their start. Powers of mean 1. Axes and exponents are those of `start`.
 [[nodiscard]] std::vector<NearLight> uniform_albedo_start(const TargetSamples& samples,

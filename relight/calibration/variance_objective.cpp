@@ -14,7 +14,7 @@ namespace haarlight {
 namespace {
 
 constexpr int kBlock =
-    16;  // points together: K x kBlock numbers of each kind stay in the cache
+    16;  // points at a time: K x kBlock numbers of each kind stay in the cache
 using Lane = Eigen::Array<double, kBlock, 1>;
 
 /// One block of points, as lanes. Lanes past the end repeat the last point, unused.
@@ -22,7 +22,7 @@ struct Points {
   Lane x, y, z, nx, ny, nz;
 };
 
-/// What a light gives the block.
+/// Light on the block from one light.
 struct Rays {
   Lane wx, wy, wz;  ///< from the point to the light, mm
   Lane inverse_r2, inverse_facing, inverse_off;
@@ -109,7 +109,7 @@ class Evaluation {
     return points;
   }
 
-  /// A = I g / e and the factors of its derivative. A sample without use gets harmless ones.
+  /// A = I g / e and the factors of its derivative. An unused sample gets harmless ones.
   void trace(std::size_t first, const Points& points, std::size_t k, Rays& r) {
     const NearLight& light = lights_[k];
     const std::size_t n = samples_.n_points();

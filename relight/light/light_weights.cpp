@@ -18,15 +18,15 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kOverlapTol = 1e-6;  // share of a texel that two faces may both claim
+constexpr double kOverlapTol = 1e-6;  // fraction of a texel that two faces may both claim
 
-/// A part of a texel that falls on one light's cell.
+/// The part of a texel that falls on one light's cell.
 struct Piece {
   int light = 0;
   double share = 0.0;  ///< of the texel's solid angle
 };
 
-/// Room for clipping; one a worker.
+/// Scratch memory for clipping; one per worker.
 struct Scratch {
   DirectionPolygon inside;
   DirectionPolygon strip;
@@ -46,8 +46,8 @@ class LightCells {
   LightCells& operator=(const LightCells&) = delete;
   LightCells(LightCells&&) = delete;
   LightCells& operator=(LightCells&&) = delete;
-  /// Fills scratch.pieces. @return  share of the texel that lies in the cells' union, measured
-  /// without the cuts between cells: what the pieces' shares must add up to
+  /// Fills scratch.pieces. @return  fraction of the texel in the union of the cells, measured
+  /// without the cuts between cells: the pieces' fractions must add up to it
   virtual double cut(const EnvironmentTexel& texel, Scratch& scratch) const = 0;
 };
 
@@ -83,7 +83,7 @@ class FaceCells {
     radius_ = std::acos(smallest) + 1e-6;
   }
 
-  /// @return  share of the texel on the whole face
+  /// @return  fraction of the texel on the whole face
   double cut(const EnvironmentTexel& texel, Scratch& scratch) const {
     if (!is_lit_ || axis_.dot(texel.centre) <
                         std::cos(std::min(radius_ + texel.radius, std::numbers::pi))) {
@@ -275,7 +275,7 @@ struct Sums {
 
 EnvironmentWeights integrate(const Environment& environment, const LightCells& cells,
                              int n_lights) {
-  constexpr std::size_t kRuns = 64;  // fixed: the order of the sums does not know the threads
+  constexpr std::size_t kRuns = 64;  // fixed: the order of sums is independent of threads
   const int colours = environment.is_colour() ? 3 : 1;
   const auto n_rows = static_cast<std::size_t>(environment.n_rows());
   const std::size_t rows_per_run = (n_rows + kRuns - 1) / kRuns;
@@ -314,7 +314,8 @@ EnvironmentWeights integrate(const Environment& environment, const LightCells& c
   const double total = result.total.head(colours).sum();
   if (total > 0.0) {
     const double missing = result.missing.head(colours).sum();
-    // 1 - claimed is rounding where faces meet within a texel: no negative share is reported.
+    // 1 - claimed is rounding where faces meet within a texel: no negative fraction is
+    // reported.
     result.missing_share = std::max(0.0, missing / total);
     result.conservation_error = std::abs(result.cell_radiance.sum() + missing - total) / total;
   }

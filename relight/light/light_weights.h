@@ -9,9 +9,9 @@
 #include "render/light/cubemap.h"
 
 /// @file
-/// How bright each light must burn to stand in for its piece of an environment.
-/// w_k = (integral over the light's cell of L dw) / G_k, G_k = irradiance of light k at drive 1
-/// at the object's centre on a surface facing it. Method, accuracy and cost:
+/// Light weights with which a rig reproduces an environment, each light its cell of the sphere.
+/// w_k = (integral over the light's cell of L dw) / G_k, G_k = irradiance of light k at weight
+/// 1 at the object's centre on a surface facing it. Method, accuracy and cost:
 /// docs/numerics/relight.md, "Weights".
 
 namespace haarlight {
@@ -22,22 +22,23 @@ struct EnvironmentWeights {
   Eigen::VectorXd cell_solid_angle;  ///< (n_lights): as integrated, sr
   Eigen::Vector3d total = Eigen::Vector3d::Zero();    ///< integral of L over the sphere
   Eigen::Vector3d missing = Eigen::Vector3d::Zero();  ///< of it, where the rig has no lights
-  /// Share of the environment's energy (sum of the colours) that the rig cannot give; 0 for a
-  /// black environment.
+  /// Fraction of the environment's energy (sum of the colours) that the rig cannot reproduce; 0
+  /// for a black environment.
   double missing_share = 0.0;
-  /// |sum of the cells + missing - total| / total. `missing` is measured on the faces' outlines
-  /// and the cells one by one: what the cut into cells loses or counts twice shows here.
+  /// |sum of the cells + missing - total| / total. `missing` is measured on the faces'
+  /// outlines, the cells one by one: anything lost or counted twice in cutting cells shows up
+  /// here.
   double conservation_error = 0.0;
 };
 
 /// Cells are pitch x pitch around each LED and tile the face; seen from the rig's object
-/// centre. Each texel is clipped exactly against the cells' planes. A face that shines away
-/// from the object counts as missing.
+/// centre. Each texel is clipped exactly against the cells' planes. A face that emits away from
+/// the object counts as missing.
 /// @throws Error  two faces cover the same directions
 [[nodiscard]] EnvironmentWeights rig_weights(const Environment& environment, const Rig& rig);
 
 /// Cells are the spherical Voronoi cells of the directions; G_k = 1, so T_k is the picture
-/// under unit irradiance from light k. Nothing is missing: lights at the rim of a dome take
+/// under unit irradiance from light k. Nothing is missing: lights at the rim of a dome cover
 /// what lies beyond them.
 /// @param directions  unit, to the light; two equal ones share their cell
 [[nodiscard]] EnvironmentWeights voronoi_weights(

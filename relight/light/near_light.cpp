@@ -45,7 +45,8 @@ void turn_to_aim(NearLight& light) {
 
 namespace {
 
-/// d axis / d (way to the aim + aim_off): of a vector's direction by the vector.
+/// d axis / d (direction to the aim + aim_off): the derivative of a vector's direction by the
+/// vector.
 Eigen::Matrix3d axis_per_sum(const NearLight& light, const Eigen::Vector3d& way) {
   return (Eigen::Matrix3d::Identity() - light.axis * light.axis.transpose()) /
          (way + light.aim_off).norm();
@@ -115,7 +116,8 @@ Eigen::Matrix3d turn_of(const CameraModel& camera) {
   return Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal() * world_from_cam.transpose();
 }
 
-/// By `rig calibrate lights`; 1 where that was not done. A light it did not see stays at 1.
+/// Measured by `rig calibrate lights`; 1 where that was not done, and for lights it did not
+/// see.
 double calibrated_power(const Rig& rig, const LightElement& element) {
   if (rig.measured == nullptr) {
     return 1.0;

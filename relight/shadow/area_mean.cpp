@@ -38,7 +38,7 @@ double window_side(double side, double vertex_height, double light_height) {
 
 double corrected_window_scale(double ratio, double object_share) {
   HAARLIGHT_ASSERT(ratio < 0.0 && object_share >= 0.0 && object_share < 1.0);
-  // B/s = h_o/(H - h_o), W/s = |h|/(H - h); both only through the shares of H.
+  // B/s = h_o/(H - h_o), W/s = |h|/(H - h); both only through the fractions of H.
   const double b = object_share / (1.0 - object_share);
   const double w = -ratio / (1.0 - ratio);
   return std::sqrt(1.0 + 2.0 * b / w);
@@ -145,7 +145,7 @@ WindowSums::Sum WindowSums::integral(double x0, double x1, double y0, double y1)
 
 namespace {
 
-/// Bounds V = 0 and V = 1 in the unknown part; lit beyond the picture.
+/// The mean with bounds V = 0 and V = 1 in the unknown part; lit beyond the picture.
 WindowMean mean_of(double visible, double unknown, double inside, double area) {
   WindowMean mean;
   mean.unknown = std::clamp(unknown / area, 0.0, 1.0);
@@ -154,7 +154,7 @@ WindowMean mean_of(double visible, double unknown, double inside, double area) {
   return mean;
 }
 
-/// Where the quadrilateral's border crosses the height y: its smallest and largest x.
+/// Where the quadrilateral's border crosses the line y: its smallest and largest x.
 std::array<double, 2> span_at(const std::array<Eigen::Vector2d, 4>& quad, double y) {
   double low = std::numeric_limits<double>::infinity();
   double high = -low;

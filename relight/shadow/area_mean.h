@@ -17,8 +17,8 @@
 /// @file
 /// Visibility of a square light from a point off the shadow plane: the mean of the light's
 /// shadow picture over the quadrilateral that the light projects to, seen from the point
-/// [Kim13, eq. (5)]. It holds on the plane only, where the window vanishes; WindowRule has the
-/// choices for elsewhere, docs/numerics/shadow.md how wrong each is.
+/// [Kim13, eq. (5)]. Exact only on the plane, where the window vanishes; WindowRule has the
+/// choices for elsewhere, docs/numerics/shadow.md their errors.
 
 namespace haarlight {
 
@@ -28,16 +28,16 @@ struct LightWindow {
   /// World; order of light_corners: (-u -v), (+u -v), (+u +v), (-u +v). Meaningful when
   /// `has_corners`.
   std::array<Eigen::Vector3d, 4> corners;
-  bool has_corners = false;                          ///< every corner of the light projects
+  bool has_corners = false;  ///< every corner of the light has a projection
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< projection of the light's centre
   double ratio = 0.0;                                ///< b/a of the centre
 };
 
-/// Each corner by eq. (4): exact for tilted planes too.
+/// Projects each corner by eq. (4): exact for tilted planes too.
 [[nodiscard]] LightWindow project_window(const Plane& plane, const SquareLight& light,
                                          const Eigen::Vector3d& vertex);
 
-/// The same with the light's corners at hand, for loops over vertices.
+/// The same with precomputed corners, for loops over vertices.
 [[nodiscard]] LightWindow project_window(const Plane& plane,
                                          const Eigen::Vector3d& light_centre,
                                          const std::array<Eigen::Vector3d, 4>& light_corners,
@@ -48,51 +48,52 @@ struct LightWindow {
 /// h) apart.
 [[nodiscard]] double window_side(double side, double vertex_height, double light_height);
 
-/// What to average over.
+/// The window to average over.
 enum class WindowRule {
   none,       ///< the shadow picture at the light's centre only
   plain,      ///< eq. (5) as printed: W everywhere
   corrected,  ///< W' below the plane, nothing on and above it
 };
 
-/// What is known of the object: its lowest and highest point over the plane.
+/// The known extent of the object: its lowest and highest point over the plane.
 struct HeightRange {
   double low_mm = 0.0;
   double high_mm = 0.0;
 };
 
-/// W'/W = sqrt(1 + 2 B/W) below the plane, with B = s h_o/(H - h_o) the penumbra that the
-/// shadow picture already holds of an edge at height h_o: variances add to the true (B + W)^2.
+/// W'/W = sqrt(1 + 2 B/W) below the plane, with B = s h_o/(H - h_o) the penumbra of an edge at
+/// height h_o that the shadow picture already contains: variances add to the true (B + W)^2.
 /// @param ratio  b/a of the vertex, negative
 /// @param object_share  h_o/H, in [0, 1)
 [[nodiscard]] double corrected_window_scale(double ratio, double object_share);
 
-/// Above the plane no averaging helps. How many times too wide the picture's penumbra is
-/// without a window: B/(B - W). Infinity where the vertex is at the edge's height or over it.
+/// Above the plane no averaging helps. The factor by which the picture's penumbra is too wide
+/// without a window: B/(B - W). Infinity where the vertex is at or above the edge's height.
 [[nodiscard]] double widening_above(double ratio, double object_share);
 
-/// A mean over a window and what is unknown in it.
+/// A mean over a window and its unknown fraction.
 struct WindowMean {
   double value = 1.0;    ///< middle of the bounds V = 0 and V = 1 in the unknown part
-  double unknown = 0.0;  ///< share of the window that is unknown = distance between the bounds
-  double outside = 0.0;  ///< share beyond the plane picture, taken as lit
+  double unknown = 0.0;  ///< unknown fraction of the window = distance between the bounds
+  double outside = 0.0;  ///< fraction beyond the plane picture, taken as lit
 };
 
-/// Summed-area tables of one light's visibility and of what is unknown. Shareable between
-/// threads. 8 bytes a pixel; as much again for the unknown, once for all tables of one mask and
-/// not at all where everything is known.
+/// Summed-area tables of one light's visibility and of the unknown pixels. Can be shared
+/// between threads. 8 bytes per pixel; as much again for the unknown, once for all tables of
+/// one mask and not at all if everything is known.
 class WindowSums {
  public:
   /// @param visibility  (h, w, 1) in [0, 1]
   /// @param known       (h, w, 1) 1 or 0
   WindowSums(ImageView<const float> visibility, ImageView<const std::uint8_t> known);
 
-  /// The tables of the weighted mean of pictures: sums are linear, so no picture is needed.
+  /// The tables of a weighted mean of pictures: sums are linear, so the pictures are not
+  /// needed.
   /// @param parts   one or more, of one size
-  /// @param shares  as many; they add up to 1
+  /// @param shares  as many weights; they add up to 1
   WindowSums(std::span<const WindowSums* const> parts, std::span<const double> shares);
 
-  /// Takes over the other's table of the unknown where both are equal.
+  /// Shares the other's table of the unknown if both are equal.
   void share_unknown(const WindowSums& other);
 
   /// Mean over a rectangle in picture coordinates, pixels taken as squares of constant value:

@@ -12,15 +12,15 @@
 #include "render/ray_caster.h"
 
 /// @file
-/// The object's own relit picture in the synthetic scene. What the camera captured is the
-/// object seen from one place: the scene is drawn from the same camera, and the object laid
-/// over it where the capture shows no plane.
+/// The object's own relit picture in the synthetic scene. The camera captured the object from
+/// one viewpoint: the scene is rendered with the same camera, and the object composited over it
+/// where the capture does not show the plane.
 
 namespace haarlight {
 
 struct CompositeOptions {
-  /// Where the object can be, over the plane: scene surfaces nearer to the camera than its
-  /// top hide it. Unknown: the object is over everything.
+  /// The object's height range over the plane: scene surfaces closer to the camera than its top
+  /// hide it. Unknown: the object is in front of everything.
   std::optional<HeightRange> object;
   double scale = 1.0;  ///< from the capture's values to the scene's radiance
 };
@@ -31,15 +31,15 @@ struct CompositeCount {
   Image<std::uint8_t> drawn;  ///< (h, w, 1) 1 where the object was drawn
 };
 
-/// What brings a capture's values to the radiance of a scene whose lights have radiance 1 at
-/// drive 1. On the plane T = g B, with B as RigPlate has it, so a plane of albedo rho has
-/// T rho A/(pi 1e6 g) of radiance.
+/// The factor from a capture's values to the radiance of a scene whose lights have radiance 1
+/// at weight 1. On the plane T = g B, with the clean plate B as in RigPlate, so a plane of
+/// albedo rho has radiance T rho A/(pi 1e6 g).
 /// @param plate_scale  g, for the sum of `channels` colours
 /// @param area_mm2     of one LED
 [[nodiscard]] double scene_scale(double plate_scale, int channels, double albedo,
                                  double area_mm2);
 
-/// @param picture  (h, w, 3) of the scene, drawn over in place
+/// @param picture  (h, w, 3) of the scene, composited in place
 /// @param object   (h, w, 1 or 3) relit
 /// @param shows_object  (h, w, 1) 1 where the camera sees the object
 CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
@@ -47,9 +47,9 @@ CompositeCount draw_object(Image<float>& picture, const Image<float>& object,
                            const CameraModel& camera, const PlaneFrame& frame,
                            const CompositeOptions& options);
 
-/// How far the drawn object's own pixels are from the truth's.
+/// The error of the drawn object's own pixels against the truth.
 /// @param picture, truth  (h, w, 3)
-/// @param drawn           (h, w, 1) as CompositeCount has it
+/// @param drawn           (h, w, 1) as in CompositeCount
 [[nodiscard]] Achieved compare_drawn(const Image<float>& picture, const Image<float>& truth,
                                      const Image<std::uint8_t>& drawn);
 

@@ -7,8 +7,8 @@
 #include "relight/shadow/projection.h"
 
 /// @file
-/// The plane picture: pixel (column i, row j) is the plane point
-/// origin + (x0 + (i + 0.5) s) u + (y0 - (j + 0.5) s) v: +x right, +y up, s mm a pixel.
+/// The plane picture: pixel (column i, row j) is the plane point origin + (x0 + (i + 0.5) s) u
+/// + (y0 - (j + 0.5) s) v: +x right, +y up, s mm per pixel.
 
 namespace haarlight {
 
@@ -25,7 +25,7 @@ struct PlaneFrame {
 
   /// World point of picture coordinates (pixel centres at +0.5, y down).
   [[nodiscard]] Eigen::Vector3d world_of(double column, double row) const;
-  /// Picture coordinates of a world point, dropped perpendicularly on the plane.
+  /// Picture coordinates of a world point, projected perpendicularly onto the plane.
   [[nodiscard]] Eigen::Vector2d picture_of(const Eigen::Vector3d& world) const;
   /// n.x + d: mm over the plane.
   [[nodiscard]] double height_of(const Eigen::Vector3d& world) const;

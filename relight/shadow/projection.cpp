@@ -12,7 +12,7 @@ double dot(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
 
 bool is_zero(const Eigen::Vector3d& v) { return v.x() == 0.0 && v.y() == 0.0 && v.z() == 0.0; }
 
-/// -0 becomes +0: the only bits that a flip of the plane could still change.
+/// -0 becomes +0: the only bits that flipping the plane could still change.
 Eigen::Vector3d without_negative_zero(const Eigen::Vector3d& p) {
   return {p.x() + 0.0, p.y() + 0.0, p.z() + 0.0};
 }
@@ -57,7 +57,7 @@ PlaneProjection project_to_plane(const Plane& plane, const Eigen::Vector3d& ligh
   const Eigen::Vector3d point(at.meet(light.x(), vertex.x()), at.meet(light.y(), vertex.y()),
                               at.meet(light.z(), vertex.z()));
   if (!point.allFinite()) {
-    result.status = ProjectionStatus::at_light_height;  // beyond what a double can hold
+    result.status = ProjectionStatus::at_light_height;  // beyond the range of double
     return result;
   }
   result.point = without_negative_zero(point);

@@ -21,7 +21,7 @@
 namespace haarlight {
 namespace {
 
-constexpr double kFarSides = 10.0;  // from here on four Gauss points serve
+constexpr double kFarSides = 10.0;  // from here on four Gauss points suffice
 
 HAARLIGHT_WIDER void four_points(const SquareLight& light, const PointRows& chunk,
                                  double* out) {
@@ -64,7 +64,7 @@ HAARLIGHT_WIDER void four_points(const SquareLight& light, const PointRows& chun
       sum += (nx[i] * sx + ny[i] * sy + nz[i] * sz) * before / (d2 * d2);
     }
     const double far = r2 >= least && over >= reach ? scale * sum : -1.0;
-    out[i] = before > 0.0 && over + reach > 0.0 ? far : 0.0;  // -1: to be done with care
+    out[i] = before > 0.0 && over + reach > 0.0 ? far : 0.0;  // -1: left to the exact form
   }
 }
 

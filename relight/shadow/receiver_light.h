@@ -10,21 +10,21 @@
 #include "render/scene.h"
 
 /// @file
-/// Irradiance of square lights at receivers, unoccluded, fast where the light is small seen
-/// from there. Divided by the light's radiance. Pure.
+/// Irradiance of square lights at receivers, unoccluded, fast where the light subtends a small
+/// angle. Divided by the light's radiance. Pure.
 
 namespace haarlight {
 
 /// E_k / radiance: exact near the light, four Gauss points where it is ten sides away or more
-/// and wholly over the receiver's horizon (relative error below 1e-6 there; render/analytic has
-/// the exact form). 0 behind the light.
+/// and wholly above the receiver's horizon (relative error below 1e-6 there; render/analytic
+/// has the exact form). 0 behind the light.
 [[nodiscard]] double receiver_irradiance(const SquareLight& light, const Eigen::Vector3d& point,
                                          const Eigen::Vector3d& normal);
 
 /// The four points for a light of any size: a block of lights.
 [[nodiscard]] double block_irradiance(const SquareLight& light, const SurfacePoint& at);
 
-/// Receivers, each coordinate in a row of its own.
+/// Receivers, each coordinate in an array of its own.
 struct PointRows {
   std::vector<double> px, py, pz;  ///< point
   std::vector<double> nx, ny, nz;  ///< shading normal
@@ -34,8 +34,8 @@ struct PointRows {
   [[nodiscard]] std::size_t size() const noexcept { return px.size(); }
 };
 
-/// receiver_irradiance at many; -1 where it has to be done one by one (near, at the horizon, a
-/// lobe other than Lambert's).
+/// receiver_irradiance at many; -1 where it must be evaluated individually (near, at the
+/// horizon, a lobe other than Lambert's).
 void irradiance_far(const SquareLight& light, const PointRows& rows, std::span<double> out);
 
 }  // namespace haarlight

@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kMaxSamples = 8;
 
-/// Camera pixels across one plane pixel, at the plane's middle; 1 when that is out of sight.
+/// Camera pixels across one plane pixel, at the plane's middle; 1 if that is not visible.
 double pixels_per_texel(const CameraModel& camera, const PlaneFrame& frame) {
   const double x = 0.5 * frame.width;
   const double y = 0.5 * frame.height;
@@ -25,7 +25,7 @@ double pixels_per_texel(const CameraModel& camera, const PlaneFrame& frame) {
 }  // namespace
 
 void PlaneSampler::add_sample(double x, double y, float weight, std::vector<Tap>& taps) const {
-  // Bilinear between pixel centres; the outer half pixel takes the border's value.
+  // Bilinear between pixel centres; the outer half pixel is clamped to the border.
   const double sx = std::clamp(x - 0.5, 0.0, camera_width_ - 1.0);
   const double sy = std::clamp(y - 0.5, 0.0, camera_height_ - 1.0);
   const int i = std::min(static_cast<int>(sx), std::max(0, camera_width_ - 2));

@@ -10,7 +10,7 @@
 
 /// @file
 /// Camera picture -> plane picture, by the calibrated camera with its distortion. The map is
-/// worked out once and used for every light's picture.
+/// computed once and used for every light's picture.
 
 namespace haarlight {
 
@@ -31,10 +31,10 @@ class PlaneSampler {
   /// plane, 0 where the plane picture is unknown.
   [[nodiscard]] const Image<std::uint8_t>& known() const noexcept { return known_; }
 
-  /// Share of the plane picture that is known.
+  /// Fraction of the plane picture that is known.
   [[nodiscard]] double known_share() const;
 
-  /// Samples a side taken for each plane pixel.
+  /// Samples per side for each plane pixel.
   [[nodiscard]] int n_samples() const noexcept { return n_samples_; }
 
  private:

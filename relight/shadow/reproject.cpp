@@ -12,9 +12,9 @@
 namespace haarlight {
 namespace {
 
-constexpr std::size_t kGrain = 256;      // receivers a task
-constexpr double kOnPlaneTexels = 0.01;  // nearer than this to the plane counts as on it
-constexpr double kAffected = 0.01;       // share of a receiver's light that counts as affected
+constexpr std::size_t kGrain = 256;      // receivers per task
+constexpr double kOnPlaneTexels = 0.01;  // closer than this to the plane counts as on it
+constexpr double kAffected = 0.01;  // fraction of a receiver's light that counts as affected
 
 void fill_report(std::span<const Receiver> receivers, std::span<const PointTotal> totals,
                  const SamplingPlane& plane, double sign, ReprojectReport& report) {

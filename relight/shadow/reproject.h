@@ -26,8 +26,8 @@
 ///
 /// with E_k the analytic irradiance of square light k at v and V_k its shadow picture, looked
 /// up where the light's ray through v meets the plane (projection.h, area_mean.h). The object's
-/// geometry is never used; its height range, where known, corrects the window and tells which
-/// receivers the method cannot serve.
+/// geometry is never used; its height range, where known, corrects the window and tells for
+/// which receivers the method fails.
 
 namespace haarlight {
 
@@ -38,25 +38,25 @@ struct Receiver {
   Eigen::Vector3d albedo;
 };
 
-/// n x n sub-pixel centres a pixel, in pixel order.
+/// n x n sub-pixel centres per pixel, in pixel order.
 [[nodiscard]] std::vector<Receiver> find_receivers(const Scene& scene, const RayCaster& caster,
                                                    const CameraModel& camera, int n_subpixels);
 
 struct ReprojectOptions {
   WindowRule rule = WindowRule::corrected;
-  std::optional<HeightRange> object;  ///< over the plane; where planes are given, theirs counts
+  std::optional<HeightRange> object;  ///< over the plane; the planes' own count if given
   int n_subpixels = 2;
   bool has_own_shadows = true;  ///< the scene's own shadows, by ray casting
-  /// Of the receivers' irradiance; exact without one (shadow_points.h).
+  /// Tolerance of the receivers' irradiance; exact by default (shadow_points.h).
   Tolerance tolerance{.relative_l2 = 0.0,
                       .worst_pixel = std::numeric_limits<double>::infinity()};
-  /// For tables of shadow pictures. An exact result does not depend on it.
+  /// Memory for tables of shadow pictures. An exact result does not depend on it.
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
 
-/// What the picture's reader should know. Shares are of lit (receiver, light) pairs, weighted
-/// by w E, so that a dark pair does not count.
+/// What the user of the picture should know. Shares are fractions of lit (receiver, light)
+/// pairs, weighted by w E, so that a dark pair does not count.
 struct ReprojectReport {
   std::int64_t n_receivers = 0;
   int n_lights = 0;       ///< of non-zero weight
@@ -68,27 +68,27 @@ struct ReprojectReport {
   double unknown_share = 0.0;  ///< pairs whose window touches the unknown region
   double outside_share = 0.0;  ///< energy looked up beyond the plane picture, taken as lit
   double affected_receivers =
-      0.0;  ///< share of receivers with any such pair worth 1 % of their light
+      0.0;  ///< fraction of receivers with any such pair worth 1 % of their light
   double spread_relative = 0.0;     ///< ||spread||_2 / ||picture||_2
-  double under_object_share = 0.0;  ///< receivers over the object's lowest point: parts of it
-                                    ///< below them darken them falsely (height range known)
-  double over_object_share = 0.0;   ///< receivers over its highest point: drawn lit
-  double worst_widening = 1.0;  ///< penumbra above the plane: so many times too wide at most
+  double under_object_share = 0.0;  ///< receivers above the object's lowest point: parts of it
+                                    ///< below wrongly darken them (height range known)
+  double over_object_share = 0.0;   ///< receivers above its highest point: drawn lit
+  double worst_widening = 1.0;      ///< penumbra above the plane: largest factor too wide
   VisibilityCount count;
-  PointsReport points;      ///< how the sums were made, and their error
-  bool has_glossy = false;  ///< materials whose gloss was left out
+  PointsReport points;      ///< how the sums were computed, and their error
+  bool has_glossy = false;  ///< some materials' gloss was left out
 };
 
 struct ReprojectResult {
-  Image<float> picture;     ///< (h, w, 3) linear; the light's radiance at drive 1 is the unit
+  Image<float> picture;     ///< (h, w, 3) linear; in units of a light's radiance at weight 1
   Image<float> unshadowed;  ///< (h, w, 3) the same with V = 1
   Image<float> spread;  ///< (h, w, 3) half the distance between the bounds in unknown regions
   ReprojectReport report;
 };
 
-/// @param scene   the receivers; lambertian part only
+/// @param scene   the receivers; Lambertian part only
 /// @param lights  as in the rig, light k at index k
-/// @param weights one RGB drive a light; zero ones are not asked for
+/// @param weights one RGB weight per light; zero ones are not requested
 /// The result does not depend on the number of threads.
 [[nodiscard]] ReprojectResult reproject_shadow(const Scene& scene, const CameraModel& camera,
                                                const PlaneFrame& frame,
@@ -105,7 +105,7 @@ struct ReprojectResult {
                                                std::span<const Eigen::Vector3d> weights,
                                                const ReprojectOptions& options = {});
 
-/// Adds one receiver's share of its pixel of an RGB picture.
+/// Adds one receiver's contribution to its pixel of an RGB picture.
 void add_to_pixel(Image<float>& picture, int pixel, const Eigen::Vector3d& value);
 
 }  // namespace haarlight

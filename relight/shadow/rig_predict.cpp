@@ -14,10 +14,10 @@
 namespace haarlight {
 namespace {
 
-constexpr int kPlaces = 9;  // a side, spread over a plane's picture
+constexpr int kPlaces = 9;  // per side, spread over a plane's picture
 constexpr double kDegree = std::numbers::pi / 180.0;
 
-/// Places a side over the plane's picture, the middle among them.
+/// Positions on a grid over the plane's picture, including the middle.
 std::vector<Eigen::Vector3d> places_on(const PlaneFrame& frame) {
   std::vector<Eigen::Vector3d> places;
   for (int row = 0; row < kPlaces; ++row) {
@@ -51,7 +51,7 @@ std::vector<Pair> pairs_of(const Face& face, double length) {
       const Eigen::Vector3d at = face.centre + col * (face.cols - 1) * face.pitch_mm * face.u +
                                  row * (face.rows - 1) * face.pitch_mm * face.v;
       for (const Eigen::Vector3d& axis : {face.u, face.v}) {
-        // Into the face, so that no pair hangs over its border.
+        // Into the face, so that no pair extends past its border.
         const double sign = axis.dot(face.centre - at) < 0.0 ? -1.0 : 1.0;
         const bool is_middle = row == 0.0;
         const Eigen::Vector3d from = is_middle ? at - 0.5 * length * axis : at;
@@ -62,7 +62,7 @@ std::vector<Pair> pairs_of(const Face& face, double length) {
   return pairs;
 }
 
-/// Distances of the two shadows of a point h over every place, under every pair.
+/// Distances of the two shadows of a point h above every position, under every pair.
 std::optional<Span> distances(const PlaneFrame& frame, const std::vector<Pair>& pairs,
                               double h) {
   std::vector<double> found;
@@ -91,7 +91,7 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
   const double side = 0.5 * (face.emitter_w_mm + face.emitter_h_mm);
   const std::optional<Span> spacing = distances(frame, pairs_of(face, face.pitch_mm), h);
   const std::optional<Span> penumbra = distances(frame, pairs_of(face, side), h);
-  HAARLIGHT_ASSERT(spacing && penumbra);  // predict_rig looked at the lowest light
+  HAARLIGHT_ASSERT(spacing && penumbra);  // predict_rig checked the lowest light
   edge.spacing_mm = *spacing;
   edge.penumbra_mm = *penumbra;
   const double W = edge.penumbra_mm.middle;
@@ -107,7 +107,7 @@ EdgePrediction predict_edge(const PlaneFrame& frame, const Face& face, double H,
     ReceiverPrediction receiver{at, penumbra_width_at(side, h, H, at), 0.0};
     const double share = std::min(h / H, 0.999);
     if (at >= h) {
-      receiver.drawn_mm = 0.0;  // over the object: drawn lit
+      receiver.drawn_mm = 0.0;  // above the object: drawn lit
     } else {
       // The picture's own penumbra, as seen through the light's middle, and the window on top.
       const double own = penumbra_width(side, h, H) * (H - at) / H;

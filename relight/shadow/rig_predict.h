@@ -12,18 +12,18 @@
 
 /// @file
 /// What a rig will capture of an object's shadow, before anything is built: the formulas of
-/// predict.h at every place of a plane that may be tilted against the lights (Figure 3 of
-/// [Kim13]: then spacing and penumbra differ from place to place). Every number is checked
-/// against rendered pictures (tests/relight/shadow/rig_predict_test.cpp). Lengths in mm.
+/// predict.h at every position on a plane that may be tilted relative to the lights (Figure 3
+/// of [Kim13]: then spacing and penumbra vary over the plane). Every number is checked against
+/// rendered pictures (tests/relight/shadow/rig_predict_test.cpp). Lengths in mm.
 
 namespace haarlight {
 
 struct PredictOptions {
   double low_mm = 0.0;  ///< of the object, over the plane
   double high_mm = 0.0;
-  double strip_mm = 10.0;         ///< width of the strip whose ripple is told
+  double strip_mm = 10.0;         ///< width of the strip whose ripple is reported
   double sun_deg = 0.53;          ///< angular diameter of the hard sun
-  std::vector<double> receivers;  ///< heights over the plane of surfaces that shall be drawn
+  std::vector<double> receivers;  ///< heights over the plane of surfaces to be drawn
 };
 
 /// Smallest and largest over the plane's picture, and under its middle.
@@ -47,10 +47,11 @@ struct EdgePrediction {
   Span penumbra_mm;              ///< W
   double ripple = 0.0;           ///< of the strip's shadow under all lights, peak to peak
   double sun_penumbra_mm = 0.0;  ///< a: of the hard sun
-  /// Integrated squared error of its edge, mm a mm; none where the sun is larger than the LED.
+  /// Integrated squared error of its edge, mm per mm; none where the sun is larger than the
+  /// LED.
   std::optional<double> hard_sun_error_mm;
   double off_grid_error_mm = 0.0;  ///< the same for a light half a pitch off the grid
-  double largest_pixel_mm = 0.0;   ///< W/2 at its least: larger camera pixels lose the penumbra
+  double largest_pixel_mm = 0.0;   ///< smallest W/2: larger camera pixels lose the penumbra
   std::vector<ReceiverPrediction> receivers;
 };
 
@@ -75,7 +76,7 @@ struct PixelPrediction {
 struct RigPrediction {
   std::vector<PlanePrediction> planes;
   std::vector<PixelPrediction> pixels;
-  std::vector<std::string> notes;  ///< faces and cameras of which nothing can be said, and why
+  std::vector<std::string> notes;  ///< faces and cameras without a prediction, and why
 };
 
 /// @throws Error(usage)  heights out of order or below the plane; a strip, sun or receiver out
@@ -83,8 +84,8 @@ struct RigPrediction {
 ///                       high as the lights
 [[nodiscard]] RigPrediction predict_rig(const Rig& rig, const PredictOptions& options);
 
-/// Distance of the shadows that one point of the object throws under two lights, eq. (1) for
-/// any plane. None where a shadow does not meet the plane.
+/// Distance of the shadows that one point of the object casts under two lights, eq. (1) for any
+/// plane. None if a shadow does not meet the plane.
 [[nodiscard]] std::optional<double> shadow_distance(const Plane& plane,
                                                     const Eigen::Vector3d& point,
                                                     const Eigen::Vector3d& light_a,

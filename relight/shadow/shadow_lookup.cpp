@@ -10,8 +10,8 @@
 namespace haarlight {
 namespace {
 
-constexpr double kOnPlaneTexels = 0.01;  // nearer than this to the plane counts as on it
-constexpr double kMaxShare = 0.999;      // of an object's height in the light's
+constexpr double kOnPlaneTexels = 0.01;  // closer than this to the plane counts as on it
+constexpr double kMaxShare = 0.999;      // of the light's height: largest object height
 
 /// The plane as its own picture sees it: x and y are columns and rows, z the height over it.
 const Plane kPicturePlane{};
@@ -50,7 +50,7 @@ WindowMean mean_over(const PlaneLight& light, const WindowSums& sums, const Plan
   const LightWindow window =
       project_window(kPicturePlane, in_picture(light.centre), corners, in_picture(vertex));
   if (!window.has_corners) {
-    return mean_round(sums, at.x, at.y, 0.0, 0.0);  // part of the light is under the plane
+    return mean_round(sums, at.x, at.y, 0.0, 0.0);  // part of the light is below the plane
   }
   std::array<Eigen::Vector2d, 4> quad;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
@@ -109,7 +109,7 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
   look.side = is_on ? PlaneSide::on : over > 0.0 ? PlaneSide::above : PlaneSide::below;
   look.step = step->step;
   if (object && over >= object->high_mm) {
-    return look;  // nothing of the object is between this point and the light
+    return look;  // no part of the object is between this point and the light
   }
   const double H = std::abs(a);
   const double ratio = step->ratio;
@@ -122,7 +122,7 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
   if (!is_windowed) {
     mean = mean_round(sums, at.x, at.y, 0.0, 0.0);
   } else if (is_below && object && rule.window != WindowRule::plain) {
-    // A range of heights has a window at each end.
+    // A height range has a window at each end.
     const auto mean_at = [&](double height) {
       const double share = std::min(height / H, kMaxShare);
       return mean_over(light, sums, vertex, at,
@@ -204,7 +204,7 @@ bool is_all_lit(const PlaneFrame& frame, const std::optional<HeightRange>& objec
   const double y = step->meet(centres.centre.y, vertex.y);
   const double hx = size * centres.half_x + std::max(0.5, scale * size * light.half_x);
   const double hy = size * centres.half_y + std::max(0.5, scale * size * light.half_y);
-  // Beyond the picture all is lit too, but that has to be counted.
+  // Beyond the picture everything is lit too, but must be counted.
   const bool is_inside =
       x - hx >= 0.0 && y - hy >= 0.0 && x + hx <= frame.width && y + hy <= frame.height;
   return is_inside && sums.is_lit(x - hx, x + hx, y - hy, y + hy);

@@ -21,7 +21,7 @@
 
 namespace haarlight {
 
-/// Plane picture of light k's visibility; asked for from one thread.
+/// Plane picture of light k's visibility; called from one thread.
 using VisibilitySource = std::function<Visibility(int k)>;
 
 /// A plane that the object's shadow was captured on.
@@ -31,15 +31,15 @@ struct SamplingPlane {
   std::optional<HeightRange> object;  ///< over this plane
 };
 
-/// A world point as a plane sees it.
+/// A world point relative to a plane.
 struct PlaneSpot {
   double height = 0.0;  ///< mm over the plane
-  double x = 0.0;       ///< picture coordinates of its foot
+  double x = 0.0;       ///< picture coordinates of its perpendicular foot
   double y = 0.0;
 };
 [[nodiscard]] PlaneSpot place_point(const PlaneFrame& frame, const Eigen::Vector3d& world);
 
-/// A light, or a block of lights taken as one, as a plane sees it.
+/// A light, or a block of lights taken as one, relative to a plane.
 struct PlaneLight {
   PlaneSpot centre;
   std::array<PlaneSpot, 4> corners;
@@ -49,7 +49,7 @@ struct PlaneLight {
 };
 [[nodiscard]] PlaneLight place_light(const PlaneFrame& frame, const SquareLight& light);
 
-/// Where the vertex is, seen from the plane.
+/// Where the vertex is, relative to the plane.
 enum class PlaneSide {
   no_point,  ///< the ray does not meet the plane
   on,        ///< within a hundredth of a texel of it
@@ -60,19 +60,19 @@ enum class PlaneSide {
 struct ShadowLook {
   PlaneSide side = PlaneSide::no_point;
   double value = 1.0;        ///< middle of the bounds
-  double half_spread = 0.0;  ///< half their distance, that of the height range included
-  double unknown = 0.0;      ///< share of the window
-  double outside = 0.0;      ///< share of the window beyond the plane picture, taken as lit
-  double step = 0.0;  ///< from the vertex to the plane, in distances of light and vertex; < 0
-                      ///< towards the light
-  double widening = 1.0;  ///< penumbra above the plane: so many times too wide at most
+  double half_spread = 0.0;  ///< half their distance, including the height range's
+  double unknown = 0.0;      ///< fraction of the window
+  double outside = 0.0;      ///< fraction of the window beyond the plane picture, taken as lit
+  double step = 0.0;  ///< from the vertex to the plane, in units of the distance between light
+                      ///< and vertex; < 0 towards the light
+  double widening = 1.0;  ///< penumbra above the plane: largest factor too wide
 };
 
-/// What every look-up of a job shares.
+/// What all look-ups of a job have in common.
 struct LookRule {
   WindowRule window = WindowRule::corrected;
-  /// The light is a block of lights: it has a window also where the rule gives a single light
-  /// none, so that no shadow of any member falls between its look-ups.
+  /// The light is a block of lights: it has a window even where the rule gives a single light
+  /// none, so that no member's shadow falls between its look-ups.
   bool is_block = false;
 };
 
@@ -81,13 +81,13 @@ struct LookRule {
                                  const PlaneLight& light, const WindowSums& sums,
                                  const PlaneSpot& vertex);
 
-/// One answer out of several planes': between the nearest plane on each side of the vertex by
-/// the distances along the ray; where there is one side only, the nearest. Planes whose picture
-/// the ray misses are left out.
+/// Combines several planes' answers: interpolates between the nearest plane on each side of the
+/// vertex by distance along the ray; with planes on one side only, takes the nearest. Planes
+/// whose picture the ray misses are left out.
 [[nodiscard]] ShadowLook combine(std::span<const ShadowLook> looks);
 
-/// True where no window of any light within the block can hold a shadow: everything that they
-/// could touch is within the picture and lit. Blocks that are not upright: false.
+/// True if no window of any light within the block can contain a shadow: everything they could
+/// touch is within the picture and lit. Blocks that are not upright: false.
 /// @param centres  the outermost lights' centres as if they were the block's corners
 /// @param light    one of its lights
 [[nodiscard]] bool is_all_lit(const PlaneFrame& frame, const std::optional<HeightRange>& object,

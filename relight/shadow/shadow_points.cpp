@@ -17,12 +17,12 @@
 namespace haarlight {
 namespace {
 
-constexpr std::size_t kGrain = 256;  // receivers a task
-/// Lights a side of a root. Fixed, so that sums have one order and lights share the tests of
-/// the scene's own shadows (render/direct_light.h) whatever the memory.
+constexpr std::size_t kGrain = 256;  // receivers per task
+/// Lights per side of a root. Fixed, so that sums have one order and lights share the tests of
+/// the scene's own shadows (render/direct_light.h) whatever the memory limit.
 constexpr int kRootSide = 16;
 constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
-/// With fewer lights blocks cost more than they save, and their errors are rare and large.
+/// With fewer lights, blocks cost more than they save, and their errors are rare and large.
 constexpr int kFewLights = 32;
 constexpr double kTrustedErrors = 3.0;  // standard errors
 constexpr int kFinestThreshold = 20;    // 2^-20 of the rms irradiance
@@ -31,7 +31,7 @@ bool faces(const SurfacePoint& at, const SquareLight& light) {
   return at.flat_normal.dot(light.centre - at.point) > 0.0;
 }
 
-/// One light's irradiance at drive 1, the scene's own shadows left out.
+/// One light's irradiance at weight 1, without the scene's own shadows.
 double leaf_irradiance(const SquareLight& light, const SurfacePoint& at) {
   return faces(at, light) ? light.radiance * receiver_irradiance(light, at.point, at.normal)
                           : 0.0;
@@ -61,7 +61,7 @@ void add(const Eigen::Vector3d& lit, double flux, const ShadowLook& look, PointT
   total.spread += look.half_spread * lit.cwiseAbs();
 }
 
-/// A chunk of receivers and what the planes see of them.
+/// A chunk of receivers and their coordinates relative to the planes.
 struct Chunk {
   PointRows rows;
   std::vector<PlaneSpot> spots;  ///< [plane * size + i]
@@ -79,7 +79,7 @@ class Job {
         weights_(weights),
         options_(options) {
     for (const SamplingPlane& plane : planes) {
-      // Visible and unknown; the unknown is as a rule shared, but need not be.
+      // Visible and unknown; the latter is usually shared, but need not be.
       bytes_a_light_ += 16ULL * static_cast<std::uint64_t>(plane.frame.width + 1) *
                         static_cast<std::uint64_t>(plane.frame.height + 1);
     }
@@ -127,7 +127,7 @@ class Job {
  private:
   using Tables = std::vector<WindowSums>;  // [node * n_planes + plane], or of leaves
 
-  // ---- which way ----
+  // ---- exact or blocks ----
 
   [[nodiscard]] bool may_use_blocks() const {
     const bool is_positive =
@@ -142,7 +142,7 @@ class Job {
     return static_cast<std::size_t>(options_.n_checked);
   }
 
-  /// The largest blocks whose tables fit. False: no block of two lights does.
+  /// The largest blocks whose tables fit. False: not even blocks of two lights fit.
   bool choose_side(const PointsReport& report) {
     for (side_ = kRootSide; side_ > 1; side_ /= 2) {
       std::vector<LightRoot> roots = build_light_trees(lights_, weights_, side_);
@@ -161,7 +161,7 @@ class Job {
     return false;
   }
 
-  /// Coarsest threshold whose error on the checked receivers keeps the tolerance; 0: none does.
+  /// Coarsest threshold whose error on the checked receivers meets the tolerance; 0: none does.
   double find_threshold(PointsReport& report) {
     const std::size_t stride = receivers_.size() / n_checked();
     std::vector<std::uint32_t> checked;
@@ -334,7 +334,7 @@ class Job {
     return tables;
   }
 
-  /// Where the leaves' tables are among all nodes'.
+  /// The leaves' tables among all nodes'.
   [[nodiscard]] std::vector<const WindowSums*> leaf_tables(const LightRoot& root,
                                                            const Tables& tables) const {
     std::vector<const WindowSums*> found;
@@ -371,7 +371,7 @@ class Job {
     return lights;
   }
 
-  /// Irradiance of every leaf at drive 1, the scene's own shadows included.
+  /// Irradiance of every leaf at weight 1, including the scene's own shadows.
   void own_shadows(const DirectLight& direct, std::uint32_t receiver,
                    std::span<LightShare> shares) const {
     const Material lambert;
@@ -491,16 +491,16 @@ class Job {
 
   // ---- blocks ----
 
-  /// What one node gives to one receiver.
+  /// One node's contribution to one receiver.
   struct Part {
     Eigen::Vector3d lit = Eigen::Vector3d::Zero();  ///< irradiance with V = 1
     double flux = 0.0;
     ShadowLook look;
-    bool is_usable = false;  ///< `lit` holds; a block at the horizon has to be refined
+    bool is_usable = false;  ///< `lit` is valid; a block at the horizon must be refined
     bool is_lit = false;     ///< nothing below this node is in shadow
   };
 
-  /// All that a receiver's way through a tree needs.
+  /// Everything needed to traverse a tree for one receiver.
   struct Walk {
     const LightRoot& root;
     const Tables& tables;
@@ -577,7 +577,7 @@ class Job {
   void visit(Walk& walk, int at, const Part& part) const {
     const LightNode& node = walk.root.nodes[static_cast<std::size_t>(at)];
     if (part.is_usable && !(part.flux > 0.0)) {
-      return;  // the receiver looks away from all of it
+      return;  // the receiver faces away from all of it
     }
     if (node.n_children == 0) {
       add(part.lit, part.flux, part.look, walk.total);

@@ -21,26 +21,27 @@
 ///     E(v) = sum_k w_k E_k(v) V_k(p_k(v))
 ///
 /// at a million receivers under a thousand lights. Exact: every light. With a tolerance: blocks
-/// of lights (light_tree.h) stand in for their members wherever refining a block changes its
-/// contribution by less than a threshold; the threshold is found on some thousand receivers
-/// that are computed exactly too, and the error measured there is in the report. Method, cost
-/// and what is promised: docs/numerics/shadow.md, "At scale".
+/// of lights (light_tree.h) replace their members wherever refining a block changes its
+/// contribution by less than a threshold; the threshold is found on a few thousand receivers
+/// that are also computed exactly, and the error measured there is in the report. Method, cost
+/// and guarantees: docs/numerics/shadow.md, "At scale".
 
 namespace haarlight {
 
 struct PointsOptions {
   WindowRule rule = WindowRule::corrected;
-  /// Of the receivers' irradiance, all colours; worst_pixel: largest error of a receiver's
-  /// colour as a share of the largest value. 0 (the L2 error): exact. Infinity: no limit.
+  /// Tolerance of the receivers' irradiance, all colours; worst_pixel: largest error of a
+  /// receiver's colour as a fraction of the largest value. 0 (the L2 error): exact. Infinity:
+  /// no limit.
   Tolerance tolerance{.relative_l2 = 0.0,
                       .worst_pixel = std::numeric_limits<double>::infinity()};
-  /// Receivers that are computed exactly to find the threshold; twice as many or fewer in all
-  /// are computed exactly altogether.
+  /// Receivers that are computed exactly to find the threshold; with twice as many or fewer
+  /// receivers, all are computed exactly.
   int n_checked = 4096;
   /// The scene's own shadows on the receivers; null: none.
   const RayCaster* own_shadows = nullptr;
-  /// For tables of shadow pictures; at least one light's are held. Exact results do not depend
-  /// on it; with a tolerance it bounds the blocks' size.
+  /// Memory for tables of shadow pictures; at least one light's are held. Exact results do not
+  /// depend on it; with a tolerance it bounds the blocks' size.
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
@@ -50,7 +51,7 @@ struct PointTotal {
   Eigen::Vector3d shadowed = Eigen::Vector3d::Zero();    ///< RGB irradiance
   Eigen::Vector3d unshadowed = Eigen::Vector3d::Zero();  ///< the same with V = 1
   Eigen::Vector3d spread = Eigen::Vector3d::Zero();      ///< half the distance of the bounds
-  // Of w E, mean of the colours: all of it, and the parts of which something is to be said.
+  // Sums of w E, mean of the colours: the total, and the parts that the report distinguishes.
   double light = 0.0;
   double above = 0.0;
   double below = 0.0;
@@ -64,28 +65,28 @@ struct PointTotal {
 struct PointsReport {
   int n_lights = 0;      ///< of non-zero weight
   bool is_exact = true;  ///< every light was looked up at every receiver
-  /// Measured on `n_checked` receivers against their exact values; 0 when all is exact.
+  /// Measured on `n_checked` receivers against their exact values; 0 if everything is exact.
   Achieved reached;
-  double relative_l2_limit = 0.0;  ///< reached, three standard errors added
+  double relative_l2_limit = 0.0;  ///< achieved error plus three standard errors
   std::int64_t n_checked = 0;
-  double threshold = 0.0;  ///< a block's, as a share of the receivers' rms irradiance; 0: exact
-  int block_side = 0;      ///< lights a side of the largest block
+  double threshold = 0.0;  ///< per block, relative to the receivers' rms irradiance; 0: exact
+  int block_side = 0;      ///< lights per side of the largest block
   double lookups_a_point = 0.0;    ///< look-ups of shadow pictures
-  std::uint64_t table_bytes = 0;   ///< most that tables took at one time
+  std::uint64_t table_bytes = 0;   ///< peak memory of the tables
   std::uint64_t totals_bytes = 0;  ///< of the receivers' sums
   VisibilityCount count;           ///< of the shadow pictures
 };
 
 struct PointsResult {
-  std::vector<PointTotal> totals;  ///< one a receiver
+  std::vector<PointTotal> totals;  ///< one per receiver
   PointsReport report;
 };
 
 /// Receivers behind a light or turned away from it get nothing from it.
-/// @param planes   one or more; each one's pictures are asked for light by light from this
+/// @param planes   one or more; each one's pictures are requested light by light from this
 ///                 thread, once each, twice with a tolerance, in the order of visiting_order()
-/// @param weights  one RGB drive a light; zero ones are not asked for. With a drive below zero
-///                 or fewer than 32 lights everything is exact.
+/// @param weights  one RGB weight per light; zero ones are not requested. With a negative
+///                 weight or fewer than 32 lights everything is exact.
 /// The result does not depend on the number of threads.
 [[nodiscard]] PointsResult shadow_at_points(std::span<const SurfacePoint> receivers,
                                             std::span<const SamplingPlane> planes,
@@ -93,7 +94,7 @@ struct PointsResult {
                                             std::span<const Eigen::Vector3d> weights,
                                             const PointsOptions& options = {});
 
-/// The lights of non-zero weight in the order in which their pictures are asked for.
+/// The lights of non-zero weight in the order in which their pictures are requested.
 [[nodiscard]] std::vector<int> visiting_order(std::span<const SquareLight> lights,
                                               std::span<const Eigen::Vector3d> weights);
 

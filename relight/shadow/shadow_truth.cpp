@@ -13,7 +13,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr std::size_t kGrain = 256;  // receivers a task
+constexpr std::size_t kGrain = 256;  // receivers per task
 
 }  // namespace
 

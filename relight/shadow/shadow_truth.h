@@ -5,16 +5,16 @@
 #include "relight/shadow/reproject.h"
 
 /// @file
-/// The ray-traced truth of a reprojected shadow, where the object is known, and the error
+/// The ray-traced ground truth of a reprojected shadow, for known objects, and the error
 /// against it.
 
 namespace haarlight {
 
-/// Removes the triangles that lie in the shadow plane: a scene's ground is no part of the
+/// Removes the triangles that lie in the shadow plane: a scene's ground is not part of the
 /// object.
 void remove_plane_triangles(Scene& scene, const PlaneFrame& frame);
 
-/// The receivers lit with object and scene both casting shadows, the object itself unseen.
+/// The receivers lit with object and scene both casting shadows, the object itself invisible.
 /// Lambertian part, RGB (h, w, 3); stratified samples at partly hidden lights.
 [[nodiscard]] Image<float> trace_shadow(const Scene& receivers, const Scene& object,
                                         const CameraModel& camera,
@@ -23,8 +23,8 @@ void remove_plane_triangles(Scene& scene, const PlaneFrame& frame);
                                         int n_subpixels,
                                         ProgressStyle progress = ProgressStyle::none);
 
-/// Wrong shares are of the shadow: ||picture - truth||_1 / ||unshadowed - truth||_1. Known is a
-/// lit value whose bounds leave at most a hundredth of it open.
+/// Wrong shares are fractions of the shadow: ||picture - truth||_1 / ||unshadowed - truth||_1.
+/// Known is a lit value whose bounds differ by at most a hundredth of it.
 struct ShadowError {
   double wrong_share = 0.0;
   double known_wrong_share = 0.0;

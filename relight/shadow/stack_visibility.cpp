@@ -17,9 +17,9 @@
 namespace haarlight {
 namespace {
 
-constexpr int kTile = 32;            // pixels a side: 4 MB of values for 1024 lights
-constexpr float kDarkPlate = -1.0F;  // mark in values_: no visibility can be told
-constexpr std::size_t kFitValues = std::size_t{1} << 22U;  // in the fit of g, about: 50 MB
+constexpr int kTile = 32;            // pixels per side: 4 MB of values for 1024 lights
+constexpr float kDarkPlate = -1.0F;  // marker in values_: visibility undefined
+constexpr std::size_t kFitValues = std::size_t{1} << 22U;  // in the fit of g: about 50 MB
 
 std::vector<TileRect> tiles_of(const StackDims& dims) {
   std::vector<TileRect> tiles;
@@ -191,7 +191,8 @@ void StackVisibility::for_each_pixel(
 }
 
 void StackVisibility::fit_scale() {
-  // Pixels are drawn by place, so that no pattern of the scene meets a pattern of the sample.
+  // Pixels are drawn by a hash of their position, so that no pattern of the scene aliases with
+  // the sample's.
   const std::uint64_t share =
       1 + dims_.n_pixels() * static_cast<std::size_t>(dims_.n_lights) / kFitValues;
   std::mutex mutex;
@@ -207,7 +208,7 @@ void StackVisibility::fit_scale() {
         values.insert(values.end(), t.begin(), t.end());
         plate.insert(plate.end(), b.begin(), b.end());
       });
-  // Medians do not depend on the order in which the tiles came.
+  // Medians do not depend on the order of the tiles.
   scale_ = fit_plate_scale(values, plate);
   if (!(scale_ > 0.0)) {
     throw Error("the plate or the capture is black: there is nothing to divide by", "plate",
@@ -255,7 +256,7 @@ Visibility StackVisibility::visibility(int k) {
   if (at < first_ || at >= first_ + n_loaded_) {
     load(at);
   }
-  // The division is done; what is left is the clamp, the count and the way to the plane.
+  // Already divided; what remains is to clamp, count and rectify to the plane.
   Image<float> value = values_[at - first_];
   Image<float> dark(value.height(), value.width(), 1);
   VisibilityCount count;

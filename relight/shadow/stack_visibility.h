@@ -16,16 +16,16 @@
 #include "render/scene.h"
 
 /// @file
-/// Shadow pictures out of a capture: V_k = T_k/(g B_k) at the camera's pixels that show the
-/// plane, rectified to the plane. g, one number a capture, brings plate and capture to one
-/// scale.
+/// Shadow pictures from a capture: V_k = T_k/(g B_k) with the clean plate B, at the camera's
+/// pixels that show the plane, rectified to the plane. g, one number per capture, brings plate
+/// and capture to one scale.
 
 namespace haarlight {
 
 struct StackVisibilityOptions {
-  /// (h, w, 1) of the camera: 1 shows the plane, 0 the object. Empty: found from the values.
+  /// (h, w, 1) of the camera: 1 shows the plane, 0 the object. Empty: detected from the values.
   Image<std::uint8_t> shows_plane;
-  PlaneTest test;  ///< for finding it
+  PlaneTest test;  ///< for detecting it
   std::uint64_t memory_bytes = std::uint64_t{1} << 30U;
 };
 
@@ -35,14 +35,14 @@ enum class PlateKind {
 };
 
 /// The clean plate of a rig, in closed form, at the plane point of every pixel's centre. Its
-/// scale is fitted like any plate's. Faster than ComputedPlate, whose Lambert sums are exact to
+/// scale is fitted as for any plate. Faster than ComputedPlate, whose Lambert sums are exact to
 /// rounding.
 class RigPlate final : public StackSource {
  public:
   RigPlate(CameraModel camera, Plane plane, std::span<const SquareLight> lights,
            PlateKind kind);
-  /// Of one of several planes: dark at pixels that see another plane's picture before this
-  /// one's, or nothing of this one's.
+  /// For one of several planes: dark at pixels that see another plane's picture in front of
+  /// this one's, or nothing of this one's.
   RigPlate(CameraModel camera, std::span<const PlaneFrame> planes, std::size_t which,
            std::span<const SquareLight> lights, PlateKind kind);
   [[nodiscard]] StackDims dims() const override;
@@ -60,10 +60,10 @@ class RigPlate final : public StackSource {
 /// One thread. Borrows stack and plate.
 class StackVisibility {
  public:
-  /// Reads the stack once for g and for the pixels that show the plane.
-  /// @param wanted  the lights that will be asked for, in that order (visiting_order() of
+  /// Reads the stack once to find g and the pixels that show the plane.
+  /// @param wanted  the lights that will be requested, in that order (visiting_order() of
   ///                shadow_points.h)
-  /// @throws Error  stack, plate and camera of different sizes; a black plate
+  /// @throws Error  stack, clean plate and camera of different sizes; a black plate
   StackVisibility(const StackSource& stack, const StackSource& plate, const CameraModel& camera,
                   const PlaneFrame& frame, std::vector<int> wanted,
                   StackVisibilityOptions options = {});
@@ -72,11 +72,12 @@ class StackVisibility {
   [[nodiscard]] Visibility visibility(int k);
 
   [[nodiscard]] double scale() const noexcept { return scale_; }
-  /// Share of the plane picture that is known.
+  /// Fraction of the plane picture that is known.
   [[nodiscard]] double known_share() const { return sampler_->known_share(); }
-  /// (h, w, 1) of the camera; a rim of a pixel is left out where it was found.
+  /// (h, w, 1) of the camera; without a one-pixel rim if detected.
   [[nodiscard]] const Image<std::uint8_t>& shows_plane() const noexcept { return shows_plane_; }
-  /// (h, w, 1): 1 where the plate is lit and the camera sees something else, without a rim.
+  /// (h, w, 1): 1 where the clean plate is lit and the camera sees something else, without a
+  /// rim.
   [[nodiscard]] const Image<std::uint8_t>& shows_object() const noexcept {
     return shows_object_;
   }
@@ -97,13 +98,13 @@ class StackVisibility {
   int plate_channels_ = 1;
   StackVisibilityOptions options_;
   std::vector<int> wanted_;
-  std::vector<int> places_;  ///< of each light in wanted_; -1: not wanted
+  std::vector<int> places_;  ///< index of each light in wanted_; -1: not wanted
   double scale_ = 0.0;
   Image<std::uint8_t> shows_plane_;
   Image<std::uint8_t> shows_object_;
   std::optional<PlaneSampler> sampler_;
 
-  std::size_t first_ = 0;  ///< place in wanted_ of the first one loaded
+  std::size_t first_ = 0;  ///< index in wanted_ of the first one loaded
   std::size_t n_loaded_ = 0;
   std::vector<Image<float>> values_;  ///< (h, w, 1) of the camera, -1 where the plate is dark
 };

@@ -12,8 +12,8 @@
 
 /// @file
 /// From radiance to visibility: V_k = T_k/B_k, how much of light k reaches a point of the
-/// plane, with B the clean plate. Clamped to [0, 1]; what lies above 1 (light from the object
-/// on the plane) is counted.
+/// plane, with B the clean plate. Clamped to [0, 1]; values above 1 (light from the object on
+/// the plane) are counted.
 
 namespace haarlight {
 
@@ -22,25 +22,25 @@ struct VisibilityCount {
   std::uint64_t n_values = 0;    ///< known ones
   std::uint64_t n_excess = 0;    ///< above 1.02: beyond noise, inter-reflection
   double worst_excess = 0.0;     ///< largest V - 1
-  std::uint64_t n_no_plate = 0;  ///< plate too dark to divide by: unknown
+  std::uint64_t n_no_plate = 0;  ///< clean plate too dark to divide by: unknown
   void add(const VisibilityCount& other);
   void add_value(double v);
 };
 
-/// A picture of V with what is unknown in it.
+/// A picture of V and its unknown pixels.
 struct Visibility {
   Image<float> value;         ///< (h, w, 1) in [0, 1]; 0 where unknown
   Image<std::uint8_t> known;  ///< (h, w, 1)
   VisibilityCount count;
 };
 
-/// Stand-in for a plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane, without
-/// its scale; 0 behind the light. cos^4/r^2 in its best-known form.
+/// Substitute for a clean plate: cos(theta) cos^mu(theta_l)/r^2 of a small light on the plane,
+/// without its scale; 0 behind the light. cos^4/r^2 in its best-known form.
 [[nodiscard]] double plate_falloff(const SquareLight& light, const Eigen::Vector3d& point,
                                    const Eigen::Vector3d& normal);
 
-/// The scale k of T = k * falloff from values most of which are unshadowed: the median ratio,
-/// then the median of the ratios within a quarter of it.
+/// The scale k of T = k * falloff, from mostly unshadowed values: the median ratio, then the
+/// median of the ratios within a quarter of it.
 /// @param falloffs  zeros are left out
 /// @return          0 when there is nothing to fit
 [[nodiscard]] double fit_plate_scale(std::span<const float> values,
@@ -48,11 +48,11 @@ struct Visibility {
 
 /// Whether a camera pixel shows the plane rather than the object, from its values under all
 /// lights. On the plane T/B is 1 for every light that is not blocked and below 1 for the
-/// others; on the object it is anything. Says yes when at least `min_lit_share` of the lights
-/// give 1 +- tolerance and at most `max_bright_share` more. Measured on the twin's airplane,
-/// compressed to 1 % with and without noise: no plane pixel of 4600 lost, 2 object pixels of
-/// 491 taken for plane. An object that looks like the plane under many lights is taken for it:
-/// give a mask then.
+/// others; on the object it is arbitrary. Says yes when at least `min_lit_share` of the lights
+/// give 1 +- tolerance and at most `max_bright_share` exceed it. Measured on the twin's
+/// airplane, compressed to 1 % with and without noise: no plane pixel of 4600 lost, 2 object
+/// pixels of 491 classified as plane. An object that looks like the plane under many lights is
+/// misclassified: provide a mask then.
 struct PlaneTest {
   double tolerance = 0.05;
   double min_lit_share = 0.2;     ///< fewer: in deep shadow, unknown to be safe
@@ -61,7 +61,7 @@ struct PlaneTest {
 [[nodiscard]] bool shows_plane(std::span<const float> values, std::span<const float> plate,
                                const PlaneTest& test = {});
 
-/// A mask's zeros grown by one pixel to all eight neighbours: pixels on an outline show both.
+/// A mask's zeros dilated by one pixel to all eight neighbours: pixels on an outline show both.
 [[nodiscard]] Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane);
 
 }  // namespace haarlight

@@ -12,17 +12,17 @@
 /// @file
 /// Pictures under near lights as they would be under far ones: each light's fall-off over the
 /// picture, and the pictures without it. Source: Huang et al., eqs. 2 and 4, Figure 5. Pixels
-/// are taken to lie on the reference plane; a surface h above it is left brighter by about
-/// 2 h / (light's distance).
+/// are taken to lie on the reference plane; a surface h above it stays brighter by about 2 h /
+/// (light's distance).
 
 namespace haarlight {
 
-/// What of a light's unevenness is taken off.
+/// Which part of a light's fall-off is removed.
 enum class FallOff {
   /// Distance and lobe, cos^mu / |l - p|^2: shading keeps each pixel's own light direction.
   distance,
   /// The whole stencil of the reference plane, n.(l - p) cos^mu / |l - p|^3: a flat target
-  /// comes out even, as under a far light.
+  /// becomes uniform, as under a far light.
   plane,
 };
 [[nodiscard]] std::string_view to_string(FallOff kind) noexcept;
@@ -31,16 +31,16 @@ enum class FallOff {
 class LightCorrection {
  public:
   /// @param plane_normal  unit, of the reference plane, to the camera's side
-  /// @throws Error  no light, or none that shines on the picture's middle
+  /// @throws Error  no light, or none that reaches the picture's middle
   LightCorrection(std::vector<NearLight> lights, PixelPoints points, int width, int height,
                   Eigen::Vector3d plane_normal, FallOff kind);
 
   [[nodiscard]] int n_lights() const noexcept { return static_cast<int>(lights_.size()); }
   /// The light's attenuation relative to the picture's middle, (height, width, 1): 1 there, 0
-  /// behind the light; for a light that does not reach the middle relative to its greatest.
+  /// behind the light; for a light that does not reach the middle, relative to its maximum.
   [[nodiscard]] Image<float> attenuation(int light) const;
-  /// The picture divided by attenuation and power, times one number for all lights that leaves
-  /// the median light's brightness at the middle as it is. Where the light does not shine: 0.
+  /// The picture divided by attenuation and power, times one factor for all lights that
+  /// preserves the median light's brightness at the middle. 0 where the light does not reach.
   [[nodiscard]] Image<float> corrected(ImageView<const float> picture, int light) const;
 
  private:

@@ -17,7 +17,7 @@ namespace {
 
 using Complex = std::complex<double>;
 
-constexpr int kLargestFactor = 31;  // a larger prime costs n times itself in the direct form
+constexpr int kLargestFactor = 31;  // a larger prime p costs n p in the direct form
 constexpr std::size_t kRowsATask = 32;
 
 bool has_large_factor(int n) {
@@ -80,7 +80,7 @@ class Fourier {
     const auto m = static_cast<Eigen::Index>(work_.size());
     fft_.fwd(out_.data(), work_.data(), m);
     for (std::size_t k = 0; k < out_.size(); ++k) {
-      out_[k] = std::conj(out_[k] * kernel_[k]);  // conjugated: the way back by the way there
+      out_[k] = std::conj(out_[k] * kernel_[k]);  // conjugated: inverse by forward
     }
     fft_.fwd(work_.data(), out_.data(), m);
     for (std::size_t j = 0; j < chirp_.size(); ++j) {
@@ -204,7 +204,7 @@ void transform_rows(std::span<double> values, int height, int width, RowTransfor
 }
 
 std::vector<double> transposed(std::span<const double> values, int height, int width) {
-  constexpr std::size_t kBlock = 32;  // 8 kB a block: both sides stay in the first cache
+  constexpr std::size_t kBlock = 32;  // 8 kB per block: both sides stay in the L1 cache
   const auto h = static_cast<std::size_t>(height);
   const auto w = static_cast<std::size_t>(width);
   std::vector<double> out(h * w);

@@ -6,9 +6,9 @@
 
 /// @file
 /// Cosine and sine transforms of a picture's rows, any length, by the fast Fourier transform:
-/// what solves Poisson's equation with natural borders exactly [Makhoul80]; lengths with a
-/// large prime factor by Bluestein's chirp, so that no length is slow. O(n log n) a row; errors
-/// grow as log n times 2e-16.
+/// they solve Poisson's equation with natural boundaries exactly [Makhoul80]; lengths with a
+/// large prime factor by Bluestein's chirp, so that no length is slow. O(n log n) per row;
+/// errors grow as log n times 2e-16.
 
 namespace haarlight {
 

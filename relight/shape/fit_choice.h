@@ -9,7 +9,7 @@
 #include "relight/shape/photometric_stereo.h"
 
 /// @file
-/// Which robust fit suits a capture: the one that foretells lights it was not shown. Measured
+/// Chooses the robust fit for a capture: the one that best predicts held-out lights. Measured
 /// against true normals in docs/numerics/shape.md, "Which fit".
 
 namespace haarlight {
@@ -21,10 +21,9 @@ struct FitScore {
   double held_out = 1.0;
 };
 
-/// Each of four quarters of the lights, made of whole groups of neighbours, is left out in
-/// turn.
+/// Each quarter of the lights, made of whole groups of neighbours, is left out in turn.
 /// @param points  as photometric_stereo()
-/// @param good    (height, width) 1: a pixel that may be sampled; empty: all
+/// @param good    (height, width) 1: a pixel may be sampled; empty: all
 /// @return  the candidates, best first; at least one
 [[nodiscard]] std::vector<FitScore> score_fits(const StackSource& stack,
                                                const StereoLights& lights,

@@ -15,7 +15,7 @@ namespace {
 constexpr std::size_t kRowsATask = 16;
 constexpr float kHalf = 0.5F;
 
-/// Sums rows apart and then in order: the same on any number of threads.
+/// Sums rows separately, then in order: the same on any number of threads.
 template <class RowSum>
 double sum_rows(std::size_t height, const RowSum& row_sum) {
   std::vector<double> sums(height);

@@ -6,21 +6,22 @@
 #include <vector>
 
 /// @file
-/// Least squares on a picture whose neighbours are joined by weighted edges:
+/// Least squares on a pixel grid whose neighbours are joined by weighted edges:
 ///
 ///     minimise  sum over edges (a, b) of  w (z_b - z_a - s)^2
 ///
 /// the normal equations L z = f of which are a Laplacian. Any mask and any weights >= 0 (0: not
-/// joined), any number of parts. Conjugate gradients in double, preconditioned by one V-cycle
-/// of multigrid in float: blocks of 2 x 2 pixels with one height each, edges between blocks
-/// summed and halved (the sum alone is twice too stiff for a smooth surface), one red-black
-/// Gauss-Seidel sweep before and one after. O(pixels) memory (about 60 bytes each) and time.
+/// joined), any number of connected parts. Conjugate gradients in double, preconditioned by one
+/// V-cycle of multigrid in float: blocks of 2 x 2 pixels with one height each, edges between
+/// blocks summed and halved (the sum alone is twice too stiff for a smooth surface), one
+/// red-black Gauss-Seidel sweep before and one after. O(pixels) memory (about 60 bytes each)
+/// and time.
 
 namespace haarlight {
 
 struct GridSolve {
   int iterations = 0;
-  /// Of the preconditioned residual, relative to the right-hand side's: the error's energy.
+  /// Preconditioned residual relative to the right-hand side: the error's energy.
   double residual = 0.0;
   bool is_converged = false;
 };
@@ -35,8 +36,8 @@ class GridLaplacian {
   [[nodiscard]] std::vector<double> divergence(std::span<const float> steps_right,
                                                std::span<const float> steps_down) const;
 
-  /// Improves `z` (its start) until the residual is below `tolerance`. Each part's constant
-  /// stays what rounding makes it: the caller fixes the gauge. Pixels without edges keep z.
+  /// Improves `z` (its start) until the residual is below `tolerance`. Each part's constant is
+  /// left to rounding: the caller fixes the gauge. Pixels without edges keep z.
   [[nodiscard]] GridSolve solve(std::span<const double> f, std::span<double> z,
                                 double tolerance, int max_iterations) const;
 
@@ -48,7 +49,7 @@ class GridLaplacian {
     std::vector<float> down;
     std::vector<float> inverse_diagonal;  ///< 0 for a pixel without edges
   };
-  /// Room for one cycle.
+  /// Working memory for one cycle.
   struct Room {
     std::vector<std::vector<float>> f;
     std::vector<std::vector<float>> z;

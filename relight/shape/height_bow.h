@@ -6,9 +6,9 @@
 #include "core/image.h"
 
 /// @file
-/// How much of a surface's heights is one slow bow. Lights that are known by their directions
-/// only and stand near make every surface bow, and nothing in the heights tells that bow from a
-/// real one.
+/// How much of a surface's height is one slow bow. Near lights of which only directions are
+/// known make every surface bow, and the heights alone cannot distinguish that bow from a real
+/// one.
 
 namespace haarlight {
 
@@ -17,8 +17,8 @@ struct HeightBow {
   double rest = 0.0;  ///< largest minus smallest of the heights without it
 };
 
-/// Least squares of a quadratic of the pixel's place, its plane included in `bow` as it is in
-/// the heights. Both 0 for fewer than six known pixels.
+/// Least-squares quadratic in the pixel's position; its linear part is included in `bow`. Both
+/// 0 for fewer than six known pixels.
 /// @param height    (height, width)
 /// @param is_known  (height, width)
 [[nodiscard]] HeightBow height_bow(ImageView<const float> height,

@@ -17,7 +17,7 @@ namespace haarlight {
 
 namespace {
 
-/// Which steps join two known pixels.
+/// The steps that join two known pixels.
 struct Edges {
   std::vector<float> right;
   std::vector<float> down;
@@ -128,7 +128,7 @@ Residuals residuals_of(const SlopeField& slopes, const Edges& edges,
   return r;
 }
 
-/// The size of ordinary contradictions: 1.4826 times the median of |r|.
+/// The scale of ordinary inconsistencies: 1.4826 times the median of |r|.
 double scale_of(const Residuals& r, const Edges& edges) {
   std::vector<float> sizes;
   for (std::size_t i = 0; i < r.right.size(); ++i) {
@@ -157,11 +157,11 @@ double rms_step(const SlopeField& slopes, const Edges& edges) {
   return n > 0.0 ? std::sqrt(sum / n) : 0.0;
 }
 
-constexpr float kLeastWeight = 1e-5F;  // keeps parts joined: the gauge between them is theirs
+constexpr float kLeastWeight = 1e-5F;  // keeps parts joined: retains the gauge between them
 constexpr double kCutWeight = 0.1;
 constexpr double kAnneal = 0.7;
 constexpr double kRedescend = 4.0;
-constexpr double kLeastScale = 3e-3;  // of the rms step: exact slopes have no noise to go by
+constexpr double kLeastScale = 3e-3;  // of the rms step: exact slopes have no noise scale
 constexpr double kSettled = 1e-3;     // change of the heights between rounds, in rms steps
 
 struct RobustResult {
@@ -181,8 +181,8 @@ double rms_residual(const Residuals& r, const Edges& edges) {
 
 /// Reweighted least squares with Geman and McClure's weights 1 / (1 + (r / c)^2)^2, c from
 /// several times the largest scale, where they are those of least squares, down to a few times
-/// the size of ordinary contradictions: large contradictions drop out one by one, each where
-/// its neighbours leave it least to say (graduated non-convexity, [Blake87]).
+/// that of ordinary inconsistencies: large ones drop out one by one, those least supported by
+/// their neighbours first (graduated non-convexity, [Blake87]).
 RobustResult solve_robustly(const SlopeField& slopes, const Edges& edges, std::vector<double> z,
                             const IntegrateOptions& options, HeightMap& map) {
   const int h = slopes.height();

@@ -25,14 +25,16 @@ constexpr double kBrightRank = 0.9;
 constexpr double kSettled = 1e-4;  // change of b between rounds, relative: 0.006 degrees
 constexpr double kRightAngle = 0.5 * std::numbers::pi;
 constexpr double kDegrees = 180.0 / std::numbers::pi;
-/// Determinant over trace^3 of what is left without a group; below it that tells two components
-/// only (three alike: 1/27; eigenvalues 1 : 0.1 : kAmbiguous : 8e-6).
+/// Determinant over trace^3 of the matrix without a group; below it only two components are
+/// determined (three equal eigenvalues: 1/27; 1 : 0.1 : kAmbiguous : 8e-6).
 constexpr double kLeastRest = 1e-6;
-/// Share of the angle between a robust fit and plain least squares that counts as its standard
-/// error: what it throws out is the model's failure, of which some is left in what it keeps.
+/// Fraction of the angle between a robust fit and plain least squares that counts as its
+/// standard error: what it rejects is the model's failure, some of which remains in what it
+/// keeps.
 constexpr double kDoubt = 0.5;
-/// Of what neighbours' residuals share, the part that goes into b unseen: three of about nine
-/// smooth functions of the light's direction (harmonics up to order 2) are b's, sqrt(3 / 6).
+/// The part of the neighbours' common residual that is absorbed by b unnoticed: three of about
+/// nine smooth functions of the light's direction (harmonics up to order 2) are b's, sqrt(3 /
+/// 6).
 constexpr double kShared = 0.7;
 constexpr double kLeastScale = 1e-6;  // of |b|: float samples of an exact Lambertian
 
@@ -134,8 +136,8 @@ int LambertFitter::count_within(float limit) const {
   return n;
 }
 
-/// By interpolation between limits that are too low and too high: counting goes four at a time,
-/// exchanges and histograms do not.
+/// By interpolation between limits that are too low and too high: counting vectorises four
+/// wide, exchanges and histograms do not.
 float LambertFitter::find_limit(int n_wanted, float guess, float reach) const {
   float low = 0.0F;
   float high = std::numeric_limits<float>::max();
@@ -157,7 +159,7 @@ float LambertFitter::find_limit(int n_wanted, float guess, float reach) const {
     high = std::min(high, ranked_.head(n_).maxCoeff());
   }
   for (int step = 1; n_high > n_wanted; ++step) {
-    // Every third step halves, whatever the distribution.
+    // Every third step bisects, whatever the distribution.
     const float share = step % 3 == 0 ? 0.5F
                                       : (static_cast<float>(n_wanted - n_low) - 0.5F) /
                                             static_cast<float>(n_high - n_low);
@@ -171,8 +173,7 @@ float LambertFitter::find_limit(int n_wanted, float guess, float reach) const {
 }
 
 float LambertFitter::select(int rank) const {
-  // Floats that are not negative are in the order of their bits, and integers go four at a
-  // time.
+  // Non-negative floats are ordered like their bits, and integers vectorise four wide.
   const auto limit = std::bit_cast<std::int32_t>(find_limit(rank + 1));
   std::int32_t largest = 0;
   for (int i = 0; i < n_; ++i) {
@@ -209,8 +210,8 @@ void LambertFitter::residuals(const Vector3d& b) {
       (value_.head(n_) - b.x() * x_.head(n_) - b.y() * y_.head(n_) - b.z() * z_.head(n_)).abs();
 }
 
-/// Concentration steps: each cannot raise the sum of the kept squares. Samples that come or go
-/// change the sums one by one.
+/// Concentration steps: none can raise the sum of the kept squares. Samples that enter or leave
+/// update the sums one by one.
 void LambertFitter::trim(Vector3d& b) {
   const int n_keep =
       std::min(n_, std::max(2 * kUnknowns, static_cast<int>(std::ceil(options_.keep * n_))));
@@ -242,11 +243,11 @@ void LambertFitter::trim(Vector3d& b) {
   w_.head(n_) =
       Eigen::Map<const Eigen::Array<std::uint8_t, Eigen::Dynamic, 1>>(kept_.data(), n_)
           .cast<double>();
-  accumulate();  // without the rounding of sums that came and went
+  accumulate();  // without the rounding of incremental updates
   (void)solve(b);
 }
 
-/// Brings the sums up to date with the samples that came or went.
+/// Updates the sums for samples that entered or left.
 void LambertFitter::add_changed(int n_changed) {
   double xx = 0.0, xy = 0.0, xz = 0.0, yy = 0.0, yz = 0.0, zz = 0.0;
   double xv = 0.0, yv = 0.0, zv = 0.0;
@@ -272,7 +273,7 @@ void LambertFitter::add_changed(int n_changed) {
   right_ += Vector3d(xv, yv, zv);
 }
 
-/// @return  how many samples came or went; changed_ begins with whose
+/// @return  how many samples entered or left; changed_ begins with their indices
 int LambertFitter::keep_within(float most) {
   const float* r = ranked_.data();
   std::uint8_t* kept = kept_.data();
@@ -341,8 +342,8 @@ int LambertFitter::end_of_group(int first) const {
   return last;
 }
 
-/// Of the groups' G mean residuals the fit has taken three: (sum n_g m_g^2 / (G - 3) - s^2) G /
-/// n, with s^2 what independent errors leave in each.
+/// Of the groups' G mean residuals the fit has absorbed three: (sum n_g m_g^2 / (G - 3) - s^2)
+/// G / n, with s^2 what independent errors leave in each.
 /// @param matrix  becomes sum s s^T of the lit samples
 double LambertFitter::shared_square(const Vector3d& b, Matrix3d& matrix) const {
   matrix.setZero();
@@ -373,9 +374,9 @@ double LambertFitter::shared_residual(const LambertFit& fit) const {
   return std::sqrt(shared_square(fit.b, matrix));
 }
 
-/// What the model gets wrong alike for neighbouring lights, over |b|, as the angle by which as
-/// much again can have gone into the normal unseen: sqrt(tr A^-1) of A = sum s s^T / n, across
-/// b, turns it into an angle.
+/// The model error common to neighbouring lights, over |b|, as the angle by which as much again
+/// may have biased the normal unnoticed: sqrt(tr A^-1) of A = sum s s^T / n, perpendicular to
+/// b, converts it into an angle.
 double LambertFitter::shared_error(const Vector3d& b) const {
   Matrix3d matrix;
   const double shared = shared_square(b, matrix);
@@ -394,8 +395,8 @@ double LambertFitter::shared_error(const Vector3d& b) const {
 double LambertFitter::sigma(const Vector3d& b, const Vector3d& plain) {
   accumulate();  // of the last weights
   residuals(b);
-  // Samples that count were chosen for their small residuals: what half of all keep within
-  // tells the noise.
+  // The samples in use were chosen for their small residuals: the noise follows from the median
+  // of all.
   const double kept = std::sqrt((w_.head(n_) * r_.head(n_).square()).sum() / w_.head(n_).sum());
   ranked_.head(n_) = r_.head(n_).cast<float>();
   const double noise = kSigmaPerMad * double{select(n_ / 2)};
@@ -406,9 +407,9 @@ double LambertFitter::sigma(const Vector3d& b, const Vector3d& plain) {
   return std::min(90.0, all * kDegrees);
 }
 
-/// The spread of the normals that come out when one group of lights after the other is left
-/// out, at the final weights: (G - 1) / G times the sum of their squared distances from the
-/// normal of all [Efron82]. Returned in radians.
+/// The spread of the normals obtained by leaving out one group of lights after the other, at
+/// the final weights: (G - 1) / G times the sum of their squared distances from the full normal
+/// [Efron82]. Returned in radians.
 double LambertFitter::jackknife(const Vector3d& b) const {
   const Vector3d n = b.normalized();
   double sum = 0.0;
@@ -465,7 +466,7 @@ LambertFit LambertFitter::fit() {
   } else if (is_solved && options_.method == LambertMethod::m_estimator) {
     reweight(b);
   }
-  // The smallest eigenvalue is at least 4 det / trace^2: mostly that is enough to know.
+  // The smallest eigenvalue is at least 4 det / trace^2: usually that is enough.
   const double trace = matrix_.trace();
   if (!(4.0 * matrix_.determinant() >= kAmbiguous * trace * trace * trace)) {
     Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(matrix_);

@@ -10,16 +10,16 @@
 #include <Eigen/Core>
 
 /// @file
-/// One pixel's normal and albedo from its brightness under many lights: I_k = b.s_k with
-/// b = albedo * normal [Woodham80], by least squares or so that shadows and highlights do not
-/// count. Accuracy on rendered captures and costs: docs/numerics/shape.md.
+/// One pixel's normal and albedo from its brightness under many lights: I_k = b.s_k with b =
+/// albedo * normal [Woodham80], by least squares or robustly against shadows and highlights.
+/// Accuracy on rendered captures and costs: docs/numerics/shape.md.
 
 namespace haarlight {
 
 enum class LambertMethod {
   least_squares,  ///< every sample that is neither dark nor saturated
   trimmed,        ///< the samples that fit best: least trimmed squares [Rousseeuw84]
-  m_estimator,    ///< samples that fit badly count less, reweighted least squares
+  m_estimator,    ///< iteratively reweighted least squares: bad samples count less
 };
 [[nodiscard]] std::string_view to_string(LambertMethod method) noexcept;
 
@@ -32,11 +32,11 @@ enum class RobustLoss {
 
 struct LambertOptions {
   LambertMethod method = LambertMethod::trimmed;
-  /// Samples at or below this share of the pixel's bright level (the value that a tenth of its
-  /// samples exceed, so that one highlight does not set it) are shadow: left out.
+  /// Samples at or below this fraction of the pixel's bright level (the value exceeded by a
+  /// tenth of its samples, so that one highlight does not set it) are shadow: left out.
   double dark_share = 0.05;
-  double dark_level = 0.0;  ///< and samples at or below this value
-  double keep = 0.6;        ///< trimmed: share of the samples that count
+  double dark_level = 0.0;  ///< likewise samples at or below this value
+  double keep = 0.6;        ///< trimmed: fraction of the samples that count
   RobustLoss loss = RobustLoss::tukey;
   /// c; the scale is 1.4826 times the median |residual|. 0: huber 0.1, cauchy 0.5, tukey 3, by
   /// rendered captures with highlights (docs/numerics/shape.md).
@@ -48,22 +48,22 @@ struct LambertOptions {
 enum class PixelState : std::uint8_t {
   masked = 0,
   good = 1,
-  too_dark = 2,   ///< fewer than three samples are lit: shadow, or nothing there reflects
+  too_dark = 2,   ///< fewer than three samples are lit: shadow, or a black surface
   saturated = 3,  ///< fewer than three samples are left because the others are clipped
-  ambiguous = 4,  ///< the lights that reach it lie in a plane: one component is unknown
+  ambiguous = 4,  ///< the lights that reach it are coplanar: one component is unknown
 };
 
 struct LambertFit {
   Eigen::Vector3d b = Eigen::Vector3d::Zero();  ///< albedo * normal; 0 unless good
   double error = 0.0;                           ///< rms residual of the samples used, over |b|
   /// Standard error of the normal's direction (rms angle), degrees, 0 to 90: by leaving out one
-  /// group of neighbouring lights after the other, by what the residuals of neighbours share,
-  /// and by how far the fit lies from plain least squares. 90: nothing checks the normal. 0
-  /// where not asked for. Measured against true normals: docs/numerics/shape.md.
+  /// group of neighbouring lights after the other, by the common part of neighbours' residuals,
+  /// and by the fit's distance from plain least squares. 90: nothing constrains the normal. 0
+  /// if not requested. Measured against true normals: docs/numerics/shape.md.
   double sigma_deg = 0.0;
   int n_used = 0;
   PixelState state = PixelState::too_dark;
-  /// Ambiguous: the unit direction along which b cannot be known.
+  /// Ambiguous: the unit direction along which b is undetermined.
   Eigen::Vector3d unknown = Eigen::Vector3d::Zero();
 };
 
@@ -71,8 +71,8 @@ struct LambertFit {
 /// unknown: lights within about half a degree of one plane.
 inline constexpr double kAmbiguous = 1e-4;
 
-/// The direction that lights at these unit directions leave unknown; nothing where they tell
-/// all three components.
+/// The direction that lights at these unit directions leave undetermined; nothing if they
+/// determine all three components.
 [[nodiscard]] std::optional<Eigen::Vector3d> unknown_direction(
     const std::vector<Eigen::Vector3d>& directions);
 
@@ -96,18 +96,18 @@ class LambertFitter {
   }
   /// A sample that only says "at least this".
   void add_clipped() noexcept { ++n_clipped_; }
-  /// Samples whose `light` stand in one group are left out together for sigma_deg. They must be
-  /// added group after group. @param group  of each light; without: every light is its own
+  /// Samples whose `light` is in the same group are left out together for sigma_deg. They must
+  /// be added group after group. @param group  of each light; without: every light is its own
   void set_groups(std::vector<int> group) { group_ = std::move(group); }
   [[nodiscard]] LambertFit fit();
-  /// The median |residual| of the last good fit's lit samples, over |b|: what half of them keep
-  /// within, whatever the others do.
+  /// The median |residual| of the last good fit's lit samples, over |b|: insensitive to the
+  /// other half.
   [[nodiscard]] double median_residual(const LambertFit& fit);
-  /// What the residuals of neighbouring lights share in the last good fit's lit samples, rms,
-  /// in the values' unit: freed of what independent errors leave, and of the three degrees of
-  /// freedom that the fit took. 0: nothing that stands out.
+  /// The common part of neighbouring lights' residuals in the last good fit's lit samples, rms,
+  /// in the values' unit: corrected for independent errors and for the fit's three degrees of
+  /// freedom. 0: none significant.
   [[nodiscard]] double shared_residual(const LambertFit& fit) const;
-  /// Of sample i of the last fit, 0..1, and whose it is.
+  /// Weight of sample i of the last fit, 0..1, and its light.
   [[nodiscard]] double weight(int i) const { return w_[i]; }
   [[nodiscard]] int light(int i) const { return light_[static_cast<std::size_t>(i)]; }
   [[nodiscard]] int n_samples() const noexcept { return n_; }
@@ -129,11 +129,10 @@ class LambertFitter {
   [[nodiscard]] bool solve(Eigen::Vector3d& b) const;
   void drop_dark();
   void residuals(const Eigen::Vector3d& b);
-  /// The value of that rank (0: the least) among the first n_ of ranked_.
+  /// The value of that rank (0: the smallest) among the first n_ of ranked_.
   [[nodiscard]] float select(int rank) const;
   /// A limit within which n_wanted of them lie; more only where values are equal.
-  /// @param guess, reach  looked for at guess - reach to guess + reach first, where both are >
-  /// 0
+  /// @param guess, reach  searches guess - reach to guess + reach first, if both are > 0
   [[nodiscard]] float find_limit(int n_wanted, float guess = 0.0F, float reach = 0.0F) const;
   [[nodiscard]] int count_within(float limit) const;
   void trim(Eigen::Vector3d& b);
@@ -147,7 +146,7 @@ class LambertFitter {
   Eigen::ArrayXd x_, y_, z_, value_, w_, r_;
   Eigen::ArrayXf ranked_;           ///< values to be ranked, >= 0
   std::vector<std::uint8_t> kept_;  ///< trimmed: 1 where the sample counts
-  std::vector<int> changed_;        ///< and which came or went
+  std::vector<int> changed_;        ///< indices of those that entered or left
   std::vector<int> light_;
   std::vector<int> group_;                            ///< of each light; empty: each its own
   Eigen::Matrix3d matrix_ = Eigen::Matrix3d::Zero();  ///< sum w s s^T

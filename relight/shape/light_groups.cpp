@@ -32,7 +32,7 @@ LightGroups group_lights(const std::vector<Vector3d>& directions, int most) {
         groups.group[k] = groups.n_groups;
       }
     }
-    nearest[seed] = 2.0;  // its own, also where two lights coincide
+    nearest[seed] = 2.0;  // its own, even if two lights coincide
     groups.group[seed] = groups.n_groups;
     ++groups.n_groups;
     seed = static_cast<std::size_t>(std::min_element(nearest.begin(), nearest.end()) -

@@ -6,13 +6,13 @@
 #include <Eigen/Core>
 
 /// @file
-/// Neighbouring lights in groups. What a model gets wrong it gets wrong alike for lights that
-/// stand together, so that only leaving a whole group out shows what it does to a result.
+/// Neighbouring lights in groups. Model errors are alike for lights close together, so that
+/// only leaving out a whole group shows their effect on a result.
 
 namespace haarlight {
 
-/// Groups of a jackknife: with more of them each is smaller and errors that neighbours share
-/// show less; with fewer the spread between them is itself ill known (1/sqrt(2 x 11): 21 %).
+/// Groups of a jackknife: more and smaller ones show less of the errors common to neighbours;
+/// with fewer, their spread is itself poorly known (1/sqrt(2 x 11): 21 %).
 inline constexpr int kLightGroups = 12;
 
 struct LightGroups {
@@ -21,14 +21,13 @@ struct LightGroups {
   int n_groups = 0;
 };
 
-/// By direction: seeds as far from each other as can be, each light with its nearest. As many
-/// groups as lights where these are few.
+/// By direction: farthest-point seeds, each light with its nearest. As many groups as lights if
+/// these are few.
 /// @param directions  (n_lights) unit
 [[nodiscard]] LightGroups group_lights(const std::vector<Eigen::Vector3d>& directions,
                                        int most = kLightGroups);
 
-/// About `n` of the lights, group after group, each group's share alike; all where these are
-/// fewer.
+/// About `n` of the lights, group after group, in proportion; all if there are fewer.
 [[nodiscard]] std::vector<int> thinned(const LightGroups& groups, int n);
 
 }  // namespace haarlight

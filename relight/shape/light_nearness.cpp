@@ -19,7 +19,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr int kPixelsAcross = 40;  // sampled, and as many down at most
+constexpr int kPixelsAcross = 40;  // sampled, and at most as many down
 constexpr int kBlocks = 4;         // across and down
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
@@ -33,7 +33,7 @@ Vector3d place_of(int y, int x, int height, int width) {
   return {(x + 0.5) / width - 0.5, (0.5 * height - y - 0.5) / width, 0.0};
 }
 
-/// What one pixel says. @return  the angle by which 1/D = 1 turns its normal
+/// One pixel's evidence. @return  the angle by which 1/D = 1 turns its normal
 double add_pixel(const LambertFitter& fitter, const LambertFit& fit,
                  const PixelSamples& samples, const Vector3d& place, BlockSums& sums) {
   const int n = fitter.n_samples();
@@ -137,7 +137,7 @@ LightNearness find_nearness(const StackSource& stack, const StereoLights& lights
 void add_nearness(const LightNearness& nearness, SurfaceEstimate& surface) {
   const int h = surface.sigma_deg.height();
   const int w = surface.sigma_deg.width();
-  // Not known better than to two of its own standard errors.
+  // Uncertain to two of its own standard errors.
   const double inverse = std::abs(nearness.inverse) + 2.0 * nearness.sigma;
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {

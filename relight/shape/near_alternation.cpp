@@ -19,10 +19,10 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// Where the pixels' surface lies, from what was integrated.
+/// The pixels' surface points, from the integrated map.
 class PointMaker {
  public:
-  /// @param gauge  (height, width) the mean height wanted of a part is the mean of this over it
+  /// @param gauge  (height, width) a part's prescribed mean height is the mean of this over it
   PointMaker(const PixelPoints& pixels, const HeightMap& map, const Image<float>& gauge)
       : pixels_(pixels), map_(map), parts_(find_parts(map.is_known.view())) {
     const auto n = static_cast<std::size_t>(parts_.n_parts);
@@ -30,8 +30,8 @@ class PointMaker {
     if (pixels.camera() == nullptr) {
       return;
     }
-    // ln D + c of each part: its mean height above the plane is the gauge's. Heights are linear
-    // in exp(c).
+    // ln D + c of each part: its mean height above the plane equals the gauge's. Heights are
+    // linear in exp(c).
     std::vector<double> facing(n, 0.0);
     std::vector<double> below(n, 0.0);
     scale_.assign(n, 1.0);
@@ -92,11 +92,11 @@ class PointMaker {
   const PixelPoints& pixels_;
   const HeightMap& map_;
   Parts parts_;
-  std::vector<double> mean_;   ///< wanted mean height of each part, mm
+  std::vector<double> mean_;   ///< prescribed mean height of each part, mm
   std::vector<double> scale_;  ///< camera: exp of each part's constant, mm
 };
 
-/// Puts heights and points into the shape. @return  rms change of the heights, mm
+/// Stores heights and points in the shape. @return  rms change of the heights, mm
 double place(const PixelPoints& pixels, const Image<float>& gauge, Shape& shape) {
   const PointMaker maker(pixels, shape.map, gauge);
   double sum = 0.0;
@@ -138,7 +138,7 @@ void find_heights(const PixelPoints& pixels, const IntegrateOptions& options,
   shape.changes.push_back(place(pixels, gauge, shape));
 }
 
-/// Sizes and mean heights of the parts as they are, largest first.
+/// Sizes and current mean heights of the parts, largest first.
 std::vector<PartHeight> parts_as_they_are(const Shape& shape) {
   const Parts parts = find_parts(shape.map.is_known.view());
   std::vector<PartHeight> list(static_cast<std::size_t>(parts.n_parts));
@@ -176,10 +176,10 @@ class Rounds {
         gauge_(stack.dims().height, stack.dims().width, 1),
         settled_(options.tolerance * pixels.mm_per_pixel() * stack.dims().width) {}
 
-  /// Where the parts were found to stand, largest first; empty: it was not asked.
+  /// The heights found for the parts, largest first; empty: not requested.
   [[nodiscard]] const std::vector<PartHeight>& found() const noexcept { return found_; }
 
-  /// Until the heights stand still. @param most  rounds
+  /// Iterates until the heights converge. @param most  rounds
   void go(const StereoOptions& stereo, int most) {
     for (int round = 0; round < most; ++round) {
       shape_.surface = photometric_stereo(stack_, lights_, shape_.points.view(), mask_, stereo);
@@ -200,8 +200,8 @@ class Rounds {
   }
 
  private:
-  /// Heights that move less stand still: the tolerance, or half of what the normals' own
-  /// standard errors make of the step from pixel to pixel, where that is known.
+  /// Convergence limit of the heights: the tolerance, or half the step error from pixel to
+  /// pixel implied by the normals' standard errors, where known.
   [[nodiscard]] double still_mm() const {
     constexpr double kOfError = 0.5;
     double sum = 0.0;
@@ -214,11 +214,11 @@ class Rounds {
     return std::max(settled_, kOfError * sigma * pixels_.mm_per_pixel());
   }
 
-  /// As often as it takes the shape to follow: later the gauge stands still, so that the
-  /// heights can.
+  /// As often as the shape needs to follow: later the gauge is frozen, so that the heights can
+  /// converge.
   static constexpr int kSearches = 4;
 
-  /// Puts each part where the fall-off says it stands.
+  /// Moves each part to the height found from the fall-off.
   void raise_parts(const PartSearch& search) {
     const Parts parts = find_parts(shape_.map.is_known.view());
     found_ = find_part_heights(stack_, lights_, pixels_, parts, shape_.points.view(), search);
@@ -246,7 +246,7 @@ class Rounds {
   ImageView<const std::uint8_t> mask_;
   const ShapeOptions& options_;
   Shape& shape_;
-  Image<float> gauge_;  ///< where each part's mean belongs, mm above the plane
+  Image<float> gauge_;  ///< prescribed mean of each part, mm above the plane
   double settled_;
   int n_searches_ = 0;
   std::vector<PartHeight> found_;
@@ -279,7 +279,7 @@ Shape recover_shape(const StackSource& stack, const StereoLights& lights,
   StereoOptions stereo = options.stereo;
   stereo.view = &pixels;
   Rounds rounds(stack, lights, pixels, mask, options, shape);
-  // A fit is chosen where the points are nearly right.
+  // The fit is chosen once the points are nearly right.
   const bool is_coarse_first = options.chooses_fit || dims.n_lights > options.n_coarse_lights;
   const int n_coarse = lights.are_near && is_coarse_first ? options.max_rounds - 2 : 0;
   if (n_coarse > 0) {

@@ -16,7 +16,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
-/// Of a pixel against the mean of two others, all equally uncertain: 1 + 1/2 of one's variance.
+/// Variance of a pixel against the mean of two others, all equally uncertain: 1 + 1/2 of one's.
 constexpr double kExpected = 1.5;
 
 bool is_good(const SurfaceEstimate& surface, int y, int x) {

@@ -24,17 +24,17 @@ using Eigen::Vector3d;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr std::size_t kRowsATask = 4;
-constexpr int kLights = 128;           // enough to count shares of a twentieth
-constexpr double kLeastFacing = 0.05;  // of the plane to a light that is compared
-constexpr double kShadow = 0.35;       // of the plane's brightness: below, something is between
+constexpr int kLights = 128;           // enough to resolve fractions of a twentieth
+constexpr double kLeastFacing = 0.05;  // of the plane to a light: below, not compared
+constexpr double kShadow = 0.35;       // of the plane's brightness: below, it is occluded
 constexpr double kBlack = 0.05;        // of it: below, nothing reflects
-constexpr double kLeastLit = 0.05;     // share of lights a decision needs
-constexpr double kAgree = 0.75;        // share of the lights that reach the pixel
-constexpr double kLeastPlane = 0.02;   // share of pixels that show the bare plane
+constexpr double kLeastLit = 0.05;     // fraction of lights needed for a decision
+constexpr double kAgree = 0.75;        // fraction of the lights that reach the pixel
+constexpr double kLeastPlane = 0.02;   // fraction of pixels that show the bare plane
 constexpr double kLeastTolerance = 0.04;
 constexpr double kMostTolerance = 0.08;
 
-/// Calls visit(y, x, samples) for every pixel, its samples aimed at its point and taken.
+/// Calls visit(y, x, samples) for every pixel, its samples corrected for its point and loaded.
 void for_each_pixel(
     const StackSource& stack, const StereoLights& lights, const std::vector<int>& use,
     const PixelPoints* plane,
@@ -61,7 +61,7 @@ void for_each_pixel(
   });
 }
 
-/// The value that a share `above` of them exceed. Reorders.
+/// The value exceeded by a fraction `above` of them. Reorders.
 float exceeded_by(std::vector<float>& values, double above) {
   if (values.empty()) {
     return 0.0F;
@@ -81,8 +81,8 @@ void plane_ratios(const PixelSamples& samples, const Vector3d& normal,
   }
 }
 
-/// What each pixel says about the plane, (height, width, 2): its albedo if it is the plane (the
-/// ratio that a fifth of its lights exceed), and how even its lights are (1.4826 times the
+/// Each pixel's evidence for the plane, (height, width, 2): its albedo if it is the plane (the
+/// ratio exceeded by a fifth of its lights), and the spread of its lights (1.4826 times the
 /// median |ratio / albedo - 1|).
 Image<float> plane_signs(const StackSource& stack, const StereoLights& lights,
                          const std::vector<int>& use, const PixelPoints& plane) {
@@ -105,7 +105,7 @@ Image<float> plane_signs(const StackSource& stack, const StereoLights& lights,
   return signs;
 }
 
-/// A quadratic of the picture's place, of logarithms.
+/// A quadratic in picture position, of logarithms.
 struct Albedo {
   Vector6d a = Vector6d::Zero();
   int width = 1;
@@ -120,8 +120,8 @@ struct Albedo {
   [[nodiscard]] double log_at(int y, int x) const { return a.dot(terms(y, x)); }
 };
 
-/// The most common level among pixels whose lights agree: the lower edge's middle of the
-/// fullest of bins 2 % wide, three together.
+/// The most common level among pixels whose lights agree: the mode over bins 2 % wide, three
+/// together.
 double common_level(const std::vector<float>& logs) {
   constexpr double kBin = 0.02;
   const auto [least, most] = std::minmax_element(logs.begin(), logs.end());
@@ -160,7 +160,7 @@ PlaneModel fit_plane(const Image<float>& signs) {
       spreads.push_back(signs(y, x, 1));
     }
   }
-  // The plane's own noise is what the most even pixels show.
+  // The plane's own noise is that of the most uniform pixels.
   model.tolerance =
       std::clamp(4.0 * double{exceeded_by(spreads, 0.9)}, kLeastTolerance, kMostTolerance);
   const auto is_even = [&](int y, int x) {
@@ -202,7 +202,8 @@ PlaneModel fit_plane(const Image<float>& signs) {
     if (n_used < least) {
       return model;
     }
-    // A small pull to the level keeps it where only a part of the picture shows the plane.
+    // A small regularisation towards the level stabilises it where only part of the picture
+    // shows the plane.
     matrix.diagonal().tail<5>().array() += 1e-3 * n_used;
     model.albedo.a = matrix.ldlt().solve(right);
   }
@@ -250,7 +251,7 @@ void drop_small_parts(Image<std::uint8_t>& mask, std::uint8_t value, int least) 
   }
 }
 
-/// Without pixels beside the plane: they show some of it.
+/// Without pixels next to the plane: they show some of it.
 Image<std::uint8_t> without_rim(const Image<std::uint8_t>& mask) {
   const int h = mask.height();
   const int w = mask.width();
@@ -279,7 +280,7 @@ ObjectMask whole(const StackDims& dims) {
   return all;
 }
 
-/// Without small parts; the whole picture where no object or no background is left.
+/// Without small parts; the whole picture if no object or no background is left.
 ObjectMask cleaned(Image<std::uint8_t> mask, MaskOrigin origin, const StackDims& dims) {
   const int least = least_part(dims.height, dims.width);
   drop_small_parts(mask, 1, least);
@@ -291,7 +292,8 @@ ObjectMask cleaned(Image<std::uint8_t> mask, MaskOrigin origin, const StackDims&
   return {std::move(mask), origin, n};
 }
 
-/// Where the levels part into a dark and a bright class with few between; 0: nowhere.
+/// The threshold that splits the levels into a dark and a bright class with few in between; 0:
+/// none.
 double gap_of(const std::vector<float>& levels) {
   std::vector<float> sorted = levels;
   std::sort(sorted.begin(), sorted.end());
@@ -299,7 +301,7 @@ double gap_of(const std::vector<float>& levels) {
   const auto bright = double{sorted[n - 1 - n / 20]};
   constexpr double kDark = 0.1;         // of the bright pixels' level, at most
   constexpr double kStep = 1.1;         // between thresholds tried
-  constexpr double kBetween = 0.01;     // share of pixels within a factor of 1.5 of it
+  constexpr double kBetween = 0.01;     // fraction of pixels within a factor of 1.5 of it
   constexpr double kLeastShare = 0.02;  // of the picture in each class
   double best = 0.0;
   double fewest = kBetween;
@@ -359,7 +361,7 @@ ObjectMask mask_by_plane(const StackSource& stack, const StereoLights& lights,
 
 ObjectMask mask_by_darkness(const StackSource& stack, const StereoLights& lights) {
   const StackDims dims = stack.dims();
-  // Levels as the pictures have them: of near lights without their distance.
+  // Levels as in the pictures: for near lights without distance correction.
   StereoLights plain;
   plain.powers = lights.powers;
   plain.directions.assign(count(dims.n_lights), Vector3d::UnitZ());

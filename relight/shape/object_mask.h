@@ -10,15 +10,15 @@
 #include "relight/shape/pixel_samples.h"
 
 /// @file
-/// Which pixels of a capture show the object, found from the capture. Two ways, by what is
-/// known; each pixel's own lights decide, never one picture. Errors: docs/numerics/shape.md,
-/// "The object's mask".
+/// Which pixels of a capture show the object, detected from the capture itself. Two methods,
+/// depending on what is known; each pixel is classified by all its lights, never by one
+/// picture. Errors: docs/numerics/shape.md, "The object's mask".
 
 namespace haarlight {
 
 enum class MaskOrigin {
   whole,     ///< no background was found: every pixel counts
-  plane,     ///< the background shows what the rig's empty plane would
+  plane,     ///< the background looks like the rig's empty plane
   darkness,  ///< the background is black under every light
 };
 [[nodiscard]] std::string_view to_string(MaskOrigin origin) noexcept;
@@ -31,16 +31,17 @@ struct ObjectMask {
 
 /// The plane: a pixel is background where, of the lights that reach it, three quarters are as
 /// bright as the bare plane would be there, times an albedo that varies over the picture at
-/// most as a quadratic; what is darker than a third of that is the object's shadow. It needs 2
+/// most as a quadratic; anything darker than a third of that is the object's shadow. Requires 2
 /// % of the pixels to show bare plane mostly unshadowed, and 5 % of a pixel's lights
-/// unshadowed. An object that lies flat, low and of the plane's own albedo looks like the
-/// plane, and is not found.
+/// unshadowed. A flat, low object of the plane's own albedo looks like the plane and is not
+/// found.
 /// @param lights  near, in the frame of `plane`
 [[nodiscard]] ObjectMask mask_by_plane(const StackSource& stack, const StereoLights& lights,
                                        const PixelPoints& plane);
 
-/// Darkness: pixels whose bright level (which a tenth of the lights exceed) lies below a gap of
-/// the picture's levels, and that are joined to the picture's border. No such gap: every pixel.
+/// Darkness: background are pixels whose bright level (exceeded by a tenth of the lights) lies
+/// below a gap in the picture's levels and that are connected to the picture's border. No such
+/// gap: the mask is the whole picture.
 [[nodiscard]] ObjectMask mask_by_darkness(const StackSource& stack, const StereoLights& lights);
 
 }  // namespace haarlight

@@ -21,15 +21,15 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kPixels = 64;   // of a part: the medians of many are even
-constexpr int kLights = 128;  // of all
+constexpr int kPixels = 64;   // of a part: enough for a smooth median cost
+constexpr int kLights = 128;  // of all lights
 constexpr int kGrid = 28;
-constexpr int kGolden = 14;     // 0.618^14: a thousandth of the grid's step
+constexpr int kGolden = 14;     // 0.618^14: 1/1000 of the grid's step
 constexpr int kFewGolden = 10;  // with a group of lights left out
 constexpr int kGroups = 6;
 constexpr double kLow = -0.1;  // of the lights' height above the plane
 constexpr double kHigh = 0.6;
-constexpr double kLeastTold = 0.05;  // a standard error above this share of it tells nothing
+constexpr double kLeastTold = 0.05;  // of it: a larger standard error is uninformative
 
 struct SampledPixel {
   Vector3d point = Vector3d::Zero();
@@ -58,7 +58,7 @@ class HeightSearch {
     }
   }
 
-  /// The mean over the pixels of what half of their lights keep within, relative.
+  /// The mean over the pixels of their lights' median relative residual.
   [[nodiscard]] double cost(double height) {
     double sum = 0.0;
     double n = 0.0;
@@ -83,10 +83,10 @@ class HeightSearch {
     return sum / n;
   }
 
-  /// Of as many groups of the pixels as of the lights, leaves out one from now on.
+  /// The pixels have as many groups as the lights; leaves out one from now on.
   void leave_out(int group) noexcept { left_out_ = group; }
 
-  /// The place of the least cost among kGrid + 1 from `low` on.
+  /// The position of the least cost among kGrid + 1 from `low` on.
   [[nodiscard]] double best_of_grid(double low, double step) {
     double best = low;
     double least = std::numeric_limits<double>::infinity();
@@ -101,7 +101,7 @@ class HeightSearch {
     return best;
   }
 
-  /// The least cost between low and high, by golden sections.
+  /// The least cost between low and high, by golden-section search.
   [[nodiscard]] double least(double low, double high, int n_steps) {
     constexpr double kGoldenShare = 0.6180339887498949;
     double a = high - kGoldenShare * (high - low);
@@ -134,7 +134,7 @@ class HeightSearch {
     return options;
   }
 
-  /// The part as a whole along the view: a camera's pictures scale about its eye.
+  /// Moves the part as a whole along the view: for a camera, it scales about the eye.
   [[nodiscard]] Vector3d moved(const Vector3d& point, double height) const {
     if (pixels_.camera() == nullptr) {
       return point + (height - part_.mean_mm) * normal_;
@@ -238,7 +238,7 @@ std::vector<PartHeight> find_part_heights(const StackSource& stack, const Stereo
       if (!options.has_sigma || !height.is_known) {
         continue;
       }
-      // Lights and pixels are left out apart from each other: what either says differently.
+      // Lights and pixels are left out separately: either can contribute error.
       double sum = 0.0;
       const double reach = 2.0 * step;
       for (int g = 0; g < groups.n_groups; ++g) {

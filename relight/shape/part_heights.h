@@ -12,9 +12,10 @@
 #include "relight/shape/pixel_samples.h"
 
 /// @file
-/// How high each connected part of a surface stands above the reference plane, from the near
-/// lights' fall-off: normals do not tell it, but only at the right height does one normal a
-/// pixel explain the brightness under every light. Errors: docs/numerics/shape.md, "How high".
+/// The height of each connected part of a surface above the reference plane, from the near
+/// lights' fall-off: normals do not determine it, but only at the right height does one normal
+/// per pixel explain the brightness under every light. Errors: docs/numerics/shape.md, "How
+/// high".
 
 namespace haarlight {
 
@@ -22,22 +23,21 @@ struct PartHeight {
   std::int64_t n_pixels = 0;
   double mean_mm = 0.0;  ///< mean height above the reference plane
   /// One standard error of it, by leaving out one group of neighbouring lights after the other,
-  /// and of the part's pixels. Too small where the part has steps inside, by ten and more: it
-  /// says whether anything is known, and is not shown to people.
+  /// and of the part's pixels. Too small by a factor of ten or more if the part has internal
+  /// steps: it only decides whether the height is known, and is not shown to the user.
   double sigma_mm = 0.0;
-  bool is_known = false;  ///< false: the fall-off does not tell, or the part is too small
+  bool is_known = false;  ///< false: not determined by the fall-off, or part too small
 };
 
 struct PartSearch {
-  bool is_first = true;    ///< false: the points stand where an earlier search put them
-  bool has_sigma = false;  ///< sigma_mm, which costs as much as a first search again
+  bool is_first = true;    ///< false: the points are where an earlier search put them
+  bool has_sigma = false;  ///< sigma_mm, at the cost of another first search
 };
 
-/// One a part, in the order of `parts`. At most kMostParts are looked at, the largest.
+/// One per part, in the order of `parts`. Only the kMostParts largest are searched.
 /// @param parts   of the pixels whose normals are known
-/// @param points  (height, width, 3) mm: the surface's present shape; moved along the view, as
-/// a
-///                camera sees it
+/// @param points  (height, width, 3) mm: the surface's current shape; moved along the view, as
+///                a camera sees it
 [[nodiscard]] std::vector<PartHeight> find_part_heights(
     const StackSource& stack, const StereoLights& lights, const PixelPoints& pixels,
     const Parts& parts, ImageView<const float> points, const PartSearch& options);

@@ -21,8 +21,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// No normal is known better than this, degrees: lights, camera and their powers are not. The
-/// twin's captures, whose rig file is exact, are up to 0.8 off where all else is right.
+/// No normal is known better than this, degrees, because lights, camera and powers are not.
+/// Captures of the digital twin, whose rig file is exact, are up to 0.8 off where everything
+/// else is right.
 constexpr double kLeastSigmaDeg = 0.5;
 constexpr int kSegment = 256;  // pixels read at a time: 1 MB under 1024 lights
 
@@ -52,7 +53,7 @@ void require_three_components(const StereoLights& lights, ImageView<const float>
   }
 }
 
-/// One task's share of the work: rows of a picture.
+/// One task's part of the work: rows of a picture.
 class RowSolver {
  public:
   RowSolver(const StackSource& stack, const StereoLights& lights, ImageView<const float> points,
@@ -126,7 +127,7 @@ class RowSolver {
     fitter_.clear();
     for (int j = 0; j < samples_.n(); ++j) {
       if (!(samples_.scale(j) > 0.0)) {
-        continue;  // behind the light: it says nothing
+        continue;  // behind the light: no information
       }
       if (can_clip && samples_.is_clipped(values_, errors_, options_.saturation, i, j, width)) {
         fitter_.add_clipped();
@@ -143,11 +144,11 @@ class RowSolver {
     store(fit, y, x, i, width);
   }
 
-  /// A point that lies e mm too near shows itself: to first order each sample is off by e q,
-  /// with q the change of what the fit foretells when the point moves. A part of q no normal
-  /// explains: it tells e. The rest has turned the normal. @return  by how much, degrees
+  /// A point that lies e mm too near is detectable: to first order each sample is off by e q,
+  /// with q the change of the fit's prediction when the point moves. No normal explains a part
+  /// of q, which yields e; the rest has turned the normal. @return  by how much, degrees
   double misplaced(const LambertFit& fit, const Vector3d& point, const Vector3d& to_camera) {
-    constexpr double kStep = 1.0;  // mm, of some hundreds
+    constexpr double kStep = 1.0;  // mm, of several hundred
     moved_.aim(point + kStep * to_camera);
     const int n = fitter_.n_samples();
     q_.resize(n);
@@ -227,7 +228,7 @@ class RowSolver {
   SurfaceEstimate& out_;
   StackDims dims_;
   PixelSamples samples_;
-  PixelSamples moved_;  ///< aimed beside the pixel's point
+  PixelSamples moved_;  ///< corrected for a displaced point
   Eigen::ArrayXd q_;
   LambertFitter fitter_;
   std::vector<float> values_;

@@ -84,7 +84,7 @@ void PixelSamples::take(std::span<const float> values, int i, int width) {
 bool PixelSamples::is_clipped(std::span<const float> values, std::span<const float> errors,
                               std::span<const float> saturation, int i, int j,
                               int width) const {
-  // One level a light, or one for each of its channels.
+  // One level per light, or one for each of its channels.
   const std::size_t step = saturation.size() > count(n_lights_) ? count(n_lights_) : 0;
   for (int c = 0; c < channels_; ++c) {
     const std::size_t at = index(c, i, j, width);

@@ -10,8 +10,9 @@
 #include "relight/light/near_light.h"
 
 /// @file
-/// One pixel's brightness under the lights that count, as the photometric model wants it: freed
-/// of distance, lobe and power, beside the direction to each light (Huang et al., eqs. 4, 5).
+/// One pixel's brightness under the lights in use, in the form the photometric model requires:
+/// corrected for distance, lobe and power, with the direction to each light (Huang et al., eqs.
+/// 4, 5).
 
 namespace haarlight {
 
@@ -23,7 +24,7 @@ struct StereoLights {
   std::vector<Eigen::Vector3d> powers;      ///< far: (n_lights) R, G, B; empty: all 1
 };
 
-/// Unit directions to the lights, seen from `point`; of far lights wherever it is.
+/// Unit directions to the lights, seen from `point`; for far lights independent of it.
 [[nodiscard]] std::vector<Eigen::Vector3d> directions_from(const StereoLights& lights,
                                                            const Eigen::Vector3d& point);
 
@@ -36,9 +37,9 @@ class PixelSamples {
   [[nodiscard]] int n() const noexcept { return static_cast<int>(use_.size()); }
   /// Sample j's light in the stack.
   [[nodiscard]] int light(int j) const { return use_[static_cast<std::size_t>(j)]; }
-  /// Directions and what brings a brightness to unit irradiance, for a surface at `point`.
+  /// Sets directions and the scales to unit irradiance for a surface at `point`.
   void aim(const Eigen::Vector3d& point);
-  /// Brightness, the mean of the channels.
+  /// Loads a pixel's brightness, the mean of the channels.
   /// @param values  (channels, width, n_lights) of a tile of one row
   /// @param i       the pixel in it
   void take(std::span<const float> values, int i, int width);
@@ -53,13 +54,13 @@ class PixelSamples {
 
   /// Unit, to the light.
   [[nodiscard]] Eigen::Vector3d direction(int j) const { return {x_[j], y_[j], z_[j]}; }
-  /// Of the pixel taken, times scale().
+  /// Brightness of the loaded pixel, times scale().
   [[nodiscard]] double value(int j) const { return value_[j]; }
-  /// 0: the pixel lies behind the light, whose sample says nothing.
+  /// 0: the pixel lies behind the light, whose sample is void.
   [[nodiscard]] double scale(int j) const { return scale_[j]; }
   /// 1 / power.
   [[nodiscard]] double gain(int channel, int j) const { return gain_(channel, j); }
-  /// Where sample j of channel c and pixel i stands among take()'s values.
+  /// Index of sample j of channel c and pixel i in take()'s values.
   [[nodiscard]] std::size_t index(int c, int i, int j, int width) const {
     return (static_cast<std::size_t>(c) * static_cast<std::size_t>(width) +
             static_cast<std::size_t>(i)) *

@@ -19,7 +19,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr std::size_t kRowsATask = 16;
-/// Below this share of the largest coefficient a curvature is rounding of 8-bit planes.
+/// Below this fraction of the largest coefficient, a curvature is rounding of 8-bit planes.
 constexpr double kFlat = 1e-9;
 
 void store(const Vector3d& n, int y, int x, RtiNormals& out) {

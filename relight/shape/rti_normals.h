@@ -10,12 +10,12 @@
 #include "relight/shape/photometric_stereo.h"
 
 /// @file
-/// Normals as conservators' programs take them from a PTM or an HSH: for comparison with
+/// Normals as cultural-heritage software derives them from a PTM or HSH: for comparison with
 /// photometric stereo, which they approximate. Frame: x right, y up, z out of the picture.
 
 namespace haarlight {
 
-/// How a PTM's normal came about.
+/// The origin of a PTM's normal.
 enum class PeakState : std::uint8_t {
   peak,     ///< the maximum, within the unit circle
   outside,  ///< the maximum lies beyond the circle: its direction, on the horizon
@@ -37,13 +37,13 @@ struct RtiNormals {
   Image<std::uint8_t> is_known;  ///< 0: no peak, or black in all three pictures
 };
 
-/// Of a PTM: peaks, of the luminance factor or of the channels' mean. Of an HSH: three pictures
-/// relit from 45 degrees above, at 30, 150 and 270 degrees, solved for a Lambertian surface;
-/// their colour's mean, decoded to linear light.
+/// For a PTM: peaks, of the luminance factor or of the channels' mean. For an HSH: three
+/// pictures relit from 45 degrees above, at 30, 150 and 270 degrees, solved for a Lambertian
+/// surface; mean of the colours, decoded to linear light.
 /// @throws Error  another basis
 [[nodiscard]] RtiNormals rti_normals(const ReflectanceModel& model);
 
-/// The same as a surface: its normals in the lights' frame, and in the albedo's place the
+/// The same as a surface: its normals in the lights' frame, and in place of the albedo the
 /// picture under a light from the camera, in linear light. No errors, no counts.
 /// @param mask  (height, width): 0 is left out; empty: all pixels
 [[nodiscard]] SurfaceEstimate rti_surface(const ReflectanceModel& model,

@@ -35,7 +35,7 @@ SlopeField empty_field(ImageView<const float> normals, ImageView<const std::uint
   return field;
 }
 
-/// Calls row(y) for each row, which returns what it counted; the sum.
+/// Calls row(y) for each row, which returns its count; returns the sum.
 std::int64_t count_rows(int height, const std::function<std::int64_t(int)>& row) {
   std::vector<std::int64_t> counts(static_cast<std::size_t>(height));
   parallel_for(counts.size(), kRowsATask, [&](std::size_t begin, std::size_t end) {

@@ -58,7 +58,7 @@ class MeshMaker {
   }
 
  private:
-  /// The shorter diagonal: across the lesser bend.
+  /// The shorter diagonal: across the smaller bend.
   void add_square(int y, int x) {
     const Corner a{y, x};
     const Corner b{y, x + 1};
@@ -99,7 +99,7 @@ class MeshMaker {
     return !cut_.is_empty() && cut_(y, x, way) != 0;
   }
 
-  /// Whether a cut lies between two corners of one square; diagonals ask all four sides.
+  /// Whether a cut lies between two corners of one square; diagonals check all four sides.
   [[nodiscard]] bool are_parted(const Corner& p, const Corner& q) const {
     const int y = std::min(p.y, q.y);
     const int x = std::min(p.x, q.x);

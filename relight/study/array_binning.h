@@ -10,8 +10,8 @@
 
 /// @file
 /// The array with fewer lights: bins of side x side LEDs lit together (larger area lights, the
-/// cells still without gaps), or one LED of the bin's middle in place of all (the same pitch, a
-/// smaller light: with gaps). Both give off what the whole array gave. The first loses
+/// cells still without gaps), or one LED at the bin's middle in place of all (the same pitch, a
+/// smaller light: with gaps). Both emit as much as the whole array did. The first loses
 /// sharpness, the second casts separate shadows where the truth has one soft edge: aliasing.
 /// Source: the claim of graceful degradation in [Kim13]; docs/numerics/bases.md, "Fewer
 /// lights".
@@ -22,21 +22,21 @@ namespace haarlight {
 struct BinChoice {
   int side = 2;
   bool is_area = true;
-  int row = 0;  ///< of the light within its bin, where it is one light
+  int row = 0;  ///< of the light within its bin, if it is a single light
   int col = 0;
 };
 
-/// Sides 2 and 4, where they divide the grid and leave at least 2 bins a side; the area first,
-/// then each of the four lights around the bin's middle.
+/// Sides 2 and 4, where they divide the grid and leave at least 2 bins per side; the area
+/// first, then each of the four lights around the bin's middle.
 [[nodiscard]] std::vector<BinChoice> bin_choices(const ArrayGrid& grid);
 
-/// What the lights burn at when the array is binned: the mean of the bin, or the bin's sum at
-/// one light.
+/// The lights' weights when the array is binned: the mean of the bin, or the bin's sum on one
+/// light.
 /// @param weights  (n_lights)
 [[nodiscard]] Eigen::VectorXd binned_weights(const Eigen::VectorXd& weights,
                                              const ArrayGrid& grid, const BinChoice& choice);
 
-/// Squares of what a pixel's lights are off by when each stands in its bin.
+/// Sum of squared errors of a pixel's lights when each is replaced by its bin.
 /// @param lights  (n_lights)
 [[nodiscard]] double binned_energy(std::span<const float> lights, const ArrayGrid& grid,
                                    const BinChoice& choice);

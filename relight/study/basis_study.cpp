@@ -33,23 +33,23 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kPiece = 64;     // pixels transformed together
 constexpr std::size_t kColumns = 64;   // coefficients whose pictures are transformed together
-constexpr double kErrorAgrees = 0.01;  // an error this close to what was asked is that error
+constexpr double kErrorAgrees = 0.01;  // an error this close to the requested one counts as met
 constexpr int kMaxRounds = 7;
-constexpr double kFloorShare = 0.01;  // of the floor's energy: what quantising adds there
+constexpr double kFloorShare = 0.01;  // of the floor's energy: added by quantisation there
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// One basis with or without the plate.
+/// One basis with or without the clean plate.
 struct Subject {
   const KnownBasis* known = nullptr;
   bool has_plate = false;
   std::shared_ptr<const LightTransform> transform;
   std::optional<Wavelet> image;
-  std::vector<MagnitudeHistogram> histograms;  ///< one, or where ranked one a group of patterns
+  std::vector<MagnitudeHistogram> histograms;  ///< one, or if ranked one per group of patterns
   std::vector<std::size_t> group_ends;         ///< last + 1 of each group
-  double missed = 0.0;            ///< energy that all patterns together miss; measured
+  double missed = 0.0;            ///< energy outside the span of all patterns; measured
   double analysis_seconds = 0.0;  ///< of the last pass
 
   [[nodiscard]] std::size_t width() const { return count(transform->n_coefficients()); }
@@ -58,12 +58,12 @@ struct Subject {
   }
 };
 
-/// A basis at a size: what is tried, and the best that was found.
+/// A basis at a size: what was tried, and the best result.
 struct Job {
   std::size_t subject = 0;
   PointKind kind = PointKind::error;
   double asked = 0.0;
-  bool is_threshold = false;  ///< bare threshold, values unrounded, nothing packed
+  bool is_threshold = false;  ///< bare threshold: values unrounded, nothing packed
   bool is_settled = false;
   double step = 0.0;  ///< or threshold
   std::size_t n_kept = 0;
@@ -145,11 +145,11 @@ class Study {
                ? double(n) * dims_.n_lights / (double(dims_.n_pixels()) * dims_.channels)
                : 0.0;
   }
-  /// Of the capture's pixels: tables serve all of them.
+  /// Fraction of the capture's pixels studied: tables serve all of them.
   [[nodiscard]] double studied_share() const {
     return double(tiles_.n_pixels()) / double(dims_.n_pixels());
   }
-  /// Step and number of patterns with the fewest numbers for an error.
+  /// Step and number of patterns that need the fewest coefficients for an error.
   void choose_for_error(const Subject& subject, Job& job) const;
   /// Those with the smallest error for a size.
   void choose_for_size(const Subject& subject, Job& job) const;
@@ -167,7 +167,7 @@ class Study {
   std::vector<Region> regions_;
   std::array<std::uint64_t, kRegions> region_pixels_{};
   std::optional<ErrorTally> truth_;
-  std::vector<double> peaks_;  ///< a lighting
+  std::vector<double> peaks_;  ///< per lighting
   std::vector<BinningResult> binned_;
   std::optional<LightCovariance> covariance_[2];  ///< without and with plate
   std::vector<Subject> subjects_;
@@ -210,7 +210,7 @@ void Study::find_regions() {
   }
 }
 
-/// Where on the plane each pixel's centre looks, or the object's centre.
+/// The point on the plane seen by each pixel's centre, or the object's centre.
 Eigen::Vector3d surface_point(const StudyCapture& capture, int x, int y) {
   if (capture.camera && capture.plane) {
     const CameraRay ray = ray_through(*capture.camera, x + 0.5, y + 0.5);
@@ -239,7 +239,7 @@ void Study::survey() {
     }
   }
   truth_.emplace(static_cast<std::size_t>(n_lightings));
-  std::map<std::pair<int, bool>, ErrorTally> binned;  // by side and being points
+  std::map<std::pair<int, bool>, ErrorTally> binned;  // by side and whether points
   for (const BinChoice& choice : choices) {
     binned.try_emplace({choice.side, !choice.is_area}, static_cast<std::size_t>(n_lightings));
   }
@@ -253,7 +253,8 @@ void Study::survey() {
       covariance_[1].emplace(dims_.n_lights);
     }
   }
-  // The regions are judged by the mean of the channels, which all come before the next tile.
+  // The regions are classified by the mean of the channels, which all come before the next
+  // tile.
   std::vector<float> mean;
   Progress progress("capture", tiles_.rects().size() * count(dims_.channels),
                     options_.progress);
@@ -363,7 +364,7 @@ void Study::add_subject(const KnownBasis& known, bool has_plate,
     subject.image = Wavelet::cdf53;
   }
   if (subject.transform->is_ranked()) {
-    // 1, 2, 3, ... then a quarter more each: the numbers of patterns that are tried.
+    // 1, 2, 3, ... then a quarter more each time: the numbers of patterns tried.
     for (std::size_t end = 1; end < subject.width(); end += std::max<std::size_t>(1, end / 4)) {
       subject.group_ends.push_back(end);
     }
@@ -452,8 +453,8 @@ void Study::transform_tile(const Subject& subject, const StudyTile& tile,
   }
 }
 
-/// What is left of a tile when all coefficients have been taken off. Not a difference of
-/// energies: rounded patterns are not orthonormal to that many digits.
+/// A tile's energy after subtracting all coefficients. Not a difference of energies: rounded
+/// patterns are not orthonormal to that many digits.
 double Study::missed_energy(const Subject& subject, const StudyTile& tile,
                             std::span<const float> coefficients) const {
   const std::span<const float> values = tile.values(subject.has_plate);
@@ -497,7 +498,7 @@ void Study::analyse() {
           }
         });
       } else {
-        constexpr std::size_t kPart = 2048;  // pixels: 8 histograms a tile of 128
+        constexpr std::size_t kPart = 2048;  // pixels: 8 histograms per tile of 128
         std::vector<MagnitudeHistogram> parts((n_pixels + kPart - 1) / kPart);
         parallel_for(parts.size(), 1, [&](std::size_t begin, std::size_t end) {
           for (std::size_t part = begin; part < end; ++part) {
@@ -520,7 +521,7 @@ void Study::analyse() {
 }
 
 /// Calls work(n, histogram of the first n coefficients, energy missed) for the numbers of
-/// patterns that are worth trying.
+/// patterns worth trying.
 template <class Work>
 void Study::for_ranks(const Subject& subject, Work work) const {
   std::vector<double> missed(subject.histograms.size() + 1, subject.missed);
@@ -548,7 +549,7 @@ void Study::choose_for_error(const Subject& subject, Job& job) const {
         job.is_threshold ? curve.threshold_for_energy(left) : some.choose_step(left, largest);
     const double kept = curve.count_from(job.is_threshold ? step : kDeadZone * step);
     const double numbers = kept / n_values_ + table_numbers(subject, n);
-    // Where nothing reaches it, the transform that comes closest: the last.
+    // Where none achieves it, the transform that comes closest: the last.
     if (is_reached ? numbers < fewest : !job.point.is_reached) {
       fewest = is_reached ? numbers : fewest;
       job.point.is_reached = is_reached;
@@ -593,7 +594,7 @@ void Study::make_jobs() {
       job.is_threshold = is_threshold;
       kind == PointKind::error ? choose_for_error(subject, job) : choose_for_size(subject, job);
       if (job.n_kept == 0 || !(job.step > 0.0)) {
-        job.is_settled = true;  // a size below the tables' own
+        job.is_settled = true;  // a size smaller than the tables
         job.point.is_reached = false;
       }
       if (kind == PointKind::error && !is_threshold && job.point.is_reached &&
@@ -719,7 +720,7 @@ void Study::judge(Job& job, const Measured& measured, int round) {
   const double error = errors[0];
   const bool must_agree = job.kind == PointKind::error && job.point.is_reached;
   const auto is_fine = [&](double e) { return e <= job.asked * (1.0 + kErrorAgrees); };
-  // The best: the coarsest that keeps the error; failing that, the finest.
+  // The best: the coarsest that meets the error; failing that, the finest.
   const bool is_better =
       !job.has_point || !must_agree ||
       (is_fine(error) ? !is_fine(job.point.stack_error[0]) || error > job.point.stack_error[0]
@@ -749,7 +750,7 @@ void Study::judge(Job& job, const Measured& measured, int round) {
     job.is_settled = true;
     return;
   }
-  // Error over step is nearly a power: the line through the last two tries, in logarithms.
+  // Error is nearly a power of step: the line through the last two tries, in logarithms.
   double slope = 1.0;
   if (!job.tried.empty()) {
     const auto& [step, before] = job.tried.back();

@@ -14,32 +14,32 @@
 #include "relight/study/study_lightings.h"
 
 /// @file
-/// Bases side by side on one capture: how many coefficients and bytes each needs for an error,
-/// and how far off it is at a size, over the stack, in pictures under several lightings, and in
+/// Compares bases on one capture: how many coefficients and bytes each needs for a given error,
+/// and its error at a given size, over the stack, in pictures under several lightings, and in
 /// each kind of region. Method and definitions: docs/numerics/bases.md.
 
 namespace haarlight {
 
-/// What is compared on. Borrows its sources.
+/// The data of the comparison. Borrows its sources.
 struct StudyCapture {
   const StackSource* stack = nullptr;
   const StackSource* plate = nullptr;  ///< 1 channel, or the stack's; none: no basis with plate
   ArrayGrid grid;
   std::vector<StudyLight> lights;
   Eigen::Vector3d object_centre = Eigen::Vector3d::Zero();
-  std::optional<CameraModel> camera;  ///< with a plane: where a pixel's surface is taken to be
+  std::optional<CameraModel> camera;  ///< with a plane: assumed position of the surface
   std::optional<ShadowPlane> plane;
   std::vector<StudyLighting> lightings;
-  std::vector<Region> regions;  ///< a pixel; empty: by judge_pixel()
+  std::vector<Region> regions;  ///< per pixel; empty: by judge_pixel()
 };
 
 struct BasisStudyOptions {
   std::vector<std::string> bases;  ///< names of known_bases(); empty: all
   std::vector<double> errors = {0.03, 0.01, 0.003};
-  std::vector<double> sizes = {4.0, 16.0, 64.0};  ///< numbers a pixel and channel
+  std::vector<double> sizes = {4.0, 16.0, 64.0};  ///< numbers per pixel and channel
   int sh_order = 15;
-  int pca_rank = 512;  ///< the most vectors that are tried
-  int n_tiles = 0;     ///< study so many tiles, spread over the picture; 0: all
+  int pca_rank = 512;  ///< the most vectors tried
+  int n_tiles = 0;     ///< number of tiles studied, spread over the picture; 0: all
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   ProgressStyle progress = ProgressStyle::none;
 };
@@ -49,13 +49,13 @@ struct KnownBasis {
   std::string title;  ///< as in tables
   bool needs_grid = false;
 };
-/// In the order of the tables. Each is compared with and without the plate.
+/// In the order of the tables. Each is compared with and without the clean plate.
 [[nodiscard]] const std::vector<KnownBasis>& known_bases();
 
 /// [0] over all pixels, [r] over those of Region r. NaN where there are none.
 using ByRegion = std::array<double, kRegions>;
 
-/// Of one lighting's picture.
+/// Errors of one lighting's picture.
 struct PictureErrors {
   ByRegion relative_l2{};
   ByRegion psnr_db{};  ///< peak: 99.9th percentile of the whole exact picture
@@ -66,17 +66,17 @@ enum class PointKind { error, size };
 /// One basis coded once.
 struct BasisPoint {
   PointKind kind = PointKind::error;
-  double asked = 0.0;  ///< relative L2 of the stack, or numbers a pixel
+  double asked = 0.0;  ///< relative L2 of the stack, or numbers per pixel
   bool is_reached = true;
   double step = 0.0;
-  int n_patterns = 0;          ///< light patterns used: of PCA the vectors kept
-  double coefficients = 0.0;   ///< other than 0, a pixel and channel
-  double table_numbers = 0.0;  ///< of the patterns that must be stored, a pixel of the capture
-  std::uint64_t bytes = 0;     ///< of the pixels studied: coefficients, gains, tables' share
+  int n_patterns = 0;          ///< light patterns used; for PCA the vectors kept
+  double coefficients = 0.0;   ///< nonzero, per pixel and channel
+  double table_numbers = 0.0;  ///< of the patterns to be stored, per pixel of the capture
+  std::uint64_t bytes = 0;     ///< of the pixels studied: coefficients, gains, part of tables
   std::uint64_t gain_bytes = 0;
   std::uint64_t table_bytes = 0;
-  /// Kind error: numbers a pixel (tables too) that a bare threshold keeps for the same error,
-  /// the values themselves unrounded. Negative: not to be reached.
+  /// Kind error: numbers per pixel (tables too) that a bare threshold keeps for the same error,
+  /// values unrounded. Negative: not achievable.
   double threshold_numbers = -1.0;
   ByRegion stack_error{};               ///< relative L2
   std::vector<PictureErrors> pictures;  ///< a lighting
@@ -87,10 +87,10 @@ struct BasisPoint {
 
 struct BasisResult {
   std::string name;
-  std::string title;  ///< with " + plate" where one is taken off
+  std::string title;  ///< with " + plate" where one is subtracted
   bool has_plate = false;
   int n_patterns = 0;        ///< of the transform
-  double floor_error = 0.0;  ///< relative L2 that no size goes below; 0 for complete bases
+  double floor_error = 0.0;  ///< least relative L2 at any size; 0 for complete bases
   std::vector<BasisPoint> points;
 };
 
@@ -101,9 +101,9 @@ struct LeftOut {
 
 /// The array with bins of side x side lights.
 struct BinningResult {
-  int side = 2;            ///< lights of a bin, a side
-  int rows = 0;            ///< of bins, a face
-  bool is_area = true;     ///< false: one light of the bin's middle in place of all
+  int side = 2;            ///< lights per bin, per side
+  int rows = 0;            ///< of bins, per face
+  bool is_area = true;     ///< false: one light at the bin's middle in place of all
   ByRegion stack_error{};  ///< over every light by itself
   std::vector<PictureErrors> pictures;
 };
@@ -115,7 +115,7 @@ struct BasisStudy {
   int n_tiles_studied = 0;
   std::uint64_t n_pixels = 0;                           ///< studied
   std::array<std::uint64_t, kRegions> region_pixels{};  ///< [0]: none
-  std::vector<Region> regions;  ///< of the whole picture; none where it was not studied
+  std::vector<Region> regions;  ///< of the whole picture; none where not studied
   std::vector<std::string> lightings;
   std::vector<BasisResult> results;
   std::vector<LeftOut> left_out;
@@ -123,8 +123,8 @@ struct BasisStudy {
   double seconds = 0.0;
 };
 
-/// @throws Error  a black capture, NaN or infinity (names light and pixel), a plate of another
-///                shape, an unknown basis, too little memory
+/// @throws Error  a black capture, NaN or infinity (names light and pixel), a clean plate of
+///                another shape, an unknown basis, too little memory
 [[nodiscard]] BasisStudy study_bases(const StudyCapture& capture,
                                      const BasisStudyOptions& options);
 

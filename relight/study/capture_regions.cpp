@@ -14,12 +14,12 @@ namespace haarlight {
 
 namespace {
 
-constexpr int kRounds = 8;          // the set of agreeing lights stands still after 3 to 6
-constexpr double kAgrees = 0.25;    // of the fit: penumbrae and highlights are further off
+constexpr int kRounds = 8;          // the set of agreeing lights is stable after 3 to 6
+constexpr double kAgrees = 0.25;    // of the fit: penumbrae and highlights deviate more
 constexpr double kLitShare = 0.05;  // of the brightest light: what may start the fit
 constexpr double kHidden = 0.5;     // of the fit: the middle of a penumbra
-constexpr double kAbove = 1.15;     // of the fit: near light's error at the wrong depth is less
-constexpr double kFacing = 0.02;    // of the largest fit: grazing lights say nothing
+constexpr double kAbove = 1.15;     // of the fit: the near-light error of a wrong depth is less
+constexpr double kFacing = 0.02;    // of the largest fit: grazing lights are uninformative
 
 std::array<float, 3> colour(Region region) {
   switch (region) {
@@ -37,7 +37,7 @@ std::array<float, 3> colour(Region region) {
   return {0.0F, 0.0F, 0.0F};
 }
 
-/// Least squares over the chosen lights; false where they do not tell a normal.
+/// Least squares over the chosen lights; false if they do not determine a normal.
 bool fit_matte(std::span<const float> values, const Eigen::Matrix3Xd& factors,
                const std::vector<bool>& is_used, Eigen::Vector3d& matte) {
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
@@ -51,7 +51,7 @@ bool fit_matte(std::span<const float> values, const Eigen::Matrix3Xd& factors,
       ++n;
     }
   }
-  if (n < 4) {  // three unknowns and one to contradict them
+  if (n < 4) {  // three unknowns and one redundant equation
     return false;
   }
   const Eigen::LDLT<Eigen::Matrix3d> ldlt(a);
@@ -150,7 +150,7 @@ PixelVerdict judge_pixel(std::span<const float> values, const Eigen::Matrix3Xd& 
       if (round == 0) {
         return verdict;
       }
-      break;  // the last fit stands: too few lights agree with it
+      break;  // keep the last fit: too few lights agree with it
     }
     bool has_changed = false;
     for (std::size_t k = 0; k < values.size(); ++k) {

@@ -19,13 +19,13 @@
 /// Which pixels of a capture show highlights, attached shadows, cast shadows or none of them,
 /// from the capture itself: a matte surface b = albedo x normal is fitted to every pixel's
 /// lights, T_k ~ b . f_k, leaving out those that contradict it, and the lights that contradict
-/// it tell why. The rule and how well it does: docs/numerics/bases.md, "Regions".
+/// it tell why. The rule and its accuracy: docs/numerics/bases.md, "Regions".
 
 namespace haarlight {
 
 enum class Region : std::uint8_t {
-  none,      ///< too dark or too few lights to tell
-  specular,  ///< more light than a matte surface can send
+  none,      ///< too dark or too few lights
+  specular,  ///< more light than a matte surface can reflect
   diffuse,   ///< matte under every light
   attached,  ///< turned away from some lights
   cast,      ///< hidden from some lights that it faces
@@ -33,11 +33,11 @@ enum class Region : std::uint8_t {
 inline constexpr int kRegions = 5;
 [[nodiscard]] std::string_view to_string(Region region) noexcept;
 
-/// Where the lights are; what the fit's f_k and the harmonics' directions are made from.
+/// A light, from which the fit's f_k and the harmonics' directions are computed.
 struct StudyLight {
   bool is_position = false;
   Eigen::Vector3d place = Eigen::Vector3d::UnitZ();  ///< mm in world, or unit direction to it
-  Eigen::Vector3d emits = Eigen::Vector3d::Zero();   ///< unit; 0: the same to all sides
+  Eigen::Vector3d emits = Eigen::Vector3d::Zero();   ///< unit; 0: isotropic
   double lobe_mu = 1.0;
   double strength = 1.0;
 };
@@ -51,34 +51,35 @@ struct StudyLight {
 [[nodiscard]] Eigen::Matrix3Xd light_factors(const std::vector<StudyLight>& lights,
                                              const Eigen::Vector3d& point);
 
-/// One pixel's fit and verdict.
+/// One pixel's fit and classification.
 struct PixelVerdict {
   Region region = Region::none;
   Eigen::Vector3d matte = Eigen::Vector3d::Zero();  ///< b
-  double excess = 0.0;                              ///< share of the light above matte
-  double attached = 0.0;                            ///< share of the lights behind the surface
-  double cast = 0.0;                                ///< share of the lights hidden
+  double excess = 0.0;                              ///< fraction of the light above matte
+  double attached = 0.0;  ///< fraction of the lights behind the surface
+  double cast = 0.0;      ///< fraction of the lights hidden
 };
 
-/// Rules of the verdict, in its order: dark, specular, then the larger of attached and cast.
+/// Thresholds of the classification, in order: dark, specular, then the larger of attached and
+/// cast.
 struct RegionRules {
-  double dark = 0.01;      ///< norm of the pixel, of the capture's rms norm
-  double excess = 0.03;    ///< specular from this share of light on
-  double shadowed = 0.02;  ///< attached or cast from this share of lights on
+  double dark = 0.01;      ///< norm of the pixel, relative to the capture's rms norm
+  double excess = 0.03;    ///< specular from this fraction of light up
+  double shadowed = 0.02;  ///< attached or cast from this fraction of lights up
 };
 
 /// @param values     (n_lights) of the pixel, mean of its channels
-/// @param factors    light_factors() at its place
+/// @param factors    light_factors() at its position
 /// @param dark_norm  RegionRules::dark times the capture's rms norm
 [[nodiscard]] PixelVerdict judge_pixel(std::span<const float> values,
                                        const Eigen::Matrix3Xd& factors, double dark_norm,
                                        const RegionRules& rules = {});
 
-/// Regions as people paint them: red specular, green diffuse, blue attached, yellow cast, black
+/// Regions as a colour picture: red specular, green diffuse, blue attached, yellow cast, black
 /// none; (height, width, 3), values 0 or 1.
 [[nodiscard]] Image<float> paint_regions(std::span<const Region> regions, int width,
                                          int height);
-/// The reverse, each channel on from 0.5 up. @throws Error  another size; other colours
+/// The reverse, each channel set from 0.5 up. @throws Error  another size; other colours
 [[nodiscard]] std::vector<Region> read_region_picture(const std::filesystem::path& file,
                                                       int width, int height);
 

@@ -16,9 +16,9 @@ namespace haarlight {
 
 namespace {
 
-constexpr int kZstdLevel = 9;          // of the published figures
+constexpr int kZstdLevel = 9;          // used for the published figures
 constexpr std::size_t kBlock = 64;     // coefficients packed together
-constexpr std::size_t kPixels = 1024;  // a piece of work
+constexpr std::size_t kPixels = 1024;  // per piece of work
 
 struct ContextFree {
   void operator()(ZSTD_CCtx* context) const noexcept { ZSTD_freeCCtx(context); }
@@ -38,7 +38,7 @@ std::uint64_t zstd_bytes(std::span<const std::uint8_t> raw) {
 }
 
 int half_exponent(std::span<const float> values) {
-  constexpr int kLargest = 15;  // magnitudes below 2^15: far from 65504, rounding included
+  constexpr int kLargest = 15;  // magnitudes below 2^15: well below 65504, rounding included
   float largest = 0.0F;
   for (const float value : values) {
     largest = std::max(largest, std::abs(value));
@@ -48,7 +48,7 @@ int half_exponent(std::span<const float> values) {
   return exponent - kLargest;
 }
 
-/// Runs `keep` over the kept values; it returns what becomes of one.
+/// Runs `keep` over the kept values; it returns the new value.
 template <class Keep>
 std::uint64_t keep_values(std::span<float> values, std::size_t n_coefficients,
                           std::size_t n_kept, Keep keep) {

@@ -74,7 +74,7 @@ void lift_line(const Line& line, Wavelet wavelet, bool is_forward) {
   }
 }
 
-/// norm[level][i]: of the line that a 1 at point i, made at that level, stands for.
+/// norm[level][i]: norm of the line represented by a 1 at point i of that level.
 std::vector<std::vector<double>> line_norms(Wavelet wavelet, int n, int n_levels) {
   std::vector<std::vector<double>> norms(count(n_levels), std::vector<double>(count(n), 1.0));
   std::vector<float> x(count(n));
@@ -109,7 +109,7 @@ DyadicTransform::DyadicTransform(Wavelet wavelet, int rows, int cols)
   std::vector<std::tuple<int, int>> kind(count(rows) * count(cols));  // (coarse first, which)
   for (int y = 0; y < rows; ++y) {
     for (int x = 0; x < cols; ++x) {
-      // The level that made it: where its row or column is odd; the very last for (0, 0).
+      // The level that created it: where its row or column is odd; the very last for (0, 0).
       int level = 0;
       while (level + 1 < n_levels_ && ((y >> level) & 1) == 0 && ((x >> level) & 1) == 0) {
         ++level;

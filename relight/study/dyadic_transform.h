@@ -5,14 +5,13 @@
 #include <span>
 #include <vector>
 
-/// @file
-/// 2-D wavelets by lifting [Sweldens98] on an array of any size, in place: level j works on the
-/// points whose row and column are multiples of 2^j, and leaves its details on the odd
-/// multiples. Both directions a level (nonstandard), down to a single point.
+/// @file 2-D wavelets by lifting [Sweldens98] on an array of any size, in place: level j works
+/// on the points whose row and column are multiples of 2^j, and leaves its details on the odd
+/// multiples. Both directions per level (nonstandard), down to a single point.
 ///
 /// CDF 5/3 [LeGall88]: d = x1 - (x0 + x2)/2, s = x0 + (d- + d+)/4, mirrored at the borders; two
 /// vanishing moments on both sides. Haar: d = (x0 - x1)/sqrt 2, s = (x0 + x1)/sqrt 2; a last
-/// point without a partner stays as it is.
+/// point without a partner is unchanged.
 
 namespace haarlight {
 
@@ -24,16 +23,16 @@ class DyadicTransform {
   /// @throws ContractViolation  no rows or columns
   DyadicTransform(Wavelet wavelet, int rows, int cols);
 
-  /// In place on (rows, cols, width): numbers [first, first + n) of every point, each by
-  /// itself. Results are multiplied by norms(). Calls on other numbers may run at the same
-  /// time.
+  /// In place on (rows, cols, width): numbers [first, first + n) of every point, each
+  /// independently. Results are multiplied by norms(). Calls on disjoint numbers may run
+  /// concurrently.
   void forward(std::span<float> x, std::size_t width, std::size_t first, std::size_t n) const;
   void inverse(std::span<float> x, std::size_t width, std::size_t first, std::size_t n) const;
 
-  /// (rows, cols): L2 norm of the array that a coefficient of 1 at this place stands for, exact
+  /// (rows, cols): L2 norm of the array represented by a coefficient of 1 at this index, exact
   /// at the borders too. 1 for Haar.
   [[nodiscard]] std::span<const float> norms() const noexcept { return norms_; }
-  /// Places from coarse to fine, in each level by kind and then by row: the order to store in.
+  /// Indices from coarse to fine, within each level by kind and then by row: the storage order.
   [[nodiscard]] std::span<const int> order() const noexcept { return order_; }
 
  private:

@@ -10,8 +10,8 @@
 #include "relight/study/basis_study.h"
 
 /// @file
-/// Sums of squares over pixels, apart by region: of errors over all lights, and of errors of
-/// pictures. In a fixed order: they do not depend on the threads.
+/// Sums of squares over pixels, separately per region: of errors over all lights, and of errors
+/// of pictures. In a fixed order: independent of the number of threads.
 
 namespace haarlight {
 
@@ -40,7 +40,7 @@ struct RowSums {
 /// @param weights  (n_lights, lightings)
 [[nodiscard]] RowSums sum_rows(std::span<const float> rows, const Eigen::MatrixXd& weights);
 
-/// sqrt(error / truth) in each region; NaN where the truth is nothing.
+/// sqrt(error / truth) in each region; NaN where the truth is 0.
 [[nodiscard]] ByRegion relative_errors(const ByRegion& error, const ByRegion& truth);
 
 }  // namespace haarlight

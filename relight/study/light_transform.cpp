@@ -34,7 +34,7 @@ class DirectTransform final : public LightTransform {
   int n_lights_;
 };
 
-/// A transform of each face by itself, in place.
+/// A transform of each face separately, in place.
 class FaceTransform : public LightTransform {
  public:
   explicit FaceTransform(const ArrayGrid& grid) : grid_(grid) {
@@ -95,7 +95,7 @@ class NonstandardHaar final : public LightTransform {
 
 constexpr auto kHalf = static_cast<float>(1.0 / std::numbers::sqrt2);
 
-/// All levels along one line of n = 2^m points: sums in front, details behind them.
+/// All levels along one line of n = 2^m points: sums first, then details.
 void haar_line(float* x, std::size_t stride, int n, std::vector<float>& old) {
   for (int length = n; length > 1; length /= 2) {
     for (int i = 0; i < length; ++i) {

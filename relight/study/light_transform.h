@@ -7,10 +7,9 @@
 #include <vector>
 
 /// @file
-/// A transform over the lights of a pixel, as the comparison of bases sees it. Coefficients
-/// come scaled to orthonormal magnitude: each is multiplied by the norm of the light pattern it
-/// stands for, so that one threshold and one quantiser serve all bases. Source:
-/// docs/numerics/bases.md.
+/// A transform over the lights of a pixel, for the comparison of bases. Coefficients are scaled
+/// to orthonormal magnitude: each is multiplied by the norm of the light pattern it represents,
+/// so that one threshold and one quantiser serve all bases. Source: docs/numerics/bases.md.
 
 namespace haarlight {
 
@@ -35,13 +34,14 @@ class LightTransform {
   [[nodiscard]] virtual int n_coefficients() const = 0;
   /// The light patterns are orthonormal: errors of coefficients are errors of lights.
   [[nodiscard]] virtual bool is_orthonormal() const { return true; }
-  /// All coefficients together give the lights back. False for a projection: what it misses
-  /// can't be coded.
+  /// All coefficients together reproduce the lights. False for a projection: what it misses
+  /// cannot be coded.
   [[nodiscard]] virtual bool is_complete() const { return true; }
-  /// True where coefficients go by importance and the transform may be cut after the first r.
+  /// True if coefficients are ordered by importance and the transform may be truncated after
+  /// the first r.
   [[nodiscard]] virtual bool is_ranked() const { return false; }
-  /// Bytes that each of the first `n` light patterns costs in the file; 0 where a formula gives
-  /// them.
+  /// Bytes that each of the first `n` light patterns costs in the file; 0 where a formula
+  /// defines them.
   [[nodiscard]] virtual std::size_t table_bytes(int) const { return 0; }
 
   /// @param lights        (n, n_lights)
@@ -57,11 +57,11 @@ class LightTransform {
   }
 };
 
-/// The lights themselves: what no transform at all costs.
+/// The lights themselves: the cost without any transform.
 [[nodiscard]] std::unique_ptr<LightTransform> make_direct_transform(int n_lights);
 
 /// 2-D Haar, nonstandard (haar.h) or standard: every row through all levels, then every column.
-/// @throws ContractViolation  rows or cols beyond 1024; standard: no power of two
+/// @throws ContractViolation  rows or cols beyond 1024; standard: not a power of two
 [[nodiscard]] std::unique_ptr<LightTransform> make_haar_transform(const ArrayGrid& grid,
                                                                   bool is_standard);
 

@@ -8,7 +8,7 @@
 #include "relight/study/light_transform.h"
 
 /// @file
-/// A transform given by its light patterns, one a row.
+/// A transform given by its light patterns, one per row.
 
 namespace haarlight {
 

@@ -19,10 +19,10 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 
-constexpr std::size_t kPanel = 64;  // lights a piece of work
-constexpr Index kRows = 512;        // pixels summed in float before they go into the double sum
-constexpr int kRounds = 8;          // of subspace iteration
-constexpr int kOversampling = 16;   // [Halko11] recommends 5 to 10
+constexpr std::size_t kPanel = 64;  // lights per piece of work
+constexpr Index kRows = 512;  // pixels summed in float before they are added to the double sum
+constexpr int kRounds = 8;    // of subspace iteration
+constexpr int kOversampling = 16;    // [Halko11] recommends 5 to 10
 constexpr double kNoEnergy = 1e-13;  // of the strongest: the floats' own rounding
 
 PrincipalVectors iterate_subspace(const MatrixXd& covariance, Index rank) {

@@ -9,10 +9,10 @@
 #include "relight/study/light_transform.h"
 
 /// @file
-/// Real spherical harmonics over the directions of a rig's lights. A rig covers a part of the
-/// sphere with finitely many lights: a pixel's coefficients are the least-squares fit of its
-/// lights. That is a projection: what no harmonic up to the order follows is lost, whatever the
-/// number of bits.
+/// Real spherical harmonics over the directions of a rig's lights. A rig covers part of the
+/// sphere with finitely many lights: a pixel's coefficients are the least-squares fit to its
+/// lights. That is a projection: what no harmonic up to the order can follow is lost, whatever
+/// the number of bits.
 
 namespace haarlight {
 
@@ -22,10 +22,10 @@ namespace haarlight {
 [[nodiscard]] std::vector<double> spherical_harmonics(const Eigen::Vector3d& direction,
                                                       int order);
 
-/// Patterns: the harmonics sampled at the lights, made orthonormal one after the other
-/// (Gram-Schmidt, twice), which leaves the fit what it was. Functions that the lights cannot
-/// tell from those before them (less than 1e-8 is new) are left out: n_coefficients() counts
-/// the rest.
+/// Patterns: the harmonics sampled at the lights, orthonormalised one after the other
+/// (Gram-Schmidt, twice), which leaves the fit unchanged. Functions that the lights cannot
+/// distinguish from those before them (less than 1e-8 is new) are left out: n_coefficients()
+/// counts the rest.
 /// @param directions  unit, to each light
 [[nodiscard]] std::unique_ptr<LightTransform> make_spherical_harmonics(
     const std::vector<Eigen::Vector3d>& directions, int order);

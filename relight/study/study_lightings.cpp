@@ -20,7 +20,7 @@ namespace {
 constexpr std::uint64_t kSky = 0x736b79;
 constexpr double kFloor = 0.3;      // of the smooth lobe
 constexpr double kLobe = 16.0;      // its cosine's power: half at 17 degrees
-constexpr double kSunShare = 0.01;  // of the lights, in the sky of high frequency
+constexpr double kSunShare = 0.01;  // of the lights, in the high-frequency sky
 constexpr double kSun = 60.0;
 constexpr double kSky0 = 0.2;
 

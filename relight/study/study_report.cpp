@@ -21,7 +21,7 @@ constexpr Region kJudged[] = {Region::specular, Region::diffuse, Region::attache
 
 std::size_t index(Region region) { return static_cast<std::size_t>(region); }
 
-/// Text in columns: the first to the left, numbers to the right.
+/// Text in columns: the first left-aligned, numbers right-aligned.
 class Table {
  public:
   explicit Table(std::vector<std::string> head) { rows_.push_back(std::move(head)); }
@@ -67,7 +67,7 @@ std::string decibels(double db) {
   return std::isinf(db) ? "exact" : fmt::format("{:.1f}", db);
 }
 
-/// The asked values of one kind, in order.
+/// The requested values of one kind, in order.
 std::vector<double> asked_values(const BasisStudy& study, PointKind kind) {
   std::vector<double> asked;
   for (const BasisResult& result : study.results) {
@@ -130,7 +130,7 @@ std::string summary_table(const BasisStudy& study, PointKind kind, double asked)
   return point_title(kind, asked) + "\n" + table.text() + "\n";
 }
 
-constexpr double kByteBudgets[] = {4.0, 8.0, 16.0, 32.0, 64.0};  // a pixel
+constexpr double kByteBudgets[] = {4.0, 8.0, 16.0, 32.0, 64.0};  // per pixel
 
 std::string equal_bytes_table(const BasisStudy& study) {
   std::vector<std::string> head = {"error in %"};
@@ -149,7 +149,7 @@ std::string equal_bytes_table(const BasisStudy& study) {
          table.text() + "\n";
 }
 
-/// The middle of what was asked.
+/// The median of the requested values.
 double middle(const std::vector<double>& asked) { return asked[asked.size() / 2]; }
 
 std::string region_table(const BasisStudy& study, PointKind kind, double asked, int lighting) {
@@ -202,7 +202,7 @@ std::string binning_title(const BinningResult& binned) {
                      binned.is_area ? "area lights" : "one LED a bin");
 }
 
-/// Look of a basis in the figures: its place in known_bases().
+/// Look of a basis in the figures: its index in known_bases().
 int look_of(const BasisResult& result) {
   const auto& all = known_bases();
   const auto found = std::find_if(all.begin(), all.end(), [&](const KnownBasis& known) {
@@ -211,7 +211,7 @@ int look_of(const BasisResult& result) {
   return static_cast<int>(found - all.begin());
 }
 
-/// A panel with a line a basis: `x` and `y` of each of its points.
+/// A panel with one line per basis: `x` and `y` of each of its points.
 template <class X, class Y>
 PlotPanel basis_panel(const BasisStudy& study, const std::string& title,
                       const std::string& x_name, X x, Y y) {
@@ -386,7 +386,7 @@ std::vector<TradeoffRecord> study_records(const BasisStudy& study, const std::st
   const auto add = [&](const BasisResult& result, const BasisPoint& point,
                        const std::string& of, double error) {
     if (!std::isfinite(error)) {
-      return;  // a picture that is black: no relative error
+      return;  // a black picture: no relative error
     }
     TradeoffRecord record;
     record.algorithm = "haarlight";

@@ -8,17 +8,17 @@
 #include "relight/study/basis_study.h"
 
 /// @file
-/// A comparison of bases as people and programs read it: tables, figures, JSON, records.
+/// Output of a comparison of bases for readers and programs: tables, figures, JSON, records.
 
 namespace haarlight {
 
 /// Equal error and equal size over the whole capture.
 [[nodiscard]] std::string summary_tables(const BasisStudy& study);
-/// The error that a basis has at so many bytes a pixel: between its points, straight in
-/// logarithms; NaN outside of them.
+/// The error of a basis at this many bytes per pixel: log-linear interpolation between its
+/// points; NaN outside them.
 [[nodiscard]] double error_at_bytes(const BasisResult& result, double bytes_a_pixel,
                                     std::uint64_t n_pixels);
-/// The regions apart under each lighting, and the array with fewer lights.
+/// Each region separately under each lighting, and the array with fewer lights.
 [[nodiscard]] std::string region_tables(const BasisStudy& study);
 [[nodiscard]] std::string binning_table(const BasisStudy& study);
 
@@ -27,7 +27,7 @@ namespace haarlight {
 
 /// One record for each basis coded once and each picture (and the stack),
 /// docs/reference/tradeoff.schema.json.
-/// @param command  that made it
+/// @param command  that produced it
 [[nodiscard]] std::vector<TradeoffRecord> study_records(const BasisStudy& study,
                                                         const std::string& command,
                                                         int n_threads);

@@ -114,7 +114,7 @@ std::vector<StudyTile> StudyTiles::read(const TileRect& rect, bool needs_plate) 
           tile.gains[p] = plate_gain(t, {b + p * n_lights, n_lights}, scratch);
         }
       });
-      round_to_halves(tile.gains);  // what is stored: the residual is taken against it
+      round_to_halves(tile.gains);  // what is stored: the residual is relative to it
       parallel_for(n_pixels, kPiece, [&](std::size_t begin, std::size_t end) {
         for (std::size_t p = begin; p < end; ++p) {
           for (std::size_t k = p * n_lights; k < (p + 1) * n_lights; ++k) {

@@ -8,7 +8,8 @@
 #include "relight/study/basis_study.h"
 
 /// @file
-/// A capture tile by tile, with and without its plate, as the comparison of bases reads it.
+/// A capture tile by tile, with and without its clean plate, as input to the comparison of
+/// bases.
 
 namespace haarlight {
 
@@ -27,8 +28,8 @@ struct StudyTile {
 
 class StudyTiles {
  public:
-  /// Chooses the tile's size by the memory, at most 128 pixels a side, and the tiles.
-  /// @throws Error  memory for less than 8 pixels a side; a plate of another shape
+  /// Chooses the tile size by the available memory, at most 128 pixels per side, and the tiles.
+  /// @throws Error  memory for less than 8 pixels per side; a clean plate of another shape
   StudyTiles(const StudyCapture& capture, const BasisStudyOptions& options);
 
   [[nodiscard]] int tile() const noexcept { return tile_; }

@@ -24,7 +24,7 @@ namespace {
 constexpr std::size_t kHeaderBytes = 16;
 constexpr std::size_t kRecordBytes = 8;
 
-/// The places that pixels of one tile have in its pages.
+/// The positions of one tile's pixels in its pages.
 struct PagePlaces {
   TileRect rect;
   int side = 0;
@@ -73,7 +73,7 @@ void put(char* page, std::size_t place, T value) {
   }
 }
 
-/// Adds a picture of integers as pages of the digits T. Values are used up.
+/// Adds a picture of integers as pages of the digits T. Values are consumed.
 /// @param places  of each value in the page
 template <class T>
 void add_integers(PageList& list, int picture, std::span<const std::size_t> places,
@@ -105,7 +105,7 @@ void require_tiles(const BasisFile& basis, TileRun tiles, std::size_t bytes,
   }
 }
 
-/// Runs `fill` for every tile in parallel, and packs what it added in the tiles' order.
+/// Runs `fill` for every tile in parallel, and packs the results in tile order.
 template <class Fill>
 std::string pack(const BasisFile& basis, TileRun tiles, std::size_t bytes_per_value,
                  std::size_t n_pictures, const Fill& fill) {
@@ -270,7 +270,7 @@ std::string shift_pages(const BasisFile& basis, int channel, TileRun tiles) {
     }
     char* page = list.add(0, 0);
     for (std::size_t p = 0; p < pixels.shift.size(); ++p) {
-      // 2^-127 of a step is nothing: the page's integers are signed.
+      // 2^-127 of a step is negligible: the page's integers are signed.
       put(page, places(p), static_cast<std::int8_t>(std::min<int>(pixels.shift[p], 127)));
     }
   });

@@ -63,7 +63,7 @@ const std::array<Rule, kMax + 1>& rules() {
   return all;
 }
 
-/// What r^2 and n.r are at the light's point (s, t), s and t in -1 .. 1.
+/// r^2 and n.r at the light's point (s, t), s and t in -1 .. 1.
 struct Field {
   double r2 = 0.0;  // of the centre
   double along_u = 0.0;
@@ -116,8 +116,8 @@ double mean_over(int n, const Field& f, const G& g) {
   }
 }
 
-/// The nearest distance at which n Gauss points an axis are enough: by bisection, rule_error
-/// falls with it.
+/// The smallest distance at which n Gauss points per axis suffice: by bisection, since
+/// rule_error falls with distance.
 std::array<double, kMax + 1> reaches(double radius, double mu, double slant, double tolerance) {
   std::array<double, kMax + 1> all{};
   for (int n = 2; n <= kMax; ++n) {
@@ -136,10 +136,10 @@ std::array<double, kMax + 1> reaches(double radius, double mu, double slant, dou
 }  // namespace
 
 /// Along one axis, of half length a <= radius, g = h^mu r^-(3 + mu) is analytic where r^2 is
-/// not 0: at least distance / a half lengths off. Its series falls as that of (1 - z)^-(4 +
+/// not 0: at least distance / a half-lengths away. Its series falls as that of (1 - z)^-(4 +
 /// mu), z = a / (2 distance). n Gauss points are exact up to degree 2 n - 1; times n.r, which
-/// is linear and changes by at most `slant` of its mean, what is left out begins with the terms
-/// 2 n of g and `slant` times 2 n - 1. Four times for two axes and both ends.
+/// is linear and changes by at most `slant` of its mean, the remainder starts with the terms 2
+/// n of g and `slant` times 2 n - 1. A factor of four for two axes and both ends.
 double PlaneIrradiance::rule_error(int n, double radius, double distance, double mu,
                                    double slant) {
   const double z = radius / (2.0 * distance);
@@ -151,7 +151,7 @@ double PlaneIrradiance::rule_error(int n, double radius, double distance, double
   for (int k = 1; k <= 2 * n; ++k) {
     before = std::exchange(term, term * (3.0 + mu + k) / k * z);
   }
-  // Later terms fall by less than (4 + mu + 2 n) / (2 n + 1) z each.
+  // Each later term falls by at least the factor (4 + mu + 2 n) / (2 n + 1) z.
   const double ratio = (4.0 + mu + 2 * n) / (2 * n + 1.0) * z;
   return ratio < 1.0 ? 4.0 * (term + slant * before) / (1.0 - ratio)
                      : std::numeric_limits<double>::infinity();

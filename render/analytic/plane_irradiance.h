@@ -10,11 +10,11 @@
 #include "render/scene.h"
 
 /// @file
-/// Irradiance of one plane from many rectangular lights, nothing in between: what
-/// light_irradiance() gives, for points that share their normal. A light seen whole and from
-/// afar needs few Gauss points, and those of a rectangle share their Jacobian; how many is
-/// chosen by a bound of the rule's error. Near, or cut by the horizon, light_irradiance()
-/// itself. Error, cost: docs/numerics/relight.md, "What a plate costs".
+/// Unoccluded irradiance of one plane from many rectangular lights: as light_irradiance(), for
+/// points that share their normal. A distant light fully above the horizon needs few Gauss
+/// points, and those of a rectangle share their Jacobian; their number is chosen by a bound on
+/// the rule's error. Near lights, or those cut by the horizon, use light_irradiance() itself.
+/// Error, cost: docs/numerics/relight.md, "What a plate costs".
 
 namespace haarlight {
 
@@ -26,21 +26,19 @@ class PlaneIrradiance {
   /// @param normal     unit: the lit side
   /// @param d          normal.x + d = 0 on the plane
   /// @param tolerance  relative error of each light's irradiance, as bounded by rule_error();
-  /// at
-  ///                   least 1e-13
+  ///                   at least 1e-13
   PlaneIrradiance(std::span<const SquareLight> lights, const Eigen::Vector3d& normal, double d,
                   double tolerance);
 
   /// @param point  on the plane
-  /// @param out    (n_lights,) irradiance; radiance 1 of a light gives at most pi
+  /// @param out    (n_lights,) irradiance; a light of radiance 1 gives at most pi
   /// Pure; safe from any thread.
   void evaluate(const Eigen::Vector3d& point, std::span<double> out) const;
 
-  /// Bound of the relative error of n x n Gauss points on a rectangle whose half diagonal is
+  /// Bound on the relative error of n x n Gauss points on a rectangle whose half diagonal is
   /// `radius` and whose every point is at least `distance` away, for a lobe cos^mu.
-  /// @param slant  what n.r changes by over the rectangle, as a share of its mean: 0 where
-  /// light
-  ///               and plane are parallel, at most 1 where the whole light is above the plane
+  /// @param slant  change of n.r over the rectangle, relative to its mean: 0 where light
+  ///               and plane are parallel, at most 1 if the whole light is above the plane
   [[nodiscard]] static double rule_error(int n, double radius, double distance, double mu,
                                          double slant);
 
@@ -54,7 +52,7 @@ class PlaneIrradiance {
     double radius = 0.0;  ///< half diagonal
     double slant = 0.0;   ///< as rule_error() takes it
     bool is_whole = false;
-    /// The nearest distance at which n Gauss points an axis are enough.
+    /// The smallest distance at which n Gauss points per axis suffice.
     std::array<double, kMaxNodes + 1> reach{};
   };
 

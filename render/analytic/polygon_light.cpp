@@ -59,7 +59,7 @@ const GaussRule& gauss(int n) {
   return n == 4 ? four : n == 6 ? six : eight;
 }
 
-/// What is integrated over the emitter: cos(theta) (h / r)^mu / r^2, where h is the receiver's
+/// The integrand over the emitter: cos(theta) (h / r)^mu / r^2, where h is the receiver's
 /// distance from the emitter's plane. Vectors from the receiver.
 struct Kernel {
   Vector3d normal;
@@ -119,10 +119,10 @@ PatchShape shape_of(const std::array<Vector3d, 4>& q) {
   return shape;
 }
 
-/// Nodes an axis so that Gauss's geometric rate (about 2 distance / radius a node, squared)
-/// takes the error below rounding; 0 when the patch is too near and must be split. Measured on
+/// Nodes per axis so that Gauss's geometric rate (about 2 distance / radius per node, squared)
+/// takes the error below rounding; 0 if the patch is too near and must be split. Measured on
 /// tests/render/polygon_light_test.cpp: <= 3e-14 relative at each switch-over. A narrow lobe
-/// changes faster over the patch (plane_irradiance_test.cpp: mu up to 40).
+/// varies faster over the patch (plane_irradiance_test.cpp: mu up to 40).
 int nodes_for(const PatchShape& shape, double mu) {
   const double ratio = shape.distance / shape.radius / (1.0 + std::max(0.0, mu - 1.0) / 8.0);
   if (ratio > 60.0) {
@@ -243,7 +243,7 @@ Irradiance irradiance_of(const Polygon& polygon, const Kernel& kernel) {
       nearest = std::min(nearest, distance_to_segment(polygon[i], b));
       longest = std::max(longest, (b - polygon[i]).norm());
     }
-    if (longest > 0.25 * nearest) {  // below, quadrature needs one patch and is the exacter one
+    if (longest > 0.25 * nearest) {  // below, quadrature needs one patch and is more accurate
       closed = lambert_sum(polygon, kernel.normal);
       if (closed.error <= 1e-12 * closed.value) {
         return closed;
@@ -276,7 +276,7 @@ std::array<Vector3d, 4> light_corners(const SquareLight& light) {
 
 Irradiance light_irradiance_with_error(const SquareLight& light, const Vector3d& point,
                                        const Vector3d& normal) {
-  // The emitter is flat: every point of it sees the receiver from the same side.
+  // The emitter is flat: the receiver is on the same side of all its points.
   const double h = light.emits.dot(point - light.centre);
   if (!(h > 0.0)) {
     return {};

@@ -10,17 +10,17 @@
 #include "render/scene.h"
 
 /// @file
-/// Irradiance from flat emitters without noise. A Lambertian polygon has Lambert's closed form
+/// Noise-free irradiance from flat emitters. A Lambertian polygon has Lambert's closed form
 /// [Lambert1760], E = L/2 sum_i theta_i n.g_i, after clipping at the receiver's horizon; it
 /// loses digits when the light is small or grazing, so beyond a switch-over point
-/// Gauss-Legendre quadrature over the clipped polygon takes its place (it converges
-/// geometrically there). Lobes cos^(mu - 1) have no closed form: quadrature throughout, refined
-/// near the light. Accuracy: 1e-12 relative on tests/golden/transport.json;
-/// docs/reference/simulator.md has the table.
+/// Gauss-Legendre quadrature over the clipped polygon takes its place (converging geometrically
+/// there). Lobes cos^(mu - 1) have no closed form: quadrature throughout, refined near the
+/// light. Accuracy: 1e-12 relative on tests/golden/transport.json; docs/reference/simulator.md
+/// has the table.
 
 namespace haarlight {
 
-/// A result and the absolute error its own check found.
+/// A result and its own estimate of the absolute error.
 struct Irradiance {
   double value = 0.0;
   double error = 0.0;
@@ -28,7 +28,7 @@ struct Irradiance {
 
 /// Irradiance at `point` on a surface of normal `normal` from a planar convex polygon of
 /// radiance 1 that emits from both sides alike.
-/// @param vertices  world, in order round the polygon, 3 or more
+/// @param vertices  world, in order around the polygon, 3 or more
 /// @param normal    unit
 /// Pure; safe from any thread.
 [[nodiscard]] Irradiance polygon_irradiance(std::span<const Eigen::Vector3d> vertices,

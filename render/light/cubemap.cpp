@@ -47,8 +47,8 @@ Eigen::Vector3d texel_radiance(const Image<float>& image, int y, int x) {
   return {double{image(y, x, 0)}, double{image(y, x, 1)}, double{image(y, x, 2)}};
 }
 
-/// Chords of an arc of a parallel, so that none leaves it by more than kSagitta: a chord over
-/// the angle a at polar angle t lies a^2/8 sin t cos t nearer the pole.
+/// Chords of an arc of a parallel, so that none deviates by more than kSagitta: a chord over
+/// the angle a at polar angle t lies a^2/8 sin t cos t closer to the pole.
 int arc_chords(double theta, double width) {
   const double bend = std::abs(std::sin(theta) * std::cos(theta)) / 8.0;
   return std::max(1, static_cast<int>(std::ceil(width * std::sqrt(bend / kSagitta))));
@@ -220,7 +220,7 @@ Environment Environment::from_faces(std::array<Image<float>, 6> faces,
 }
 
 void Environment::check(const std::string& name) {
-  constexpr float kRinging = 1e-5F;  // of the peak: below what any capture resolves
+  constexpr float kRinging = 1e-5F;  // of the peak: below the resolution of any capture
   constexpr float kMost = 1e20F;     // sums of products end in single precision at 3.4e38
   const bool is_lat_long = layout_ == EnvironmentLayout::lat_long;
   const std::span<Image<float>> pictures =
@@ -268,7 +268,7 @@ void Environment::rotate(double angle_rad) {
 
 namespace {
 
-/// Means of `step` x `step` texels; a row's weight is `weight(row)`.
+/// Means over `step` x `step` texels; a row's weight is `weight(row)`.
 Image<float> shrink(const Image<float>& from, int step,
                     const std::function<double(int row, int col)>& weight) {
   Image<float> to((from.height() + step - 1) / step, (from.width() + step - 1) / step,
@@ -351,7 +351,7 @@ void Environment::for_each_texel(
     for (int part_y = 0; part_y < parts_y; ++part_y) {
       const double theta0 = height * (row + double(part_y) / parts_y);
       const double theta1 = height * (row + double(part_y + 1) / parts_y);
-      // Omega = dphi (cos t0 - cos t1), written so that thin rows keep their digits.
+      // Omega = dphi (cos t0 - cos t1), written so that thin rows keep their precision.
       const double belt =
           2.0 * std::sin(0.5 * (theta0 + theta1)) * std::sin(0.5 * (theta1 - theta0));
       for (int i = 0; i < n_cols * parts_x; ++i) {

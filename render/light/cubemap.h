@@ -13,9 +13,9 @@
 #include "render/light/solid_angle.h"
 
 /// @file
-/// Environments: the light that comes from every direction, as lat-long or cube pictures (HDR,
-/// EXR, PNG, JPEG, TIFF; display pictures are decoded from sRGB). Radiance is constant over a
-/// texel. World frame: z up.
+/// Environments: the light from every direction, as lat-long or cube maps (HDR, EXR, PNG, JPEG,
+/// TIFF; display pictures are decoded from sRGB). Radiance is constant over a texel. World
+/// frame: z up.
 ///
 /// Lat-long, seen from inside: the middle is +x, u grows towards -y, v from +z down:
 ///   d = (sin t cos p, sin t sin p, cos t), t = pi (row + 0.5)/H, p = pi - 2 pi (col + 0.5)/W.
@@ -33,7 +33,7 @@ enum class EnvironmentLayout {
 };
 [[nodiscard]] std::string_view to_string(EnvironmentLayout layout) noexcept;
 
-/// One texel as the integration sees it.
+/// One texel as used for integration.
 struct EnvironmentTexel {
   DirectionPolygon corners;  ///< counter-clockwise from outside; unit directions
   Eigen::Vector3d centre;    ///< unit
@@ -44,12 +44,12 @@ struct EnvironmentTexel {
 
 class Environment {
  public:
-  /// Negative values up to 1e-5 of the picture's peak, which filters and lossy EXR leave,
-  /// become 0.
+  /// Negative values up to 1e-5 of the picture's peak, left by filters and lossy EXR, become 0.
   /// @throws Error  not a picture, no known shape, faces of different sizes, a missing face, a
-  ///                texel that is NaN, above 1e20 or more negative than that (by place)
+  ///                texel that is NaN, above 1e20 or more negative than that (with its
+  ///                position)
   [[nodiscard]] static Environment read(const std::filesystem::path& path);
-  /// From a picture in memory; the shape tells the layout.
+  /// From a picture in memory; the shape determines the layout.
   /// @param name  for errors
   [[nodiscard]] static Environment from_picture(Image<float> picture, const std::string& name);
   /// From six square faces, +x -x +y -y +z -z as OpenGL names them.
@@ -63,19 +63,19 @@ class Environment {
 
   /// The same light on fewer texels: runs of texels become their mean, weighted by their solid
   /// angle (of a cube's texel by its centre's).
-  /// @param most_across  texels all the way round, at most, where a whole number of texels
-  ///                     allows it; else nothing is reduced
+  /// @param most_across  largest number of texels all the way around, if whole numbers of
+  ///                     texels allow it; else nothing is reduced
   [[nodiscard]] Environment reduced(int most_across) const;
 
   /// Rows of texels over all faces: the unit of parallel work.
   [[nodiscard]] int n_rows() const;
   [[nodiscard]] int row_texels() const;
-  /// Calls `visit` for every piece of the row's texels: a texel, or, where it is wider than
-  /// 0.2 rad, parts of it. The polygons' edges along parallels of latitude are chords that
-  /// leave the parallel by at most 1e-7 rad; neighbours share them, so that there are no gaps.
+  /// Calls `visit` for every piece of the row's texels: a texel, or, where it is wider than 0.2
+  /// rad, parts of it. The polygons' edges along parallels of latitude are chords that deviate
+  /// from the parallel by at most 1e-7 rad; neighbours share them, so that there are no gaps.
   void for_each_texel(int row, const std::function<void(const EnvironmentTexel&)>& visit) const;
 
-  /// Radiance from a direction (the texel it falls in). @param direction  any length but 0
+  /// Radiance from a direction (of the texel it falls in). @param direction  any length but 0
   [[nodiscard]] Eigen::Vector3d radiance(const Eigen::Vector3d& direction) const;
 
  private:

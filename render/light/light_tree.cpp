@@ -81,7 +81,7 @@ class Builder {
       return;
     }
     describe(node, one, members);
-    // Squares that hold one part only are passed over.
+    // Squares with a single part are skipped.
     std::vector<std::pair<Square, std::vector<int>>> parts;
     while (parts.size() < 2) {
       parts.clear();
@@ -120,7 +120,7 @@ class Builder {
     }
   }
 
-  /// Place, size and weight of a block: first and second moments of its members'.
+  /// Position, size and weight of a block: first and second moments of its members'.
   void describe(LightNode& node, const SquareLight& one,
                 const std::vector<int>& members) const {
     double sum = 0.0;
@@ -133,7 +133,7 @@ class Builder {
       return Eigen::Vector2d(offset.dot(one.u), offset.dot(one.v));
     };
     for (const int k : members) {
-      // Colours that cancel in the mean still need a place.
+      // Colours that cancel in the mean still need a position.
       const double share = share_of(k) + 1e-300;
       const Eigen::Vector2d at = place_of(k);
       sum += share;

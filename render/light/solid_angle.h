@@ -17,7 +17,7 @@ using DirectionPolygon = std::vector<Eigen::Vector3d>;
 
 /// Signed solid angle of a triangle, steradian; positive when counter-clockwise from outside.
 /// [VanOosterom83], eq. (8), the determinant taken from differences so that tiny triangles keep
-/// their digits: relative error <= 1e-13 down to 1e-12 sr.
+/// their precision: relative error <= 1e-13 down to 1e-12 sr.
 [[nodiscard]] double triangle_solid_angle(const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                                           const Eigen::Vector3d& c);
 
@@ -25,7 +25,7 @@ using DirectionPolygon = std::vector<Eigen::Vector3d>;
 [[nodiscard]] double solid_angle(std::span<const Eigen::Vector3d> polygon);
 
 /// Keeps the part with normal . d >= 0 [Sutherland74]. The result may be empty.
-/// @param out  overwritten; another object than `polygon`
+/// @param out  overwritten; must not be `polygon`
 void clip_polygon(const DirectionPolygon& polygon, const Eigen::Vector3d& normal,
                   DirectionPolygon& out);
 

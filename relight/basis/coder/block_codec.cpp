@@ -32,7 +32,7 @@ std::int32_t unzigzag(std::uint32_t z) noexcept {
   return static_cast<std::int32_t>((z >> 1U) ^ (0U - (z & 1U)));
 }
 
-/// Byte planes of numbers, lowest bytes first, put behind what `raw` holds.
+/// Byte planes of numbers, lowest bytes first, appended to `raw`.
 void append_planes(std::vector<std::byte>& raw, std::span<const std::uint32_t> numbers) {
   const std::size_t start = raw.size();
   raw.resize(start + 4 * numbers.size());
@@ -56,17 +56,17 @@ std::vector<std::uint32_t> read_planes(std::span<const std::byte> raw) {
   return numbers;
 }
 
-/// What the bytes are like.
+/// The statistics of the bytes.
 enum class Content {
   sparse,  ///< much of it repeats
-  noise,   ///< only the frequencies of bytes tell something: short repeats are chance
+  noise,   ///< only byte frequencies carry information: short repeats are chance
 };
 
 std::vector<std::byte> deflate(std::span<const std::byte> raw,
                                Content content = Content::sparse) {
   const std::unique_ptr<ZSTD_CCtx, CompressorFree> context(ZSTD_createCCtx());
   HAARLIGHT_EXPECTS(context != nullptr, "zstd: no memory");
-  // Level 1 takes no match below 7 bytes.
+  // Level 1 ignores matches below 7 bytes.
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel,
                          content == Content::noise ? 1 : kZstdLevel);
   std::vector<std::byte> packed(ZSTD_compressBound(raw.size()));
@@ -83,7 +83,8 @@ std::vector<std::byte> deflate(std::span<const std::byte> raw,
 
 std::vector<std::byte> inflate(std::span<const std::byte> packed, std::size_t n_bytes,
                                const std::string& where) {
-  // The stated size is checked before memory is taken: a broken file cannot ask for terabytes.
+  // The stated size is checked before memory is allocated: a damaged file cannot claim
+  // terabytes.
   if (ZSTD_getFrameContentSize(packed.data(), packed.size()) != n_bytes) {
     throw_damaged("a block's unpacked size differs from what the index says", where);
   }
@@ -98,8 +99,8 @@ std::vector<std::byte> inflate(std::span<const std::byte> packed, std::size_t n_
 
 constexpr unsigned kMostLowBits = 24;
 
-/// How many low bits of a row's numbers are noise: what is left above them has a mean
-/// magnitude of 8 to 16. Bits below a tenth of a distribution's width are as good as random.
+/// How many low bits of a row's numbers are noise: what remains above them has a mean magnitude
+/// of 8 to 16. Bits below a tenth of a distribution's width are practically random.
 unsigned noise_bits(std::span<const std::int32_t> row) {
   double sum = 0.0;
   for (const std::int32_t v : row) {
@@ -357,8 +358,8 @@ std::vector<std::int32_t> decode_rows(std::span<const std::byte> bytes, std::siz
 
 constexpr int kActivityClasses = 4;
 
-/// How large a pixel's numbers are beside its neighbours', an octave a class: numbers of one
-/// size pack better together. An encoder's choice, which the file holds.
+/// How large the numbers around a pixel are, one class per octave: numbers of similar size
+/// compress better together. The encoder's choice, stored in the file.
 std::vector<std::uint8_t> activity_classes(std::span<const std::int32_t> values,
                                            std::size_t n_pixels) {
   std::vector<double> activity(n_pixels);
@@ -389,7 +390,7 @@ std::vector<std::uint8_t> activity_classes(std::span<const std::int32_t> values,
   return classes;
 }
 
-/// The pixels of each class, in their order.
+/// The pixels of each class, in order.
 std::vector<std::vector<std::size_t>> pixels_by_class(std::span<const std::uint8_t> classes) {
   std::vector<std::vector<std::size_t>> pixels(kActivityClasses);
   for (std::size_t p = 0; p < classes.size(); ++p) {

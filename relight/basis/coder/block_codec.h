@@ -9,12 +9,12 @@
 
 /// @file
 /// The three kinds of block of a basis file, to bytes and back. Every integer goes through the
-/// same steps: zigzag (0, -1, 1, -2 -> 0, 1, 2, 3), split into four byte planes, zstd. Written
-/// down in docs/reference/basis-format.md. Pure; safe from any thread.
+/// same steps: zigzag (0, -1, 1, -2 -> 0, 1, 2, 3), split into four byte planes, zstd.
+/// Specified in docs/reference/basis-format.md. Pure; safe from any thread.
 
 namespace haarlight {
 
-/// Nonzero coefficients of one group of a tile. Cell = (place of the coefficient in its group)
+/// Nonzero coefficients of one group of a tile. Cell = (index of the coefficient in its group)
 /// * n_pixels + pixel; strictly increasing.
 struct SparseBlock {
   std::vector<std::uint32_t> cell;
@@ -22,10 +22,10 @@ struct SparseBlock {
   friend bool operator==(const SparseBlock&, const SparseBlock&) = default;
 };
 
-/// What a tile knows of its pixels before any coefficient.
+/// What a tile stores per pixel besides coefficients.
 struct PixelBlock {
   std::vector<std::uint8_t> shift;  ///< (n_pixels): the pixel's step is step * 2^-shift
-  std::vector<std::int32_t> gain;   ///< (n_pixels): multiples of the plate's gain step
+  std::vector<std::int32_t> gain;   ///< (n_pixels): multiples of the clean plate's gain step
   std::vector<float> plate;         ///< (rank, (degree + 1)^2): tile_plate.h; all 0 for no gain
   friend bool operator==(const PixelBlock&, const PixelBlock&) = default;
 };
@@ -34,7 +34,7 @@ struct PixelBlock {
 [[nodiscard]] std::vector<std::byte> encode_sparse(const SparseBlock& block);
 /// @param n_entries  from the index
 /// @param n_cells    cells of the group: every cell must be below
-/// @param where      put into errors: file, tile and group
+/// @param where      named in errors: file, tile and group
 /// @throws Error  damaged bytes
 [[nodiscard]] SparseBlock decode_sparse(std::span<const std::byte> bytes, std::size_t n_entries,
                                         std::size_t n_cells, const std::string& where);
@@ -53,8 +53,8 @@ struct PixelBlock {
                                                std::size_t n_rows, std::size_t n_pixels,
                                                const std::string& where);
 
-/// Whole numbers, (n_rows, n_pixels). Pixels of similar size are packed together; of each row
-/// as many low bits as are noise are stored as they are. Empty bytes when all are zero.
+/// Whole numbers, (n_rows, n_pixels). Pixels of similar size are packed together; each row's
+/// low bits that are mere noise are stored raw. Empty bytes when all are zero.
 [[nodiscard]] std::vector<std::byte> encode_integers(std::span<const std::int32_t> values,
                                                      std::size_t n_pixels);
 /// @throws Error  damaged bytes

@@ -8,9 +8,9 @@
 #include "relight/basis/basis_file.h"
 
 /// @file
-/// What coder and decoder of BasisCoding::integers must do alike to the last bit: the clean
-/// plate's prediction, rounded to whole units, and the S-transform. Every operation is one of
-/// IEEE double in an order written down in docs/reference/basis-format.md; no fused
+/// What encoder and decoder of BasisCoding::integers must do identically to the last bit: the
+/// clean plate's prediction, rounded to whole units, and the S-transform. Every operation is
+/// one of IEEE double in the order specified in docs/reference/basis-format.md; no fused
 /// multiply-add.
 
 namespace haarlight {
@@ -36,12 +36,12 @@ class IntegerPrediction {
   std::vector<std::int32_t> predicted_;
 };
 
-/// The S-transform of each grid, in place; nothing for lights without a Haar basis.
+/// The S-transform of each grid, in place; a no-op for lights without a Haar basis.
 void forward_integers(const BasisHeader& header, std::span<std::int64_t> numbers);
 void inverse_integers(const BasisHeader& header, std::span<std::int64_t> numbers);
 
-/// Numbers that a light's values may be. What is stored of them fits 32 bits; a damaged file's
-/// 32 bits never leave 64.
+/// Range of a light's values. What is stored of them fits 32 bits; a damaged file's 32 bits
+/// never overflow 64.
 inline constexpr std::int32_t kLargestInteger = 1 << 24;
 
 }  // namespace haarlight

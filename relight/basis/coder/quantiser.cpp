@@ -32,7 +32,7 @@ void MagnitudeHistogram::merge(const MagnitudeHistogram& other) {
 }
 
 double MagnitudeHistogram::error_energy(double step) const {
-  constexpr double kFine = 16.0;  // from here on the error is uniform: step^2 / 12
+  constexpr double kFine = 16.0;  // above this the error is uniform: step^2 / 12
   double error = 0.0;
   for (std::size_t i = 0; i < kBins; ++i) {
     if (count_[i] == 0.0) {

@@ -13,12 +13,12 @@
 
 namespace haarlight {
 
-/// |c| below this share of the step becomes 0. Measured on the twin's airplane and tree: 0.5
+/// |c| below this fraction of the step becomes 0. Measured on the twin's airplane and tree: 0.5
 /// and 0.75 give 1 to 5 % larger files, 1.0 gives 3 to 7 % larger ones.
 inline constexpr double kDeadZone = 0.6;
 inline constexpr double kLargestQuantum = 0x1p30;
 
-/// Multiple of the step that stands for c; half a step is rounded away from zero.
+/// The multiple of the step that represents c; half a step is rounded away from zero.
 template <class Real>
 [[nodiscard]] inline std::int32_t quantise(Real c, Real inverse_step) noexcept {
   const Real v = std::abs(c) * inverse_step;
@@ -28,7 +28,8 @@ template <class Real>
   return c < Real(0) ? -kept : kept;
 }
 
-/// Magnitudes by the first bits of their float: 64 bins an octave, each with its exact energy.
+/// Magnitudes binned by the leading bits of their float: 64 bins per octave, each with its
+/// exact energy.
 class MagnitudeHistogram {
  public:
   MagnitudeHistogram();
@@ -42,14 +43,14 @@ class MagnitudeHistogram {
   /// @param largest  no magnitude is above
   [[nodiscard]] double choose_step(double allowed, double largest) const;
   [[nodiscard]] double n_values() const;
-  /// How many a quantiser with this step keeps, to a bin.
+  /// How many coefficients a quantiser with this step keeps, to within a bin.
   [[nodiscard]] double n_kept(double step) const;
 
   /// The smallest magnitude that falls into a bin.
   [[nodiscard]] static double lower_edge(std::uint32_t bin);
   /// Bins in use as (bin, count, energy) triples, and back.
   [[nodiscard]] std::vector<double> to_numbers() const;
-  /// @return  false where the numbers are none of to_numbers()
+  /// @return  false if the numbers are not from to_numbers()
   [[nodiscard]] bool add_numbers(std::span<const double> numbers);
 
  private:

@@ -12,8 +12,8 @@
 
 /// @file
 /// One tile and channel of a quantised basis file, unpacked for repeated relighting: the same
-/// coefficients by pixel (rows) and by coefficient (lists), and the plate. Numbers as
-/// in the file; nothing is rounded.
+/// coefficients by pixel (rows) and by coefficient (lists), and the clean plate. Numbers as in
+/// the file; nothing is rounded.
 
 namespace haarlight {
 
@@ -28,19 +28,19 @@ struct SparseTile {
   std::pmr::vector<std::uint16_t> list_index;
   std::pmr::vector<std::uint32_t> list_starts;  ///< (lists + 1)
   std::pmr::vector<ListEntry> entries;
-  // The plate as in the file; a plate of zeros takes no room.
+  // The plate as in the file; a plate of zeros takes no memory.
   std::pmr::vector<float> plate;        ///< (rank, (degree + 1)^2): tile_plate.h
   std::pmr::vector<std::int32_t> gain;  ///< (n_pixels)
   std::pmr::vector<float>
       scales;                     ///< (n_pixels): the pixel's step / the header's; empty: all 1
-  std::uint32_t longest_row = 0;  ///< entries of a pixel, at most
+  std::uint32_t longest_row = 0;  ///< most entries of any pixel
 
   SparseTile() = default;
-  /// A copy whose rows and plate live in `rows`, its lists in `lists`: a sum reads either rows
-  /// or lists, and each from its own memory without a gap.
+  /// A copy whose rows and plate are allocated from `rows` and whose lists from `lists`: a sum
+  /// reads either rows or lists, each from contiguous memory.
   SparseTile(const SparseTile& other, std::pmr::memory_resource* rows,
              std::pmr::memory_resource* lists);
-  /// What such a copy takes of each at most.
+  /// What such a copy takes from each at most.
   [[nodiscard]] std::uint64_t room_of_rows() const noexcept;
   [[nodiscard]] std::uint64_t room_of_lists() const noexcept;
 
@@ -48,7 +48,7 @@ struct SparseTile {
   [[nodiscard]] std::span<const ListEntry> list(std::size_t i) const {
     return std::span(entries).subspan(list_starts[i], list_starts[i + 1] - list_starts[i]);
   }
-  /// What rows take, what lists take, what both need beside (plate and steps).
+  /// Bytes of the rows, of the lists, and of what both need in addition (plate and steps).
   [[nodiscard]] std::uint64_t row_bytes() const noexcept;
   [[nodiscard]] std::uint64_t list_bytes() const noexcept;
   [[nodiscard]] std::uint64_t pixel_bytes() const noexcept;

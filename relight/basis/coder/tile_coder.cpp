@@ -19,7 +19,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kFloatIsEnough = 1e-4;  // errors asked for; floats round to 6e-8 of a value
+constexpr double kFloatIsEnough = 1e-4;  // requested errors; floats round to 6e-8 of a value
 constexpr int kMaxShift = 40;
 
 /// One coefficient that was kept.
@@ -54,7 +54,7 @@ void require_finite(const TileCoding& coding, const TileRect& rect,
               "shoot that light again; one such value would spread to every light's picture");
 }
 
-/// Takes the plate off a pixel's row and transforms the rest.
+/// Subtracts the clean plate from a pixel's row and transforms the residual.
 template <class Real>
 class PixelRows {
  public:
@@ -99,7 +99,7 @@ class PixelRows {
     return double{plate_gain(t, as_float_, scratch_)};
   }
 
-  /// Coefficients of t - gain * direction; fit_gain(p, t) goes first.
+  /// Coefficients of t - gain * direction; call fit_gain(p, t) first.
   void residual(std::span<const float> t, double gain, std::span<Real> out) const {
     const Real g = static_cast<Real>(gain);
     if (g == Real(0)) {
@@ -135,7 +135,7 @@ double quantisation_error(std::span<const Real> coefficients, double step) {
   return error;
 }
 
-/// Sorts by place, keeping the pixels' order, and packs each group.
+/// Sorts by coefficient index, keeping the pixels' order, and packs each group.
 std::vector<PackedTile::Block> pack_groups(const std::vector<Kept>& kept,
                                            const BasisHeader& header, std::size_t n_pixels) {
   std::vector<std::size_t> start(count(header.dims.n_lights) + 1);
@@ -339,7 +339,8 @@ PackedTile copy_channel(const TileCoding& coding, const TileRect& rect, int chan
   return packed;
 }
 
-/// Whole multiples of each light's unit: plate off in whole units, S-transform, packed exactly.
+/// Whole multiples of each light's unit: plate subtracted in whole units, S-transform, packed
+/// losslessly.
 PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int channel,
                          std::span<const float> values, TileSums& sums) {
   const BasisHeader& header = coding.header;
@@ -450,7 +451,7 @@ void add(std::vector<double>& sum, const std::vector<double>& part) {
   std::transform(sum.begin(), sum.end(), part.begin(), sum.begin(), std::plus<>());
 }
 
-/// Counts the values that are lower bounds, and their least energy.
+/// Counts the values that are lower bounds, and sums their energy.
 void add_clipped(std::span<const float> values, std::span<const std::uint8_t> clipped,
                  std::size_t n_lights, double* counts, double* energies) {
   for (std::size_t from = 0; from < clipped.size(); from += n_lights) {
@@ -520,7 +521,7 @@ bool TileSums::set_numbers(std::span<const double> numbers) {
 }
 
 double gram_scale(const BasisHeader& header) {
-  // Floats may carry an error a little over the dead zone.
+  // In floats an error may slightly exceed the dead zone.
   return 1.001 * header.dead_zone * header.step / kGramLargest;
 }
 

@@ -14,9 +14,9 @@
 #include "relight/basis/plate/plate.h"
 
 /// @file
-/// What compress does with one tile: plate off, transform, quantise, measure, pack. A tile's
-/// bytes and sums depend on its values and on the header alone, so that tiles may be coded in
-/// any order, by any thread or process. Method: docs/numerics/relight.md, "The coder".
+/// What compress does with one tile: subtract the clean plate, transform, quantise, measure,
+/// pack. A tile's bytes and sums depend only on its values and the header, so tiles may be
+/// coded in any order, by any thread or process. Method: docs/numerics/relight.md, "The coder".
 
 namespace haarlight {
 
@@ -36,8 +36,8 @@ struct TileSums {
   std::vector<double> light_error;         ///< of decoded_k - T_k
   std::vector<double> coefficient_energy;  ///< of the stored residual
   std::vector<double> coefficient_error;   ///< of decoded - true coefficients
-  std::vector<double> clipped;             ///< values clipped in every exposure
-  std::vector<double> clipped_energy;      ///< of them: at least
+  std::vector<double> clipped;             ///< counts of values clipped in every exposure
+  std::vector<double> clipped_energy;      ///< their energy: a lower bound
   std::vector<double> gram_rests;  ///< (channels): TileErrors::largest_rest(), as a value
   double peak = 0.0;               ///< largest |T|
   double worst_pixel = 0.0;        ///< StackError::worst_pixel
@@ -48,14 +48,14 @@ struct TileSums {
   explicit TileSums(const StackDims& dims);
   void add(const TileSums& other);
   [[nodiscard]] std::vector<double> to_numbers() const;
-  /// @return  false where the numbers are not as many as to_numbers() gives
+  /// @return  false if the number of values differs from that of to_numbers()
   [[nodiscard]] bool set_numbers(std::span<const double> numbers);
 };
 
 struct CodedTile {
   std::vector<PackedTile> channels;
   TileSums sums;
-  /// (channels, gram_size(n_lights)) of a quantised file: products of the coefficients' errors
+  /// (channels, gram_size(n_lights)) for quantised files: products of the coefficients' errors
   /// in units of gram_scale(header)^2.
   std::vector<std::int32_t> error_products;
   /// The same of the stored coefficients themselves, in the stack's units; empty unless
@@ -63,18 +63,18 @@ struct CodedTile {
   std::vector<float> term_products;
 };
 
-/// What an error's whole step is for TileErrors: no error is larger than kGramLargest of them.
+/// The unit of whole steps for TileErrors: no error is larger than kGramLargest of them.
 [[nodiscard]] double gram_scale(const BasisHeader& header);
 
-/// Codes one tile. Values are float where the error asked for is 1e-4 or more, else double.
+/// Codes one tile. Values are float where the requested error is 1e-4 or more, else double.
 /// @param values   (channels, rect.height, rect.width, n_lights)
-/// @param clipped  the same: not 0 where a value is a lower bound; empty: none is
+/// @param clipped  the same shape: nonzero where a value is a lower bound; empty: none is
 /// @throws Error  NaN or infinity: names light and pixel
 [[nodiscard]] CodedTile code_tile(const TileCoding& coding, const TileRect& rect,
                                   std::span<const float> values,
                                   std::span<const std::uint8_t> clipped = {});
 
-/// What the steps are chosen from: a part of the stack, before any step is known.
+/// What the steps are chosen from: a sample of the stack, before any step is known.
 struct StackSample {
   double energy = 0.0;
   double peak = 0.0;
@@ -83,7 +83,7 @@ struct StackSample {
   void merge(const StackSample& other);
 };
 
-/// @param rect    pixels of one tile: a part of it, or all
+/// @param rect    pixels of one tile: part of it, or all
 /// @param values  (channels, rect.height, rect.width, n_lights)
 [[nodiscard]] StackSample sample_pixels(const TileCoding& coding, const TileRect& rect,
                                         std::span<const float> values);

@@ -29,16 +29,16 @@ constexpr std::size_t kMaxSampleRows = 4096;
 constexpr double kTolerance = 1e-12;  // of each value: floats keep 6e-8
 constexpr int kIterations = 4;        // the plate's spectrum falls by 3-10 a vector
 constexpr int kOversampling = 8;      // [Halko11] recommends 5 to 10
-constexpr double kDarkLight = 1e-6;   // of the pixel's largest B: such a ratio says nothing
+constexpr double kDarkLight = 1e-6;   // of the pixel's largest B: below it T/B is noise
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Rows of the plate from at most 64 spread tiles, normalised, one after the other; rows of
-/// zeros are left out.
+/// Rows of the clean plate from at most 64 spread-out tiles, normalised, one after the other;
+/// rows of zeros are left out.
 std::vector<double> sample_rows(const StackSource& plate) {
   constexpr int kTile = 32;
   constexpr int kMaxTiles = 64;
-  constexpr int kPixelStep = 4;  // at least 64 rows a tile
+  constexpr int kPixelStep = 4;  // at least 64 rows per tile
   const StackDims dims = plate.dims();
   const int tiles_x = (dims.width + kTile - 1) / kTile;
   const int tiles_y = (dims.height + kTile - 1) / kTile;
@@ -83,7 +83,7 @@ std::vector<double> sample_rows(const StackSource& plate) {
   return rows;
 }
 
-// Several sums side by side: one waits for each addition before it.
+// Several sums in parallel: a single one would wait for each previous addition.
 constexpr std::size_t kLanes = 8;
 
 float largest_of(std::span<const float> values) {
@@ -208,7 +208,7 @@ float plate_gain(std::span<const float> t, std::span<const float> b,
   scratch.resize(t.size());
   std::transform(t.begin(), t.end(), b.begin(), scratch.begin(), std::divides<>());
   std::size_t n_lit = 0;
-  for (std::size_t k = 0; k < t.size(); ++k) {  // without a branch that is guessed wrong
+  for (std::size_t k = 0; k < t.size(); ++k) {  // without branches that would be mispredicted
     scratch[n_lit] = scratch[k];
     n_lit += b[k] > dark ? 1U : 0U;
   }
@@ -233,7 +233,7 @@ RowSpace fit_row_space(std::span<const double> sample, int n_lights, int n_vecto
     return space;
   }
   const auto k = std::min<Eigen::Index>({n_vectors, rows.rows(), n_lights});
-  // Start vectors keyed by place: the same plate gives the same basis on every machine.
+  // Start vectors keyed by index: the same plate gives the same basis on every machine.
   MatrixXd z(n_lights, k);
   for (Eigen::Index j = 0; j < k; ++j) {
     for (Eigen::Index i = 0; i < n_lights; ++i) {
@@ -258,7 +258,7 @@ PlateVectors choose_vectors(RowSpace& space, double energy, double target, int m
   while (found.rank < std::min<Eigen::Index>(max_rank, space.vectors.cols()) &&
          std::sqrt(std::max(missed, 0.0) / energy) > target) {
     missed -= space.energies[found.rank];
-    // The sign that makes the sum positive, so that the choice is not the solver's.
+    // The sign that makes the sum positive, so that the sign does not depend on the solver.
     auto column = space.vectors.col(found.rank);
     column *= column.sum() < 0.0 ? -1.0 : 1.0;
     std::transform(column.begin(), column.end(), std::back_inserter(found.vectors),

@@ -15,12 +15,12 @@
 #include "session/session.h"
 
 /// @file
-/// The clean plate that a person chose, opened: computed from the rig, a file, a session of the
+/// Opens the clean plate chosen by the user: computed from the rig, a file, a session of the
 /// empty rig, or none.
 
 namespace haarlight {
 
-/// Which clean plate to take off.
+/// Which clean plate to subtract.
 struct PlateChoice {
   enum class Kind {
     automatic,  ///< computed from the rig where it has a camera and a plane; else none
@@ -38,7 +38,7 @@ struct PlateChoice {
 /// Index of the rig's camera whose active area has this size, -1 when there is none.
 [[nodiscard]] int camera_of_size(const Rig& rig, int width, int height);
 
-/// A plate, and what keeps alive what it is read from. Move-only.
+/// A clean plate, and the owners of what it is read from. Move-only.
 struct OpenPlate {
   std::unique_ptr<Session> session;
   std::unique_ptr<BasisFile> basis;

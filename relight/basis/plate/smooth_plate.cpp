@@ -22,8 +22,8 @@ namespace {
 using Eigen::MatrixXd;
 
 constexpr std::size_t kSampleRows = 1024;  // for the space over the lights
-constexpr int kSampleNodes = 4;            // of a tile's nodes an axis, its outermost included
-constexpr int kSpare = 16;                 // vectors beyond the file's: they carry the rest
+constexpr int kSampleNodes = 4;            // of a tile's nodes per axis, the outermost included
+constexpr int kSpare = 16;                 // vectors beyond the file's: they span the remainder
 constexpr double kLeastRho = 3.0;
 
 int tiles_across(int size, int tile) { return (size + tile - 1) / tile; }
@@ -35,7 +35,7 @@ TileRect rect_of(const StackDims& dims, int tile, int i_tile) {
   return {x0, y0, std::min(tile, dims.width - x0), std::min(tile, dims.height - y0)};
 }
 
-/// What a tile sees at its corners, the middles of its sides, and its middle (4).
+/// What a tile sees at its corners, the midpoints of its sides, and its centre (4).
 bool look_at(const ComputedPlate& plate, const TileRect& rect,
              std::array<PlateView, 9>& views) {
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -50,14 +50,13 @@ bool look_at(const ComputedPlate& plate, const TileRect& rect,
   return true;
 }
 
-/// How much a further degree gains at least: a function of a disc's place with its nearest
-/// singularity `delta` radii from the middle has its Chebyshev coefficients fall by
-/// delta + sqrt(delta^2 - 1).
+/// Lower bound on the gain per degree: for a function on a disc with its nearest singularity
+/// `delta` radii from the centre, the Chebyshev coefficients fall by delta + sqrt(delta^2 - 1).
 double rho_of(double delta) {
   return delta > 1.0 ? delta + std::sqrt(delta * delta - 1.0) : 1.0;
 }
 
-/// The least rho of a tile; 0 where it is not analytic.
+/// The smallest rho of a tile; 0 where it is not analytic.
 double tile_rho(const ComputedPlate& plate, const TileRect& rect) {
   std::array<PlateView, 9> views;
   if (!look_at(plate, rect, views)) {
@@ -77,7 +76,7 @@ double tile_rho(const ComputedPlate& plate, const TileRect& rect) {
       1.1;  // the tile's outline on the plane may bulge between the nine
   radius *= kOutside;
   slope_range *= kOutside;
-  // On the plane's horizon the place on the plane goes to infinity.
+  // At the plane's horizon the position on the plane goes to infinity.
   double rho = slope_range > 0.0 ? rho_of(std::abs(middle.slope) / slope_range) : 1e9;
   for (const SquareLight& light : plate.lights()) {
     const double ahead = light.emits.dot(middle.point - light.centre);
@@ -118,7 +117,7 @@ Nodes make_nodes(int degree) {
   return nodes;
 }
 
-/// T_0 .. T_degree at n places spread evenly as pixels are, (degree + 1, n).
+/// T_0 .. T_degree at n positions spaced like pixels, (degree + 1, n).
 MatrixXd chebyshev_at_pixels(int n, int degree) {
   MatrixXd table(degree + 1, n);
   for (int i = 0; i < n; ++i) {
@@ -205,7 +204,7 @@ SmoothPlate::SmoothPlate(const ComputedPlate& plate, int tile, int degree, doubl
   turn(target, max_rank);
 }
 
-/// The vectors of the space in the order of what they carry of all pixels' directions.
+/// The vectors of the space ordered by how much they carry of all pixels' directions.
 void SmoothPlate::turn(double target, int max_rank) {
   std::vector<MatrixXd> sums(series_.size());
   std::vector<double> lit(series_.size());

@@ -11,9 +11,9 @@
 #include "relight/basis/plate/plate.h"
 
 /// @file
-/// A computed plate from few of its pixels: over a tile each light's irradiance is an analytic
-/// function of the place, so that its values at (D + 1)^2 Chebyshev nodes tell all others, and
-/// over the lights the rows lie near a space of few vectors Q:
+/// A computed clean plate from few of its pixels: over a tile, each light's irradiance is an
+/// analytic function of position, so that its values at (D + 1)^2 Chebyshev nodes determine all
+/// others, and over the lights the rows lie close to a space of few vectors Q:
 ///
 ///     B(p) ~ sum_i y_i(p) Q_i,    y_i(p) = sum_t c[i][t] C_t(p)
 ///
@@ -22,18 +22,18 @@
 
 namespace haarlight {
 
-/// Degree that carries every tile to `target` by the theory of Chebyshev series (Bernstein: the
-/// error falls by rho a degree, rho from how far the nearest singularity lies: a light, the
-/// plane's horizon); nothing where a tile sees the plane in part, crosses the plane of a light,
-/// or has a singularity too near for degree kMaxSmoothDegree.
+/// Degree that brings every tile within `target` by the theory of Chebyshev series (Bernstein:
+/// the error falls by rho per degree, rho from the distance of the nearest singularity: a
+/// light, the plane's horizon); nothing where a tile sees only part of the plane, crosses the
+/// plane of a light, or has a singularity too near for degree kMaxSmoothDegree.
 inline constexpr int kMaxSmoothDegree = 12;
 [[nodiscard]] std::optional<int> smooth_degree(const ComputedPlate& plate, int tile,
                                                double target);
 
-/// The plate's rows in coordinates of Q. As a StackSource its "lights" are the vectors.
+/// The clean plate's rows in coordinates of Q. As a StackSource its "lights" are the vectors.
 class SmoothPlate final : public StackSource {
  public:
-  /// @param degree     as smooth_degree() gives
+  /// @param degree     from smooth_degree()
   /// @param target     PlateVectors::missed of the vectors chosen for the file, over all pixels
   /// @param max_rank   of them
   SmoothPlate(const ComputedPlate& plate, int tile, int degree, double target, int max_rank);

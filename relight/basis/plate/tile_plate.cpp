@@ -20,7 +20,7 @@ namespace {
 
 using Eigen::MatrixXd;
 
-constexpr std::size_t kPlateLanes = 8;  // pixels whose sums are in registers at a time
+constexpr std::size_t kPlateLanes = 8;  // pixels whose sums are held in registers at a time
 
 /// T_0 .. T_degree at x.
 std::array<double, kMaxPlateDegree + 1> chebyshev(double x, int degree) {
@@ -35,7 +35,7 @@ std::array<double, kMaxPlateDegree + 1> chebyshev(double x, int degree) {
   return t;
 }
 
-/// Pixel i of n from -1 to 1, its middle.
+/// Centre of pixel i of n, from -1 to 1.
 double unit_place(int i, int n) { return (2.0 * i + 1.0) / n - 1.0; }
 
 /// T_0 .. T_degree at n pixels, (degree + 1, n).
@@ -65,7 +65,7 @@ struct Place {
   int y;
 };
 
-/// Pixels of a tile that a source in closed form is asked for: a grid denser at the edges.
+/// Pixels of a tile at which a closed-form source is evaluated: a grid denser at the edges.
 std::vector<Place> node_places(const TileRect& rect, int degree) {
   const int n = degree + 2;
   const auto along = [n](int size) {
@@ -88,7 +88,7 @@ std::vector<Place> node_places(const TileRect& rect, int degree) {
   return places;
 }
 
-/// V b / ||V b|| of some pixels, (places, rank); rows of 0 where the plate is not seen.
+/// V b / ||V b|| of some pixels, (positions, rank); rows of 0 where the plate is not seen.
 MatrixXd directions(const StackSource& plate, int channel, const TileRect& rect,
                     const std::vector<Place>& places, const PlateVectors& vectors) {
   const StackDims dims = plate.dims();
@@ -149,7 +149,7 @@ std::vector<float> fit(const MatrixXd& seen, const std::vector<Place>& places,
   if (rows.empty()) {
     return fitted;
   }
-  // As many terms as the pixels seen can carry, with some to spare.
+  // As many terms as the visible pixels can support, with a margin.
   int used = degree;
   const auto fits = [&](int d) {
     return 4 * rows.size() >= 5 * count((d + 1) * (d + 1)) && d < rect.width && d < rect.height;
@@ -321,7 +321,7 @@ int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors, i
                         double target) {
   constexpr std::array<int, 7> kDegrees = {0, 1, 2, 3, 4, 6, 8};
   constexpr int kMaxTiles = 16;
-  constexpr int kChecks = 8;  // pixels a tile
+  constexpr int kChecks = 8;  // pixels per tile
   const StackDims dims = plate.dims();
   const int tiles_x = (dims.width + tile - 1) / tile;
   const int n_tiles = tiles_x * ((dims.height + tile - 1) / tile);
@@ -359,7 +359,7 @@ int choose_plate_degree(const StackSource& plate, const PlateVectors& vectors, i
             u[j] += double{fitted[count(j) * n_terms + k]} * terms[k];
           }
         }
-        // The gain takes up the length: what is missed is across the direction.
+        // The gain absorbs the length: the error is orthogonal to the direction.
         const double along = truth.row(row).dot(u.transpose());
         missed[d] += std::max(0.0, u.squaredNorm() - along * along);
         n_checked += d == 0 ? 1.0 : 0.0;

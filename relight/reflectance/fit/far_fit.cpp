@@ -16,12 +16,12 @@ namespace {
 
 using Eigen::Index;
 
-/// A band of rows takes about this much.
+/// Approximate size of a band of rows.
 constexpr std::size_t kBandBytes = std::size_t{48} << 20U;
 /// The luminance of lrgb is at most 1.37 (colours 0..1, the factor's largest channel 1).
 constexpr double kMostLuminance = 1.5;
 
-/// What every plane's values can be at most, from its sums: inputs are 0..1.
+/// Bounds of each plane's values, from its matrix row: inputs are 0..1.
 PlaneCodes bounds_of(const Eigen::MatrixXd& matrix, Index row, double added, double most) {
   double low = added;
   double high = added;
@@ -37,7 +37,7 @@ class BlockFitter {
  public:
   BlockFitter(const FarFit& fit, std::size_t n_lights)
       : colour_(fit.model.colour),
-        // rgb multiplies the pictures' codes as they are.
+        // For rgb, the matrix is applied to the raw codes of the pictures.
         matrix_(colour_ == ReflectanceColour::rgb ? Eigen::MatrixXd(fit.matrix / 65535.0)
                                                   : fit.matrix),
         n_lights_(n_lights) {
@@ -66,7 +66,7 @@ class BlockFitter {
   [[nodiscard]] Work make_work() const {
     const bool is_rgb = colour_ == ReflectanceColour::rgb;
     const bool is_lrgb = colour_ == ReflectanceColour::lrgb;
-    // Of lrgb three more rows: the colour.
+    // For lrgb three more rows: the colour.
     return {std::vector<float>(is_rgb ? 0 : n_lights_ * 3 * kFitBlock),
             std::vector<float>(is_lrgb ? n_lights_ * kFitBlock : 0),
             std::vector<float>((fit_rows_padded(matrix_.n_out()) + 3) * kFitBlock *
@@ -97,11 +97,11 @@ class BlockFitter {
   }
 
  private:
-  /// One matrix for all channels: they stay side by side until their planes are there.
+  /// One matrix for all channels: they stay interleaved until their planes are computed.
   void fit_channels(const PlaneWriter& writer, const std::uint16_t* row, std::size_t width,
                     std::size_t x0, std::size_t n, Work& work, std::uint16_t* line) const {
     constexpr std::size_t kValues = 3 * kFitBlock;
-    // Beyond the row's last pixel there is the next row, or the band's margin.
+    // Past the row's last pixel lies the next row, or the band's margin.
     matrix_.multiply(row + 3 * x0, 3 * width, kValues, work.out.data(), kValues);
     const std::size_t n_terms = matrix_.n_out();
     for (std::size_t t = 0; t < n_terms; ++t) {

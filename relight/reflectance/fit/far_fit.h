@@ -10,16 +10,16 @@
 
 /// @file
 /// A fit whose planes are the same sums of the lights' values for every pixel: one pass over
-/// the pictures, 16-bit planes, then 8-bit ones whose ranges are known by then.
+/// the pictures, 16-bit planes, then 8-bit ones, whose ranges are known by then.
 
 namespace haarlight {
 
-/// What to compute of every pixel.
+/// What to compute for every pixel.
 struct FarFit {
   /// Basis, colour, terms, lights, axes; no planes and no scales yet.
   ReflectanceModel model;
-  /// rgb: (n_terms, n_lights), of each channel; lrgb: the same, of the luminance factor;
-  /// pca: (n_terms, 3 * n_lights), light by light R, G, B.
+  /// rgb: (n_terms, n_lights), for each channel; lrgb: the same, for the luminance factor; pca:
+  /// (n_terms, 3 * n_lights), light by light R, G, B.
   Eigen::MatrixXd matrix;
   Eigen::VectorXd added;  ///< (n rows of matrix)
 };
@@ -29,7 +29,7 @@ struct FarFitOptions {
   ProgressStyle progress = ProgressStyle::none;
 };
 
-/// @throws Error  as the rows do; no room for 16-bit planes
+/// @throws Error  as the rows do; no disk space for 16-bit planes
 [[nodiscard]] FitResult fit_far(PictureRows& rows, const FarFit& fit,
                                 const FarFitOptions& options = {});
 

@@ -12,7 +12,7 @@ namespace haarlight {
 
 namespace {
 
-/// Rows [y0, y0 + n) of a model as a model.
+/// Rows [y0, y0 + n) of a model as a model of their own.
 ReflectanceModel cut_rows(const ReflectanceModel& model, int y0, int n) {
   ReflectanceModel part = model;
   part.planes = Image<std::uint8_t>(n, model.planes.width(), model.planes.channels());
@@ -23,7 +23,7 @@ ReflectanceModel cut_rows(const ReflectanceModel& model, int y0, int n) {
   return part;
 }
 
-/// As bytes: what is on the screen.
+/// In bytes: as shown on the screen.
 double square_error(const Image<float>& found, std::span<const std::uint16_t> truth,
                     std::size_t n_lights, std::size_t light) {
   const std::size_t n_row = static_cast<std::size_t>(found.width()) * 3;
@@ -82,7 +82,7 @@ FitError measure_fit(const ReflectanceModel& model, PictureRows& rows,
   FitError error;
   const double n_values = static_cast<double>(n_rows) * static_cast<double>(n_row);
   for (const double sum : sums) {
-    // An exact picture counts as one of a single value that is off by one.
+    // An exact picture counts as having a single value off by one.
     error.psnr_db.push_back(10.0 * std::log10(255.0 * 255.0 * n_values / std::max(sum, 1.0)));
   }
   return error;

@@ -10,7 +10,7 @@
 #include "relight/reflectance/formats/reflectance.h"
 
 /// @file
-/// A fit against pictures that it has not seen.
+/// Tests a fit on held-out pictures.
 
 namespace haarlight {
 
@@ -22,13 +22,13 @@ struct HoldOut {
 };
 
 struct FitError {
-  std::vector<double> psnr_db;  ///< a light: of 8-bit values as a viewer shows them, clipped
+  std::vector<double> psnr_db;  ///< per light: of 8-bit values as a viewer shows them, clipped
   [[nodiscard]] double mean_psnr_db() const;
 };
 
 /// The model's pictures at `directions` against the rows' own, band by band.
-/// @param rows  one light a direction, coded as the model is
-/// @param most  pixels times lights; of more, bands of rows are taken that lie evenly
+/// @param rows  one light per direction, coded like the model
+/// @param most  pixels times lights; beyond, evenly spaced bands of rows are used
 [[nodiscard]] FitError measure_fit(const ReflectanceModel& model, PictureRows& rows,
                                    const std::vector<Eigen::Vector3d>& directions,
                                    std::uint64_t most = ~std::uint64_t{0});

@@ -11,16 +11,16 @@
 /// @file
 /// The inner loop of every fit: one small matrix times many pixels. Sums are float, in the
 /// order of the inputs, a product added unrounded where the machine can (lanes.inc): the same
-/// bits with any width of vector that it has an instruction for.
+/// bits for every vector width with such an instruction.
 
 namespace haarlight {
 
-/// Pixels that are worked on together.
+/// Pixels processed together.
 inline constexpr std::size_t kFitBlock = 64;
-/// Values side by side must be a multiple of this.
+/// The number of adjacent values must be a multiple of this.
 inline constexpr std::size_t kFitLanes = 32;
 
-/// n rounded up to what FitMatrix::multiply writes.
+/// n rounded up to the number of rows that FitMatrix::multiply writes.
 [[nodiscard]] constexpr std::size_t fit_rows_padded(std::size_t n) { return (n + 2) / 3 * 3; }
 
 /// A matrix laid out for the loop: three rows side by side, column by column.
@@ -36,7 +36,7 @@ class FitMatrix {
   /// @param out  fit_rows_padded(n_out) rows, out_stride apart
   void multiply(const float* in, std::size_t in_stride, std::size_t n, float* out,
                 std::size_t out_stride) const;
-  /// The same of 16-bit codes as they are.
+  /// The same for raw 16-bit codes.
   void multiply(const std::uint16_t* in, std::size_t in_stride, std::size_t n, float* out,
                 std::size_t out_stride) const;
 
@@ -46,7 +46,7 @@ class FitMatrix {
   std::vector<float> threes_;  ///< (ceil(n_out / 3), n_in, 3)
 };
 
-/// 16-bit codes of pixels of three channels side by side, to three rows of 0..1.
+/// Interleaved 16-bit codes of three channels to three rows of 0..1.
 void split_codes(const std::uint16_t* codes, std::size_t n_pixels, float* r, float* g,
                  float* b);
 

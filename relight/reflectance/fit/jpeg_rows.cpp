@@ -41,7 +41,7 @@ class JpegLines {
     run([&] { decoder_->read(row); });
   }
 
-  /// Lets go of what was decoded already: a mapped page counts as memory in use.
+  /// Releases what was already decoded: a mapped page counts as memory in use.
   void forget_past() {
     const std::size_t done = file_.bytes().size() - decoder_->n_bytes_left();
     constexpr std::size_t kStep = std::size_t{1} << 20U;

@@ -16,10 +16,11 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// Up to so many numbers a pixel all of them are used; beyond, the subspace of so many pixels.
+/// Up to this many numbers per pixel, all of them are used; beyond, the subspace of that many
+/// pixels.
 constexpr Index kMostExact = 768;
 
-/// S with S S' the covariance of the sample (columns: pixels less the mean).
+/// S with S S' the covariance of the sample (columns: pixels minus the mean).
 MatrixXd covariance_factor(const Eigen::MatrixXf& values, const VectorXd& mean) {
   const Index n = values.rows();
   const Index n_pixels = values.cols();
@@ -72,7 +73,7 @@ LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,
   const MatrixXd weighted = knots.transpose() * weights.asDiagonal() * knots;
   const MatrixXd towards = apply_by_channel(weighted, s);
   const SymmetricEigen eigen = symmetric_eigen(s.transpose() * towards);
-  const VectorXd& energies = eigen.values;  // rising
+  const VectorXd& energies = eigen.values;  // ascending
   const Index n_all = energies.size();
   LightAxes found;
   found.matrix.setZero(n_planes, sample.values.rows());
@@ -81,7 +82,7 @@ LightAxes find_light_axes(const MatrixXd& knots, const VectorXd& weights,
   for (Index p = 0; p < std::min<Index>(n_planes, n_all); ++p) {
     const double energy = energies[n_all - 1 - p];
     if (energy <= 1e-12 * energies[n_all - 1] || energy <= 0.0) {
-      break;  // rounding: the plane stays 0
+      break;  // rounding error: the plane stays 0
     }
     const VectorXd u = eigen.vectors.col(n_all - 1 - p) / std::sqrt(energy);
     found.matrix.row(p) = (towards * u).transpose();

@@ -6,8 +6,9 @@
 #include "relight/reflectance/fit/light_sample.h"
 
 /// @file
-/// The few combinations of lights and colours that carry most of a capture's pictures under any
-/// light: PCA of the pixels' values at the knots that a recipe makes of them. Pure.
+/// The few combinations of lights and colours that carry most of a capture's appearance under
+/// any light: PCA of the pixels' values interpolated at the knots (RBF centres or grid points).
+/// Pure.
 
 namespace haarlight {
 
@@ -15,12 +16,12 @@ struct LightAxes {
   Eigen::MatrixXd matrix;  ///< (n_planes, 3 * n_lights): a pixel's planes
   Eigen::VectorXd added;   ///< (n_planes)
   Eigen::MatrixXf axes;    ///< (n_planes + 1, 3 * n_knots), row 0 the mean, 0..1
-  /// Mean square, over the weighted knots and channels, of what the planes leave out.
+  /// Mean square, over the weighted knots and channels, of the planes' error.
   double dropped = 0.0;
 };
 
 /// @param knots    (n_knots, n_lights): values at the knots from those at the lights
-/// @param weights  (n_knots), sum 1: how much an error at a knot counts
+/// @param weights  (n_knots), sum 1: weight of an error at a knot
 [[nodiscard]] LightAxes find_light_axes(const Eigen::MatrixXd& knots,
                                         const Eigen::VectorXd& weights,
                                         const LightSample& sample, int n_planes);

@@ -10,8 +10,8 @@
 
 namespace haarlight {
 
-// The transform is orthonormal: what is dropped is the squared error, but which light it falls
-// on must be seen after going back.
+// The transform is orthonormal: the energy dropped is the squared error, but its distribution
+// over the lights is known only after inverting.
 HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid, int n_kept) {
   const auto n_lights = static_cast<std::size_t>(sample.n_lights());
   HAARLIGHT_EXPECTS(grid.is_valid() && n_lights % static_cast<std::size_t>(grid.size()) == 0,

@@ -5,18 +5,18 @@
 #include "relight/reflectance/fit/light_sample.h"
 
 /// @file
-/// What the light-domain Haar basis, which basis files use, would need for the same capture:
-/// for comparison with fits. It gives back photographed lights only, none between them. Pure.
+/// What the light-domain Haar basis of basis files would need for the same capture: for
+/// comparison with fits. It reproduces only photographed lights, none in between. Pure.
 
 namespace haarlight {
 
 struct HaarSize {
   double psnr_db = 0.0;        ///< mean over the lights, at the lights themselves
-  double bytes_a_pixel = 0.0;  ///< place and value of each number kept: 3 bytes
+  double bytes_a_pixel = 0.0;  ///< index and value of each number kept: 3 bytes
 };
 
-/// The `n_kept` largest of a pixel's coefficients over all three channels, values as they are.
-/// @param grid  of each face; the sample's lights are whole grids
+/// The `n_kept` largest of a pixel's coefficients over all three channels, unquantised.
+/// @param grid  of each face; the sample's lights fill whole grids
 [[nodiscard]] HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid,
                                           int n_kept);
 

@@ -21,11 +21,11 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// Singular values below this share of the largest count as none: directions have about seven
-/// digits in light lists.
+/// Singular values below this fraction of the largest count as zero: light lists give
+/// directions to about seven digits.
 constexpr double kRankTolerance = 1e-6;
 constexpr int kDrift = 4;
-/// Lights that leave a plane by less than this share of their spread count as in it.
+/// Lights off a plane by less than this fraction of their spread count as in it.
 constexpr double kFlat = 1e-3;
 
 Index count(const Directions& directions) { return static_cast<Index>(directions.size()); }
@@ -75,7 +75,7 @@ MatrixXd kriging_inverse(const LightRecipe& recipe, const Directions& lights) {
   if (column_rank(system.topRightCorner(n, kDrift), kFlat) == kDrift && recipe.ridge > 0.0) {
     return inverse_by_lu(system).leftCols(n);
   }
-  // Lights in one plane leave the drift undetermined: the least solution then.
+  // Lights in one plane leave the drift undetermined: then the minimum-norm solution.
   return pseudo_inverse(system, 1e-12).leftCols(n);
 }
 
@@ -101,7 +101,7 @@ Directions without(const Directions& lights, std::size_t i) {
   return others;
 }
 
-/// Where nothing closed is known: the recipe itself on the other lights.
+/// Where no closed form is known: the fit repeated on the other lights.
 MatrixXd leave_out_each(const LightRecipe& recipe, const Directions& lights) {
   const Index n = count(lights);
   MatrixXd residual = MatrixXd::Identity(n, n);
@@ -115,7 +115,8 @@ MatrixXd leave_out_each(const LightRecipe& recipe, const Directions& lights) {
   return residual;
 }
 
-/// From B with residuals B v of the fit on all lights: those of leaving one out are B_i / B_ii.
+/// From B with residuals B v of the fit on all lights: the leave-one-out residuals are B_i /
+/// B_ii.
 MatrixXd divide_by_diagonal(MatrixXd b) {
   for (Index i = 0; i < b.rows(); ++i) {
     const double own = b(i, i);
@@ -203,7 +204,7 @@ MatrixXd term_matrix(const LightRecipe& recipe, const Directions& lights) {
   return pseudo_inverse(stacked, kRankTolerance).leftCols(n);
 }
 
-// Values c at the centres with W c = v in the sense of least squares, drawn towards v.
+// Values c at the centres with W c = v by least squares, regularised towards v.
 MatrixXd radial_centres(const LightRecipe& recipe, const Directions& lights) {
   const MatrixXd w = radial_rows(lights, recipe.width, lights);
   const Index n = w.rows();
@@ -231,7 +232,7 @@ MatrixXd leave_one_out(const LightRecipe& recipe, const Directions& lights) {
   if (n < 2) {
     return MatrixXd::Constant(n, n, std::numeric_limits<double>::quiet_NaN());
   }
-  constexpr Index kEachAlone = 128;  // beyond, as if the centre stayed: an approximation
+  constexpr Index kEachAlone = 128;  // beyond, as if the centre were kept: an approximation
   if (recipe.kind == RecipeKind::radial && n <= kEachAlone) {
     return leave_out_each(recipe, lights);
   }

@@ -9,8 +9,8 @@
 #include "relight/reflectance/formats/reflectance.h"
 
 /// @file
-/// How a value under a light that was not photographed is made of those that were: a sum with
-/// weights that depend on directions alone, the same for every pixel. Polynomials and harmonics
+/// Interpolates values under lights that were not photographed from those that were: a sum with
+/// weights that depend only on directions, the same for every pixel. Polynomials and harmonics
 /// with ridge, kriging, and normalised Gaussians. Source: Malzbender et al. (2001) and Gautron
 /// et al. (2004) for the terms; Cressie, "Statistics for Spatial Data" (1993), 3.4 for kriging
 /// with a drift; Dubrule (1983) for its closed-form leave-one-out. Pure; thread-safe.
@@ -43,23 +43,23 @@ struct LightRecipe {
   KrigingKernel kernel = KrigingKernel::thin_plate;
   LightSpace space = LightSpace::sphere;
   double width = 0.5;  ///< matern, radial
-  /// terms: added to the normal equations, times a term's order squared (a light's share is
-  /// 1 / n_lights); kriging and radial: variance of what is noise.
+  /// terms: added to the normal equations, times a term's order squared (each light contributes
+  /// 1 / n_lights); kriging and radial: noise variance.
   double ridge = 0.0;
 };
 [[nodiscard]] std::string to_string(const LightRecipe& recipe);
 
-/// The terms of directions, (n, n_terms).
+/// The terms at the directions, (n, n_terms).
 [[nodiscard]] Eigen::MatrixXd terms_of(ReflectanceBasis basis, int n_terms,
                                        const std::vector<Eigen::Vector3d>& directions);
 
-/// How much each term bends, (n_terms): what the ridge is multiplied by. Harmonics of order l:
-/// (l (l + 1) / 2)^2, the squared Laplacian's share; PTM: 1 for squares and product, 0.3 for u
-/// and v, 0 for the constant.
+/// Roughness of each term, (n_terms): the factor of the ridge. Harmonics of order l: (l (l + 1)
+/// / 2)^2, from the squared Laplacian; PTM: 1 for squares and product, 0.3 for u and v, 0 for
+/// the constant.
 [[nodiscard]] Eigen::VectorXd ridge_shape(ReflectanceBasis basis, int n_terms);
 
-/// The fit's matrix, (n_terms, n_lights): coefficients = matrix * values. Lights that cannot
-/// tell all terms apart: the least coefficients (ridge 0) or what the ridge says.
+/// The fit's matrix, (n_terms, n_lights): coefficients = matrix * values. If the lights cannot
+/// separate all terms: the minimum-norm coefficients (ridge 0), or as regularised by the ridge.
 [[nodiscard]] Eigen::MatrixXd term_matrix(const LightRecipe& recipe,
                                           const std::vector<Eigen::Vector3d>& lights);
 
@@ -75,23 +75,23 @@ struct LightRecipe {
                                             const std::vector<Eigen::Vector3d>& lights);
 
 /// radial: values at the Gaussians' centres, the lights, from those photographed; (n_lights,
-/// n_lights). Between the centres knot_weights() of relight/reflectance/formats/reflectance.h
-/// counts.
+/// n_lights). Between the centres, knot_weights() of relight/reflectance/formats/reflectance.h
+/// applies.
 [[nodiscard]] Eigen::MatrixXd radial_centres(const LightRecipe& recipe,
                                              const std::vector<Eigen::Vector3d>& lights);
 
-/// How well lights tell a basis' terms apart.
+/// How well lights separate a basis's terms.
 struct TermsCondition {
   int rank = 0;
-  double condition = 0.0;     ///< largest by smallest singular value; infinite where deficient
+  double condition = 0.0;  ///< largest over smallest singular value; infinite where deficient
   Eigen::VectorXd ambiguous;  ///< where deficient: unit combination of terms that no light sees
 };
 [[nodiscard]] TermsCondition terms_condition(ReflectanceBasis basis, int n_terms,
                                              const std::vector<Eigen::Vector3d>& lights);
 
-/// What is wrong with a set of directions, for people; empty where nothing is.
-/// Lights fewer than terms, two in one place, all in one plane (with the direction that stays
-/// ambiguous), below the horizon.
+/// Warnings for the user about a set of directions; empty if there are none. Fewer lights than
+/// terms, coincident lights, all in one plane (with the direction that stays ambiguous), below
+/// the horizon.
 [[nodiscard]] std::vector<std::string> light_warnings(
     const std::vector<Eigen::Vector3d>& lights);
 

@@ -11,7 +11,7 @@ Eigen::MatrixXd LightSample::products() const {
   using Eigen::Index;
   const Index n = n_lights();
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(n, n);
-  constexpr Index kChunk = 2048;  // float sums of so many, then double
+  constexpr Index kChunk = 2048;  // float sums of this many, then double
   Eigen::MatrixXf chunk(n, kChunk);
   for (Index from = 0; from < values.cols(); from += kChunk) {
     const Index m = std::min(kChunk, values.cols() - from);
@@ -33,7 +33,7 @@ LightSample sample_lights(PictureRows& rows, std::size_t n_pixels) {
   const auto n_lights = static_cast<std::size_t>(shape.n_lights);
   constexpr std::size_t kBytes = std::size_t{64} << 20U;
   n_pixels = std::clamp<std::size_t>(n_pixels, 1, kBytes / (3 * n_lights * sizeof(float)));
-  // As many rows as columns, as far as the picture has them.
+  // As many rows as columns, as far as the picture allows.
   const auto side = static_cast<std::size_t>(std::ceil(std::sqrt(n_pixels)));
   const std::size_t n_cols =
       std::min(width, std::max<std::size_t>(side, n_pixels / std::min(height, side)));
@@ -52,7 +52,7 @@ LightSample sample_lights(PictureRows& rows, std::size_t n_pixels) {
     rows.read(1, row);
     y = at + 1;
     for (std::size_t j = 0; j < n_cols; ++j) {
-      // A column further with every row: no rhythm with the picture's own.
+      // Shifted by one column per row: no aliasing with regular structure in the picture.
       const std::size_t x = ((2 * j + 1) * width / (2 * n_cols) + i) % width;
       float* to = sample.values.data() + (i * n_cols + j) * 3 * n_lights;
       for (std::size_t k = 0; k < n_lights; ++k) {

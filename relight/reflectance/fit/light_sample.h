@@ -8,7 +8,7 @@
 #include "relight/reflectance/fit/picture_rows.h"
 
 /// @file
-/// Some pixels of a capture under all its lights: what choosing a fit looks at.
+/// Some pixels of a capture under all its lights: the data for choosing a fit.
 
 namespace haarlight {
 
@@ -22,7 +22,7 @@ struct LightSample {
 
 inline constexpr std::size_t kSamplePixels = 40000;
 
-/// Pixels of rows spread evenly over the picture; fewer where the lights are many (64 MiB).
+/// Pixels of rows spread evenly over the picture; fewer if there are many lights (64 MiB).
 [[nodiscard]] LightSample sample_lights(PictureRows& rows,
                                         std::size_t n_pixels = kSamplePixels);
 

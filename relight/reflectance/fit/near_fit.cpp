@@ -28,25 +28,25 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr std::size_t kBandBytes = std::size_t{48} << 20U;
-/// A light that gives less than this share of its axis' light says nothing of a pixel.
+/// A light that gives a pixel less than this fraction of its on-axis light is ignored there.
 constexpr double kLeastLobe = 1e-3;
-/// Knots further apart than this share of the lights' distance are refused, and so are longer
-/// straight lines between: at 0.158 and 0.048 a picture 37 dB from the truth loses up to 0.007
-/// dB, at 0.21 and 0.083 up to 0.05 dB.
+/// Knots further apart than this fraction of the lights' distance are refused, and so are
+/// longer linear segments between them: at 0.158 and 0.048 a picture 37 dB from the truth loses
+/// up to 0.007 dB, at 0.21 and 0.083 up to 0.05 dB.
 constexpr double kCoarsestCell = 0.16;
 constexpr double kCoarsestStep = 0.05;
-/// The same of the light nearest to the picture: what that picture's knots were of its height.
+/// The same for the light nearest to the picture, relative to its height.
 constexpr double kCoarsestOfNearest = 0.25;
 
-/// Pixels that share an interpolated matrix's way through the caches.
+/// Pixels that share one pass of an interpolated matrix through the caches.
 constexpr std::size_t kSpan = 1024;
 static_assert(kSpan % kNearBlock == 0 && kNearBlock % kNearStep == 0);
 
-/// Cubics through this many knots a side.
+/// Cubics through this many knots per axis.
 constexpr std::size_t kTaps = 4;
 static_assert(kNearChunk % kNearStep == 0);
 
-/// Evenly spaced knots over one side of the picture, its borders among them.
+/// Evenly spaced knots along one side of the picture, including its borders.
 struct Knots {
   std::size_t n = 0;
   double spacing = 1.0;  ///< pixels
@@ -54,13 +54,13 @@ struct Knots {
       : n(std::max<std::size_t>(kTaps,
                                 static_cast<std::size_t>((n_pixels + grid - 1) / grid) + 1)),
         spacing(n_pixels / static_cast<double>(n - 1)) {}
-  /// The first of the kTaps knots around a place, in pixels.
+  /// The first of the kTaps knots around a position, in pixels.
   [[nodiscard]] std::size_t first_around(double place) const {
     const double cell = std::floor(place / spacing);
     return static_cast<std::size_t>(
         std::clamp(cell - 1.0, 0.0, static_cast<double>(n - kTaps)));
   }
-  /// Lagrange's weights of these knots.
+  /// Lagrange weights of these knots.
   [[nodiscard]] std::array<float, kTaps> weights_at(double place) const {
     const double s = place / spacing - static_cast<double>(first_around(place));
     std::array<float, kTaps> weights{};
@@ -78,10 +78,10 @@ struct Knots {
   }
 };
 
-/// Of one pixel and all lights.
+/// All lights seen from one pixel.
 struct LightsSeen {
   std::vector<Eigen::Vector3d> directions;  ///< picture frame
-  VectorXd gains;                           ///< 0: says nothing
+  VectorXd gains;                           ///< 0: ignored
 };
 
 double reference_of(const NearGeometry& geometry, const StackDims& shape) {
@@ -96,7 +96,8 @@ double reference_of(const NearGeometry& geometry, const StackDims& shape) {
   return sum / static_cast<double>(geometry.lights.size());
 }
 
-/// Brings a light's values to one power at the reference distance; colours of light are left.
+/// Normalises a light's values to one power at the reference distance; the colours of lights
+/// are kept.
 double scale_of(const NearLight& light, double reference_mm) {
   return 1.0 / (reference_mm * reference_mm * light.power.mean());
 }
@@ -109,7 +110,7 @@ LightsSeen lights_seen(const NearGeometry& geometry, double reference_mm,
     const NearLight& light = geometry.lights[i];
     const Eigen::Vector3d way = light.position_mm - point;
     const double r = way.norm();
-    if (r == 0.0) {  // at the very point: no direction
+    if (r == 0.0) {  // at the point itself: no direction
       seen.gains[static_cast<Index>(i)] = 0.0;
       seen.directions.emplace_back(Eigen::Vector3d::UnitZ());
       continue;
@@ -132,8 +133,8 @@ VectorXd ridge_diagonal(const NearFitOptions& options, std::size_t n_lights) {
          1e-12;
 }
 
-/// The fit's matrix at a pixel, (n_terms, n_lights), gains left out: coefficients = matrix *
-/// (gain * value). Lights that say nothing have zero columns.
+/// The fit's matrix at a pixel, (n_terms, n_lights), without gains: coefficients = matrix *
+/// (gain * value). Ignored lights have zero columns.
 MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
   MatrixXd terms = terms_of(options.basis, options.n_terms, seen.directions);
   for (Index i = 0; i < terms.rows(); ++i) {
@@ -146,7 +147,7 @@ MatrixXd matrix_at(const NearFitOptions& options, const LightsSeen& seen) {
   return solve_symmetric(normal, MatrixXd(terms.transpose()));
 }
 
-/// Straight lines and cubics between knots must do for every light.
+/// Linear and cubic interpolation between knots must suffice for every light.
 void require_fine_knots(const NearGeometry& geometry, const StackDims& shape, int grid,
                         double reference) {
   const Knots across(shape.width, grid);
@@ -221,7 +222,7 @@ void require_lights(const NearGeometry& geometry, const StackDims& shape,
   }
 }
 
-/// Codes of a plane's coefficients: what the middle's matrix could give at most, with room.
+/// Codes of a plane's coefficients: the range possible with the middle's matrix, with a margin.
 std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const StackDims& shape,
                                    const NearFitOptions& options) {
   const LightsSeen seen =
@@ -231,7 +232,7 @@ std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const StackDims
   std::vector<PlaneCodes> codes;
   for (int p = 0; p < 3 * options.n_terms; ++p) {
     const auto row = matrix.row(p % options.n_terms);
-    constexpr double kRoom = 2.0;  // corrected values go beyond white, borders differ
+    constexpr double kRoom = 2.0;  // corrected values exceed white, borders differ
     const double low = kRoom * row.cwiseMin(0.0).sum();
     const double high = kRoom * row.cwiseMax(0.0).sum();
     const double step = (high - low) / 65535.0;
@@ -240,14 +241,14 @@ std::vector<PlaneCodes> near_codes(const NearGeometry& geometry, const StackDims
   return codes;
 }
 
-/// A row of knots or of places between them: matrices in float, (n_lights, n_terms) each.
+/// A row of knots or of positions between them: matrices in float, (n_lights, n_terms) each.
 using MatrixRow = std::vector<std::vector<float>>;
 
 /// What the pixels of a row are interpolated from.
 struct RowBetween {
   MatrixRow matrices;          ///< at every knot's column
   std::vector<float> gains;    ///< (n_lights, n_places), every kNearBlock / 2 pixels from 0 on
-  std::vector<char> is_rough;  ///< (n_lights): parabolas do not do somewhere
+  std::vector<char> is_rough;  ///< (n_lights): a parabola does not suffice somewhere
 };
 
 /// Everything that blocks of pixels share.
@@ -310,7 +311,7 @@ class NearFitter {
     return work.planes.data() + i_block * 3 * n_terms_ * kNearBlock;
   }
 
-  /// kSpan pixels from x0; those beyond the picture's width mean nothing.
+  /// kSpan pixels from x0; those beyond the picture's width are meaningless.
   /// @param row  (n_lights, width, 3) and a margin of 3 * kNearBlock
   void fit_exact(const std::uint16_t* row, std::size_t y, std::size_t x0, Work& work) const {
     const std::size_t n_padded = near_terms_padded(options_.n_terms);
@@ -372,7 +373,8 @@ class NearFitter {
     return knots;
   }
 
-  /// Rows between the rows of knots around them. @param knots  kTaps rows from first_knots(y0)
+  /// Rows interpolated from the rows of knots around them. @param knots  kTaps rows from
+  /// first_knots(y0)
   void between_rows(const std::vector<MatrixRow>& knots, std::size_t y0,
                     std::span<RowBetween> rows) const {
     for (RowBetween& row : rows) {
@@ -433,11 +435,11 @@ class NearFitter {
     const std::size_t n = std::min(kSpan, static_cast<std::size_t>(shape_.width) - x0);
     return (n + kNearBlock - 1) / kNearBlock;
   }
-  /// Places along a row at which gains are known, of the last block's end too.
+  /// Positions along a row at which gains are known, including the last block's end.
   [[nodiscard]] std::size_t n_places() const {
     return 2 * ((static_cast<std::size_t>(shape_.width) + kNearBlock - 1) / kNearBlock) + 1;
   }
-  /// Of all lights' terms at one place, whole chunks.
+  /// Numbers of all lights' terms at one position, in whole chunks.
   [[nodiscard]] std::size_t n_padded_numbers() const {
     return (sources_.size() + kNearChunk - 1) / kNearChunk * kNearChunk * n_terms_;
   }
@@ -446,8 +448,8 @@ class NearFitter {
                                               std::size_t x) const {
     return row + (light * static_cast<std::size_t>(shape_.width) + x) * 3;
   }
-  /// Asks for the codes that are needed after block i of a span, chunk by chunk: each
-  /// light's are elsewhere. Beyond the band nothing happens.
+  /// Prefetches the codes needed after block i of a span, chunk by chunk: each light's lie
+  /// elsewhere in memory. A no-op past the end of the band.
   void fetch_ahead(const std::uint16_t* row, std::size_t light, std::size_t x0, std::size_t i,
                    std::size_t n_blocks) const {
     const std::size_t soon = i + 1;
@@ -462,7 +464,7 @@ class NearFitter {
   }
 
   /// Cubics down a column of knots: its matrices at some rows, a few lights at a time, so that
-  /// the knots' own are read once.
+  /// those of the knots are read once.
   void mix_column(const std::vector<MatrixRow>& knots, std::size_t column, std::size_t y0,
                   std::span<RowBetween> rows) const {
     const std::size_t n = kNearChunk * n_terms_;
@@ -506,7 +508,7 @@ class NearFitter {
                   Work& work) const {
     const std::size_t stride = kNearChunk * n_terms_;
     for (std::size_t s = 0; s <= n_blocks_from(x0) * kNearBlock / kNearStep; ++s) {
-      // The last step may end beyond the picture: the cubic goes on.
+      // The last step may end beyond the picture: the cubic is extrapolated.
       const auto place = static_cast<double>(x0 + s * kNearStep);
       const std::size_t first = across_.first_around(place);
       std::array<const float*, kTaps> from{};
@@ -530,7 +532,7 @@ class NearFitter {
     }
     return block;
   }
-  /// The place that (x, y) of the picture sees becomes the block's k-th.
+  /// Stores the point seen at (x, y) of the picture as the block's k-th.
   void put(NearBlock& block, std::size_t k, double x, double y) const {
     const Eigen::Vector3f at =
         (geometry_.points.picture_from_world() * geometry_.points.at(x, y)).cast<float>();

@@ -12,14 +12,14 @@
 #include "relight/reflectance/formats/reflectance.h"
 
 /// @file
-/// Fits under lights that are near: values are brought to one distance first, then each pixel
-/// is fitted in the directions from which it was lit itself. Source: Huang et al., "Near Light
-/// Correction for Image Relighting and 3D Shape Recovery", section V.A, eq. 10. Method, cost
-/// and error: docs/numerics/reflectance-fits.md, "Near lights".
+/// Fits under near lights: values are normalised to one distance first, then each pixel is
+/// fitted with its own light directions. Source: Huang et al., "Near Light Correction for Image
+/// Relighting and 3D Shape Recovery", section V.A, eq. 10. Method, cost and error:
+/// docs/numerics/reflectance-fits.md, "Near lights".
 
 namespace haarlight {
 
-/// Where lights and pixels are.
+/// Positions of lights and pixels.
 struct NearGeometry {
   std::vector<NearLight> lights;  ///< (n_lights)
   PixelPoints points;
@@ -30,7 +30,7 @@ struct NearGeometry {
 
 enum class NearSolve {
   exact,  ///< every pixel its own least-squares problem
-  /// The solution's matrix on a grid of pixels, cubics between.
+  /// The solution's matrix on a grid of pixels, cubic interpolation in between.
   interpolated,
 };
 
@@ -39,17 +39,17 @@ struct NearFitOptions {
   int n_terms = 9;
   double ridge = 1e-4;  ///< as LightRecipe::ridge
   NearSolve solve = NearSolve::exact;
-  int grid = 64;  ///< interpolated: pixels between its knots, at most
-  /// What the corrected values are coded with before they are fitted: viewers expect srgb. The
-  /// rows are linear in either case.
+  int grid = 64;  ///< interpolated: largest number of pixels between knots
+  /// The transfer applied to the corrected values before the fit: viewers expect srgb. The rows
+  /// are linear in either case.
   Transfer transfer = Transfer::srgb;
   PlaneOptions planes{};
   ProgressStyle progress = ProgressStyle::none;
 };
 
 /// @param rows  linear
-/// @throws Error  a light in or behind a pixel's place; lights that tell too few terms apart
-///                (naming the cure); what the rows throw
+/// @throws Error  a light at or behind a pixel's surface point; lights that separate too few
+///                terms (with a hint); what the rows throw
 [[nodiscard]] FitResult fit_near(PictureRows& rows, const NearGeometry& geometry,
                                  const NearFitOptions& options);
 

@@ -10,18 +10,19 @@
 /// @file
 /// The inner loops of a fit whose directions differ from pixel to pixel. Sums are float, in the
 /// order of the lights, a product added unrounded where the machine can (lanes.inc): the same
-/// bits with any width of vector that it has an instruction for.
+/// bits for every vector width with such an instruction.
 
 namespace haarlight {
 
-/// Pixels of a row that are worked on together.
+/// Pixels of a row processed together.
 inline constexpr std::size_t kNearBlock = 32;
-/// Lights whose columns are made together: 24 kB of them stay in the nearest cache, with sums.
+/// Lights whose columns are computed together: 24 kB of them stay in the L1 cache, with the
+/// sums.
 inline constexpr std::size_t kNearChunk = 16;
-/// Pixels over which an interpolated matrix is a straight line.
+/// Pixels over which an interpolated matrix is linear.
 inline constexpr std::size_t kNearStep = 16;
 
-/// Places of a block's pixels in the picture's frame, mm.
+/// Positions of a block's pixels in the picture's frame, mm.
 struct NearBlock {
   alignas(64) std::array<float, kNearBlock> x{};
   alignas(64) std::array<float, kNearBlock> y{};
@@ -33,25 +34,25 @@ struct NearSource {
   float x = 0.0F;
   float y = 0.0F;
   float z = 0.0F;
-  std::array<float, 3> axis{};  ///< unit, the way it shines
+  std::array<float, 3> axis{};  ///< unit, direction of emission
   float mu = 0.0F;
-  float scale = 1.0F;  ///< gain = scale * r^2 / cos^mu, to what is fitted from 16-bit codes
+  float scale = 1.0F;  ///< gain = scale * r^2 / cos^mu, from 16-bit codes to fitted values
 };
 
-/// What is fitted.
+/// The form of the fit.
 struct NearForm {
   ReflectanceBasis basis = ReflectanceBasis::hsh;  ///< ptm or hsh
   int n_terms = 9;
   bool is_coded = true;  ///< values become sRGB after their gain
 };
 
-/// Columns of the problem: terms and then three values, each rounded up to three.
+/// Columns of the problem: terms and then three values, each padded to a multiple of three.
 [[nodiscard]] constexpr std::size_t near_terms_padded(int n_terms) {
   return (static_cast<std::size_t>(n_terms) + 2) / 3 * 3;
 }
 
-/// Terms of a light seen from each pixel (zero beyond n_terms, and where the light shines
-/// away), and the values that are fitted: what the light's pictures would hold at the reference
+/// Terms of a light seen from each pixel (zero beyond n_terms, and where the light emits away
+/// from it), and the fitted values: what the light's pictures would hold at the reference
 /// distance. Terms are within 1e-6; the sRGB curve within 1e-5 of white below 1, 2e-5 up to 4,
 /// where it ends.
 /// @param codes    (kNearBlock, 3)
@@ -59,14 +60,14 @@ struct NearForm {
 void near_columns(const NearForm& form, const NearSource& light, const NearBlock& block,
                   const std::uint16_t* codes, float* columns);
 
-/// A light's gains at a block's places, (kNearBlock).
+/// A light's gains at a block's pixels, (kNearBlock).
 void near_gains(const NearSource& light, const NearBlock& block, float* gains);
 /// The values alone, codes times gains. @param values  (3, kNearBlock)
 void near_values(const float* gains, const std::uint16_t* codes, bool is_coded, float* values);
-/// Gains that grow by more along a block are not taken for a parabola: up to there r^2 / cos
-/// differs from one by less than 3e-5.
+/// Gains that grow by more along a block are not approximated by a parabola: up to here r^2 /
+/// cos differs from one by less than 3e-5.
 inline constexpr float kMostBend = 1.25F;
-/// Whether a light's gains need more than parabolas anywhere along a row.
+/// Whether parabolas are too coarse for a light's gains anywhere along a row.
 /// @param gains  (2 * n_blocks + 1), every half block
 [[nodiscard]] bool has_rough_gains(const float* gains, std::size_t n_blocks);
 /// Values of some lights with the parabola through three gains of each: at the block's start,
@@ -86,7 +87,7 @@ void add_near_products(const float* columns, std::size_t n_lights, std::size_t n
                        float* sums);
 
 /// Each pixel's coefficients: (A + diag(ridge)) c = b from its sums, in double. A term that the
-/// lights say nothing of is left out.
+/// lights do not determine is left out.
 /// @param planes  (3 * n_terms, kNearBlock), terms of R, of G, of B
 void solve_near(const float* sums, const double* ridge, int n_terms, float* planes);
 

@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kHead = 3;
 bool is_jpeg(const fs::path& path) { return read_head(path, kHead) == "\xff\xd8\xff"; }
 
-/// A picture's sRGB codes, three a pixel.
+/// A picture's sRGB codes, three per pixel.
 std::vector<std::uint16_t> codes_of(PictureFile picture, const fs::path& path) {
   if (picture.is_floating) {
     throw Error("has floating values: what is white is not known", path.string(),
@@ -47,7 +47,7 @@ std::vector<std::uint16_t> codes_of(PictureFile picture, const fs::path& path) {
   return codes;
 }
 
-/// Pictures of one size, kept whole, read in pieces: in memory or in a nameless file.
+/// Pictures of one size, kept whole, read in pieces: in memory or in an unnamed temporary file.
 class CodeStore {
  public:
   CodeStore(std::size_t n_picture, std::size_t n_pictures, const PictureFilesOptions& options)
@@ -90,7 +90,7 @@ class CodeStore {
   }
 
  private:
-  /// What a call did. @throws Error(io)
+  /// The number of bytes a call processed. @throws Error(io)
   [[nodiscard]] std::size_t advanced_by(ssize_t n) const {
     if (n < 0 && errno == EINTR) {
       return 0;
@@ -152,7 +152,7 @@ class KeptRows final : public PictureRows {
   std::size_t y_ = 0;
 };
 
-/// Whether all files say the same of their colours as the first does.
+/// Whether all files declare the same colours as the first.
 bool are_alike(const std::vector<fs::path>& pictures) {
   const auto tags_of = [](const fs::path& path) {
     const MappedFile file(path);

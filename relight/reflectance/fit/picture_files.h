@@ -16,8 +16,8 @@
 namespace haarlight {
 
 struct PictureFilesOptions {
-  /// 16-bit codes of pictures that are not read line by line, beyond this: in a nameless file
-  /// in `work_folder`, 6 bytes a pixel and picture.
+  /// Beyond this, 16-bit codes of pictures that are not read line by line go to an unnamed
+  /// temporary file in `work_folder`, 6 bytes per pixel and picture.
   std::uint64_t memory_bytes = std::uint64_t{1} << 29U;
   std::filesystem::path work_folder = std::filesystem::temp_directory_path();
 };
@@ -27,12 +27,11 @@ struct PictureFiles {
   std::string profile;  ///< applied to the first picture: "Adobe RGB (1998)"; empty: none
 };
 
-/// Baseline JPEGs of sRGB's colours are read line by line (jpeg_rows). Where one picture is
-/// not, each is decoded whole in turn, becomes sRGB by its colour profile (of linear light
-/// clipped to 0..1), and is kept as 16-bit codes.
+/// Baseline JPEGs in sRGB are read line by line (jpeg_rows). If any picture is not, each is
+/// decoded whole in turn, converted to sRGB by its colour profile (via linear light clipped to
+/// 0..1), and kept as 16-bit codes.
 /// @throws Error  naming the picture: not one that core reads; another size; floating values,
-/// whose
-///                white is not known
+///                whose white is not known
 [[nodiscard]] PictureFiles picture_rows(std::vector<std::filesystem::path> pictures,
                                         const PictureFilesOptions& options = {});
 

@@ -21,7 +21,7 @@ std::uint16_t code_of(float value) {
   return static_cast<std::uint16_t>(std::lround(std::clamp(value, 0.0F, 1.0F) * kWhite));
 }
 
-/// Imported display pictures: what is in the file is what a viewer shows.
+/// Imported display pictures: a viewer shows exactly what is in the file.
 bool is_display_coded(const Session& session, Transfer transfer) {
   const SessionInfo& info = session.info();
   const bool has_dark_or_flat =
@@ -119,7 +119,7 @@ class DevelopedRows final : public PictureRows {
   }
 
  private:
-  /// As `haarlight export` does: nearly everything is below white.
+  /// As in `haarlight export`: nearly everything is below white.
   double choose_white() {
     const int height = developer_.dims().height;
     constexpr int kRows = 16;

@@ -17,9 +17,9 @@
 #include "session/session.h"
 
 /// @file
-/// The pictures of a capture under all its lights, read in step from top to bottom: memory for
-/// a few rows of each, whatever the pictures' size. Values are what a viewer would show: coded
-/// in `transfer`, 0..65535 of white.
+/// The pictures of a capture under all its lights, read in lockstep from top to bottom: memory
+/// for a few rows of each, whatever the pictures' size. Values are what a viewer would show:
+/// coded in `transfer`, 65535 = white.
 
 namespace haarlight {
 
@@ -34,7 +34,7 @@ class PictureRows {
   [[nodiscard]] virtual Transfer transfer() const = 0;
   /// Back to the first row.
   virtual void rewind() = 0;
-  /// Passes over rows as cheaply as the files allow.
+  /// Skips rows as cheaply as the files allow.
   virtual void skip(int n_rows) = 0;
   /// The next rows.
   /// @param out  (n_rows, n_lights, width, 3); grey pictures give three equal channels
@@ -42,11 +42,11 @@ class PictureRows {
   virtual void read(int n_rows, std::span<std::uint16_t> out) = 0;
 };
 
-/// How a session's values become those of a viewer.
+/// How a session's values are converted to a viewer's.
 struct SessionRowsOptions {
   Transfer transfer = Transfer::srgb;
   /// Linear value that becomes white; 0: the 99.9th percentile over a sample of rows. Pictures
-  /// that are sRGB-coded 8- or 16-bit files already are taken as they are.
+  /// that are already sRGB-coded 8- or 16-bit files are used as they are.
   double white = 0.0;
   DevelopOptions develop{};
 };
@@ -55,13 +55,13 @@ struct SessionRowsOptions {
 [[nodiscard]] std::unique_ptr<PictureRows> session_rows(const Session& session,
                                                         const SessionRowsOptions& options);
 
-/// Baseline JPEGs, decoded line by line side by side: nothing but the files is read or written.
+/// Baseline JPEGs, decoded line by line in parallel: no temporary files.
 /// @throws Error  naming the file: not a JPEG, of another size, CMYK, or progressive (it would
 ///                have to be held whole: import it as a session)
 [[nodiscard]] std::unique_ptr<PictureRows> jpeg_rows(
     std::vector<std::filesystem::path> pictures);
 
-/// Whether jpeg_rows can read a JPEG line by line; true of a broken one, which it refuses.
+/// Whether jpeg_rows can read a JPEG line by line; true for a damaged one, which it refuses.
 [[nodiscard]] bool is_line_jpeg(const std::filesystem::path& path);
 
 /// Pictures in memory, for tests and small captures: (n_lights) of (height, width, 1 or 3),
@@ -73,7 +73,7 @@ struct SessionRowsOptions {
 [[nodiscard]] std::unique_ptr<PictureRows> selected_rows(PictureRows& all,
                                                          std::vector<int> lights);
 
-/// A rectangle of other rows only, which it keeps.
+/// A rectangle of other rows only, which it owns.
 /// @param rectangle  within the pictures
 [[nodiscard]] std::unique_ptr<PictureRows> cropped_rows(std::unique_ptr<PictureRows> whole,
                                                         const PixelRectangle& rectangle);

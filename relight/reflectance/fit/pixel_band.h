@@ -8,8 +8,8 @@
 #include "relight/basis/large_buffer.h"
 
 /// @file
-/// Rows of all pictures of a capture, in large pages: a pixel's values under its lights lie a
-/// row apart each, and a thousand small pages would be looked up again and again.
+/// Rows of all pictures of a capture, in large pages: a pixel's values under successive lights
+/// lie a row apart, and a thousand small pages would thrash the TLB.
 
 namespace haarlight {
 

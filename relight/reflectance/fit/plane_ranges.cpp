@@ -33,20 +33,20 @@ struct Moments {
     const std::size_t i = end + 1;
     return (xx.back() - xx[i]) - 2.0 * e * (x.back() - x[i]) + e * e * (n.back() - n[i]);
   }
-  /// Rounding to 255 steps between the ends is off by up to half a step, evenly.
+  /// Rounding to 255 steps between the ends has errors uniform within half a step.
   [[nodiscard]] double cost(std::size_t low, std::size_t high) const {
     const double step = static_cast<double>(high - low) / 255.0;
     return cut_below(low) + cut_above(high) + n.back() * step * step / 12.0;
   }
 };
 
-/// The scale of a .ptm over [a, b]: 0 is met by the byte `bias`, and the step has the six
+/// The scale of a .ptm over [a, b]: 0 is exactly the byte `bias`, and the step has the six
 /// decimals that the file prints, rounded up.
 PlaneScale ptm_scale_over(double a, double b) {
   a = std::min(a, 0.0);
   b = std::max(b, 0.0);
   const double bias = std::clamp(std::round(-255.0 * a / (b - a)), 0.0, 255.0);
-  // The step that reaches both ends from that byte.
+  // The step that covers both ends from that byte.
   const double step =
       std::max(bias > 0.0 ? -a / bias : 0.0, bias < 255.0 ? b / (255.0 - bias) : 0.0);
   const double printed = std::ceil(std::max(step * 255.0, 1e-6) * 1e6) / 1e6;
@@ -102,7 +102,7 @@ PlaneRange choose_range(const PlaneHistogram& histogram, const PlaneCodes& codes
   if (ends == RangeEnds::least_error) {
     const std::size_t least = low;
     const std::size_t most = high;
-    // One end at a time: either step lowers the cost, and three rounds settle it.
+    // One end at a time: either step lowers the cost, and it converges in three rounds.
     for (int round = 0; round < 3; ++round) {
       std::size_t best = low;
       for (std::size_t i = least; i < high; ++i) {

@@ -26,7 +26,7 @@ namespace {
 Fd nameless_file(const std::filesystem::path& where) {
   const std::filesystem::path folder = where.empty() ? std::filesystem::path(".") : where;
   Fd file(::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600));
-  if (!file.is_open()) {  // file systems without nameless files
+  if (!file.is_open()) {  // file systems without O_TMPFILE
     std::string name = (folder / ".haarlight-planes.XXXXXX").string();
     file.reset(::mkostemp(name.data(), O_CLOEXEC));
     if (!file.is_open()) {

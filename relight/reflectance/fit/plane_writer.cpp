@@ -35,7 +35,7 @@ HAARLIGHT_WIDER void codes_of(const float* __restrict values, std::size_t n, flo
   }
 }
 
-/// What encodes a plane's values: code = value * scale + shift, cut off.
+/// What encodes a plane's values: code = value * scale + shift, clipped.
 struct Encoding {
   float scale = 1.0F;
   float shift = 0.0F;
@@ -153,7 +153,7 @@ FitResult PlaneWriter::finish(ReflectanceModel model) {
     PlaneRange range = choose_range(shared, codes_[p], options_.ends, options_.rule);
     if (result.model.colour == ReflectanceColour::lrgb &&
         p >= static_cast<std::size_t>(result.model.n_terms)) {
-      range = {};  // bytes are the colour itself in every format
+      range = {};  // in every format the bytes are the colour itself
       range.rms_error = range.scale.scale / std::sqrt(12.0);
     }
     result.model.scales.push_back(range.scale);

@@ -20,7 +20,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// Beyond so many lights recipes whose cost grows with the cube of the lights are few.
+/// Beyond this many lights, few candidates with cubic cost in the lights are tried.
 constexpr std::size_t kManyLights = 256;
 constexpr double kNothing = -std::numeric_limits<double>::infinity();
 
@@ -123,7 +123,7 @@ double mean_psnr(const VectorXd& squares, double dropped) {
     if (!std::isfinite(square)) {
       return kNothing;
     }
-    // 1e-10: 100 dB, so that exact data do not divide by zero.
+    // 1e-10: 100 dB, so that exact data cause no division by zero.
     sum -= 10.0 * std::log10(std::max(square + dropped, 1e-10));
   }
   return sum / static_cast<double>(squares.size());
@@ -157,7 +157,7 @@ Luminance luminance_of(const LightSample& sample) {
 }
 
 /// lrgb is no sum over lights: its residuals are taken pixel by pixel (the colour is that of
-/// all lights, the one left out among them: its share is 1 / n_lights).
+/// all lights, including the one left out: it contributes 1 / n_lights).
 double left_out_psnr_lrgb(const LightRecipe& recipe, const Directions& lights,
                           const LightSample& sample, const Luminance& luminance) {
   const Eigen::MatrixXf residual = leave_one_out(recipe, lights).cast<float>();
@@ -191,7 +191,7 @@ Directions octahedral_directions(int resolution) {
   return directions;
 }
 
-/// How the knots' values make a light's: (n_lights, n_knots).
+/// Interpolation from the knots to the lights: (n_lights, n_knots).
 MatrixXd knots_to_lights(const ReflectanceModel& model, const Directions& lights) {
   const int n_knots = model.basis == ReflectanceBasis::rbf
                           ? static_cast<int>(model.lights.size())
@@ -205,7 +205,7 @@ MatrixXd knots_to_lights(const ReflectanceModel& model, const Directions& lights
   return rows;
 }
 
-/// A pca fit and what is lost on the way from recipe to planes, but for their 8 bits.
+/// A pca fit and its loss from interpolation to planes, except for the 8 bits.
 struct AxesFit {
   FarFit fit;
   double dropped = 0.0;
@@ -228,7 +228,7 @@ AxesFit make_axes_fit(FitForm form, const LightRecipe& recipe, const Directions&
     model.lights = lights;
     knots = recipe_weights(recipe, lights, octahedral_directions(options.resolution));
   }
-  // Errors count where lights are; a tenth is spread evenly, so that no knot is forgotten.
+  // Errors count where lights are; a tenth is spread evenly, so that no knot is ignored.
   const MatrixXd spread = knots_to_lights(model, lights);
   const VectorXd weights = 0.9 * spread.colwise().mean().transpose().array() +
                            0.1 / static_cast<double>(knots.rows());
@@ -274,8 +274,8 @@ const std::vector<FitForm>& all_fit_forms() {
   return kAll;
 }
 
-// The inverse of knot_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2,
-// y = (a + b) / 2, z = 1 - |x| - |y|, scaled to length 1.
+// The inverse of knot_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2, y =
+// (a + b) / 2, z = 1 - |x| - |y|, scaled to length 1.
 Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
   HAARLIGHT_EXPECTS(resolution >= 2, "a grid of 2 x 2 knots or more");
   const double a = 2.0 * column / (resolution - 1) - 1.0;
@@ -313,9 +313,9 @@ std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Dire
   for (const FitForm form : forms) {
     FormScore score{form, {}, n_planes_of_form(form, lights.size(), options), kNothing};
     std::vector<LightRecipe> recipes = recipes_of(form, options);
-    score.recipe = recipes.back();  // the smoothest, where lights left out tell nothing
+    score.recipe = recipes.back();  // the smoothest, where leave-one-out is uninformative
     if (lights.size() > kManyLights && is_pca(form)) {
-      // One of each kind: a middle noise. The more lights, the less the recipe matters.
+      // One of each kind: medium noise. The more lights, the less the choice matters.
       recipes.erase(std::remove_if(recipes.begin(), recipes.end(),
                                    [](const LightRecipe& recipe) {
                                      return recipe.ridge != 1e-2 ||

@@ -12,11 +12,11 @@
 #include "relight/reflectance/fit/light_sample.h"
 
 /// @file
-/// Which fit suits a capture: every light in turn is predicted from the others, and the recipe
-/// with the highest mean PSNR is taken. Because a recipe is a sum over lights that is the same
-/// for every pixel, its error at a light left out is a quadratic form in the lights' products:
-/// hundreds of recipes cost less than one look at the pictures. Method and figures:
-/// docs/numerics/reflectance-fits.md.
+/// Chooses the fit for a capture: every light in turn is predicted from the others, and the
+/// parameters (the recipe) with the highest mean PSNR are taken. Because a fit is a sum over
+/// lights that is the same for every pixel, its error at a light left out is a quadratic form
+/// in the lights' products: hundreds of candidates cost less than one pass over the pictures.
+/// Method and figures: docs/numerics/reflectance-fits.md.
 
 namespace haarlight {
 
@@ -28,39 +28,39 @@ enum class FitForm { ptm, lptm, hsh4, hsh9, hsh16, rbf, bilinear };
 
 struct FormOptions {
   int max_planes = 27;  ///< of 8 bits
-  int resolution = 24;  ///< bilinear: knots a side
-  /// Not chosen but given: the terms' ridge; the others' noise.
+  int resolution = 24;  ///< bilinear: knots per side
+  /// Given instead of chosen: the terms' ridge; the others' noise.
   std::optional<double> ridge{};
 };
 
-/// A form with the recipe that predicts lights left out best.
+/// A form with the parameters that best predict lights left out.
 struct FormScore {
   FitForm form = FitForm::ptm;
   LightRecipe recipe;
   int n_planes = 0;
-  /// Mean over the lights of the PSNR at a light left out, dB, before rounding to 8 bits; what
-  /// PCA drops is in it.
+  /// Mean over the lights of the PSNR at a light left out, dB, before rounding to 8 bits;
+  /// includes the loss of PCA.
   double psnr_db = 0.0;
 };
 
-/// Every recipe of a form that is tried.
+/// All candidate parameters of a form.
 [[nodiscard]] std::vector<LightRecipe> recipes_of(FitForm form, const FormOptions& options);
 
-/// Mean PSNR of a recipe at lights left out, dB. `products` as LightSample::products(). Minus
-/// infinity where some light is not determined by the others.
-/// @param dropped  mean square that is lost besides
+/// Mean PSNR at lights left out with given parameters, dB. `products` as
+/// LightSample::products(). Minus infinity where some light is not determined by the others.
+/// @param dropped  additional mean square error
 [[nodiscard]] double left_out_psnr(const LightRecipe& recipe,
                                    const std::vector<Eigen::Vector3d>& lights,
                                    const Eigen::MatrixXd& products, double dropped = 0.0);
 
-/// The best recipe of each form that fits max_planes, best form first.
+/// The best parameters of each form that fits max_planes, best form first.
 /// @throws Error  no light
 [[nodiscard]] std::vector<FormScore> score_forms(const std::vector<FitForm>& forms,
                                                  const std::vector<Eigen::Vector3d>& lights,
                                                  const LightSample& sample,
                                                  const FormOptions& options);
 
-/// The fit that a form and a recipe stand for; PCA's axes come from the sample.
+/// The fit defined by a form and its parameters; PCA's axes come from the sample.
 [[nodiscard]] FarFit make_far_fit(FitForm form, const LightRecipe& recipe,
                                   const std::vector<Eigen::Vector3d>& lights,
                                   const LightSample& sample, const FormOptions& options);

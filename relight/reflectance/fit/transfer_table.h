@@ -7,13 +7,13 @@
 #include "core/picture/image_io.h"
 
 /// @file
-/// Linear values to a transfer's, by a table: for loops over every value of a capture. Pure
-/// after construction.
+/// Linear values to coded ones, by a table: for loops over every value of a capture. Pure after
+/// construction.
 
 namespace haarlight {
 
-/// Straight lines between 16384 places over [0, 4]: off by less than 2e-5 of white (where the
-/// sRGB curve bends most, at 0.003). Values below 0 become 0, those above 4 stay there.
+/// Linear interpolation between 16384 nodes over [0, 4]: error below 2e-5 of white (where the
+/// sRGB curve bends most, at 0.003). Values below 0 become 0, those above 4 are clamped.
 class TransferTable {
  public:
   explicit TransferTable(Transfer transfer);

@@ -2,7 +2,7 @@
 #pragma once
 
 /// @file
-/// What loops over pixels need of the machine: wide vectors where it has them.
+/// Vector width for loops over pixels: as wide as the machine has.
 
 #include <algorithm>
 #include <atomic>
@@ -13,7 +13,7 @@
 #define HAARLIGHT_FIT_X86 0
 #endif
 
-// Copies of a plain loop for wider vectors. Without contraction every width gives the same
+// Clones of a plain loop for wider vectors. Without contraction every width gives the same
 // bits.
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \
     !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
@@ -41,7 +41,7 @@ enum class VectorWidth { portable, avx2, avx512 };
   return VectorWidth::portable;
 }
 
-/// The widest that is used: less than the machine's where a test asks for it.
+/// The widest in use: less than the machine's if a test requests it.
 inline std::atomic<VectorWidth> widest_vectors = VectorWidth::avx512;
 
 [[nodiscard]] inline VectorWidth vector_width() {

@@ -22,7 +22,7 @@ namespace {
 constexpr int kTerms = 6;
 constexpr double kWhite = 255.0;
 constexpr std::int64_t kLongestSide = 1 << 20;
-/// Beyond 0..255 writers other than HP's are known (-217, 271).
+/// Values beyond 0..255 are known from writers other than HP's (-217, 271).
 constexpr std::int64_t kLargestBias = 1'000'000;
 constexpr double kLargestScale = 1e6;
 
@@ -36,7 +36,7 @@ constexpr std::array<std::string_view, 4> kForms{"PTM_FORMAT_RGB", "PTM_FORMAT_L
 
 struct PtmHeader {
   PtmForm form = PtmForm::lrgb;
-  bool is_interleaved = false;  ///< lrgb before PTM_1.2: nine bytes a pixel in one block
+  bool is_interleaved = false;  ///< lrgb before PTM_1.2: nine bytes per pixel in one block
   int width = 0;
   int height = 0;
   std::array<PlaneScale, kTerms> scales;
@@ -100,7 +100,7 @@ ReflectanceModel make_model(const PtmHeader& header, std::uint64_t most_bytes,
   return model;
 }
 
-/// Some planes side by side, as a block of a file holds them.
+/// Some interleaved planes, as in a block of a file.
 struct Block {
   int first = 0;
   int n = 0;
@@ -134,12 +134,12 @@ void read_blocks(const PtmHeader& header, std::string_view payload, ReflectanceM
   }
 }
 
-/// What stands between the biases and the pictures of a JPEG form.
+/// The part between the biases and the pictures of a JPEG form.
 struct JpegPart {
   std::vector<std::size_t> sizes;
 };
 
-/// One line of the JPEG header that must be what it is in a file without prediction.
+/// One line of the JPEG header that must be as in a file without prediction.
 void require_plain(HeaderReader& reader, std::size_t n, std::string_view what,
                    std::int64_t (*expected)(std::size_t plane)) {
   for (std::size_t p = 0; p < n; ++p) {

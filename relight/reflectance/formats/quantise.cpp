@@ -17,7 +17,7 @@ namespace {
 constexpr double kPtmDecimals = 1e6;  // "%f" prints six
 constexpr double kWhite = 255.0;
 
-/// The term that a plane is of; -1: a colour of lrgb. Terms of pca are the planes.
+/// The term a plane belongs to; -1: a colour of lrgb. Terms of pca are the planes.
 int term_of(ReflectanceColour colour, int n_terms, int plane) {
   if (colour == ReflectanceColour::lrgb && plane >= n_terms) {
     return -1;
@@ -30,7 +30,7 @@ struct Range {
   double max = 0.0;
 };
 
-/// The numbers of a .ptm that hold [min, max] and 0.
+/// The numbers of a .ptm whose range contains [min, max] and 0.
 PlaneScale scale_for_ptm(Range range) {
   const double min = kWhite * std::min(range.min, 0.0);
   const double max = kWhite * std::max(range.max, 0.0);
@@ -38,7 +38,7 @@ PlaneScale scale_for_ptm(Range range) {
     return {1.0 / kWhite, 0.0};
   }
   // Rounded up, and the bias to a whole number: the ends then stay within half a step of the
-  // bytes 0 and 255. Where the bias' rounding pushes one further, a larger step takes it in.
+  // bytes 0 and 255. If the bias's rounding pushes one further, a larger step covers it.
   double step = std::max(std::ceil((max - min) / kWhite * kPtmDecimals), 1.0) / kPtmDecimals;
   double bias = std::round(-min / step);
   while (max / step + bias > kWhite + 0.5 || min / step + bias < -0.5) {
@@ -48,7 +48,7 @@ PlaneScale scale_for_ptm(Range range) {
   return {step / kWhite, -bias * step / kWhite};
 }
 
-/// Two 32-bit floats that hold [min, max].
+/// Two 32-bit floats whose range contains [min, max].
 PlaneScale scale_for_rti(Range range) {
   const auto offset = static_cast<float>(range.min);
   const auto span = range.max > range.min ? static_cast<float>(range.max - range.min) : 1.0F;
@@ -97,7 +97,7 @@ std::vector<ByteRange> byte_ranges(const Image<std::uint8_t>& planes) {
   return ranges;
 }
 
-/// Brings the colours of lrgb into 0..1 by giving the excess to the luminance.
+/// Brings the colours of lrgb into 0..1 by moving the excess to the luminance.
 void rescale_colours(ReflectanceModel& model, const std::vector<ByteRange>& ranges) {
   double largest = 1.0;
   for (std::size_t c = 0; c < 3; ++c) {
@@ -120,7 +120,7 @@ void rescale_colours(ReflectanceModel& model, const std::vector<ByteRange>& rang
   }
 }
 
-/// New bytes by a table a plane.
+/// New bytes by one table per plane.
 void move_to_scales(ReflectanceModel& model, const std::vector<PlaneScale>& scales) {
   std::vector<std::array<std::uint8_t, 256>> tables(scales.size());
   for (std::size_t p = 0; p < scales.size(); ++p) {
@@ -138,7 +138,7 @@ void move_to_scales(ReflectanceModel& model, const std::vector<PlaneScale>& scal
   model.scales = scales;
 }
 
-/// One scale a term from each plane's range.
+/// One scale per term from each plane's range.
 std::vector<PlaneScale> scales_of_terms(const std::vector<Range>& planes,
                                         ReflectanceColour colour, int n_terms, ScaleRule rule) {
   std::vector<PlaneScale> scales(planes.size());

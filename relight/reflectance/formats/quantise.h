@@ -10,17 +10,16 @@
 #include "relight/reflectance/formats/reflectance.h"
 
 /// @file
-/// Coefficients to bytes, one linear scale a plane: first the ranges of all rows, then scales
-/// by the rule of the file that will hold them, then the rows again. What that loses is
-/// measured.
+/// Coefficients to bytes, one linear scale per plane: first the ranges over all rows, then
+/// scales by the rules of the target file, then the rows again. The loss is measured.
 
 namespace haarlight {
 
-/// What a file's scales can say.
+/// What a file's scales can express.
 enum class ScaleRule {
-  any,  ///< a scale above 0 and an offset a plane (Relight's web folder)
-  rti,  ///< one pair of 32-bit floats a term, shared by R, G and B
-  ptm,  ///< one scale of 6 decimals and one bias, a whole number 0..255, a term, shared by R, G
+  any,  ///< a scale above 0 and an offset per plane (Relight's web folder)
+  rti,  ///< one pair of 32-bit floats per term, shared by R, G and B
+  ptm,  ///< one scale of 6 decimals and one integer bias 0..255 per term, shared by R, G
         ///< and B; the three colour planes of lrgb are plain bytes, 0..1
 };
 
@@ -41,29 +40,29 @@ class PlaneRanges {
   std::vector<float> max_;
 };
 
-/// Scales that hold the ranges in bytes 0..255 without clipping (but for the colours of lrgb in
-/// a .ptm, which are 0..1). No scale is 0: others' readers divide by it.
+/// Scales that hold the ranges in bytes 0..255 without clipping (except for the colours of lrgb
+/// in a .ptm, which are 0..1). No scale is 0: other readers divide by it.
 [[nodiscard]] std::vector<PlaneScale> choose_scales(const PlaneRanges& ranges,
                                                     ReflectanceColour colour, int n_terms,
                                                     ScaleRule rule = ScaleRule::any);
 
-/// What a rule's numbers make of scales: the numbers that a file would hold.
+/// A scale rounded to a rule's numbers: as the file would hold it.
 struct PtmScale {
   double scale = 1.0;  ///< in 255ths, 6 decimals
   int bias = 0;        ///< 0..255
 };
-/// True where the scales are just what the rule can say: then a file holds the model as it is.
+/// True if the rule can express the scales exactly: then a file holds the model unchanged.
 [[nodiscard]] bool obeys(ScaleRule rule, const ReflectanceModel& model);
-/// The scale of a .ptm's term that a plane's scale is; nothing to round where obeys(ptm).
+/// A plane's scale as that of a .ptm's term; exact if obeys(ptm).
 [[nodiscard]] PtmScale ptm_scale(const PlaneScale& scale) noexcept;
 
 /// Nearest bytes of one row (or any number of pixels), clipped to 0..255.
-/// @param samples  pixel by pixel, one value a scale
+/// @param samples  pixel by pixel, one value per scale
 /// @param bytes    as many
 void quantise_row(std::span<const float> samples, std::span<const PlaneScale> scales,
                   std::span<std::uint8_t> bytes);
 
-/// What bytes lose against the values they stand for, plane by plane.
+/// The loss of bytes against the values they represent, plane by plane.
 class QuantisationLoss {
  public:
   explicit QuantisationLoss(int n_planes) : squares_(static_cast<std::size_t>(n_planes)) {}
@@ -88,7 +87,7 @@ class QuantisationLoss {
 QuantisationLoss quantise(ReflectanceModel& model, ImageView<const float> coefficients,
                           ScaleRule rule = ScaleRule::any);
 
-/// The same picture with scales that the rule can say: where they are so already nothing
+/// The same picture with scales that the rule can express: if they already are, nothing
 /// changes. Every value moves by at most half a new step. For .ptm, colours of lrgb beyond 0..1
 /// are divided by their largest value, and the luminance multiplied by it.
 /// @throws Error  lrgb with colours below 0, which a .ptm cannot hold

@@ -41,8 +41,8 @@ Eigen::MatrixXd solver_of(const ReflectanceModel& shape,
   return std::move(qr.solution);
 }
 
-/// A row's bytes to coefficients of the target, R, G and B apart. Exactly linear in the samples
-/// where the transfer stays; else every direction's colour is coded on the way.
+/// A row's bytes to coefficients of the target, R, G and B separately. Exactly linear in the
+/// samples if the transfer is unchanged; else every direction's colour is recoded on the way.
 class RowRefit {
  public:
   RowRefit(const ReflectanceModel& source, const ReflectanceModel& shape,
@@ -56,7 +56,7 @@ class RowRefit {
     const Eigen::Index n_planes = source.n_planes();
     for (Eigen::Index c = 0; c < 3; ++c) {
       Eigen::MatrixXd& samples = samples_[static_cast<std::size_t>(c)];
-      samples.resize(n, n_planes + 1);  // the last column: what is added
+      samples.resize(n, n_planes + 1);  // the last column: the offset
       for (Eigen::Index i = 0; i < n; ++i) {
         const ColourMap map = colour_map(source, directions[static_cast<std::size_t>(i)]);
         samples.row(i).head(n_planes) = map.factors.row(c);

@@ -9,18 +9,18 @@
 #include "relight/reflectance/formats/reflectance.h"
 
 /// @file
-/// A picture that can be relit in another basis, or coded with another transfer: least squares
-/// over directions. Not a lossless conversion: how far the pictures are apart is measured.
+/// A relightable picture in another basis, or coded with another transfer: least squares over
+/// directions. Not a lossless conversion: the difference of the pictures is measured.
 
 namespace haarlight {
 
 /// Unit directions spread evenly over the hemisphere by a golden spiral, down to an elevation
 /// of about ten degrees.
-/// @param turn  another spiral than that of 0: for measuring where nothing was fitted
+/// @param turn  a spiral other than that of 0: for measuring at directions not fitted
 [[nodiscard]] std::vector<Eigen::Vector3d> spread_over_hemisphere(int n, double turn = 0.0);
 
-/// Where a refit takes its samples: the model's own lights where they are at least twice as
-/// many as terms (only there its colours were seen), else 200 directions over the hemisphere.
+/// The sample directions of a refit: the model's own lights if there are at least twice as many
+/// as terms (only there were its colours observed), else 200 directions over the hemisphere.
 [[nodiscard]] std::vector<Eigen::Vector3d> refit_directions(const ReflectanceModel& model,
                                                             int n_terms);
 
@@ -30,15 +30,15 @@ struct RefitTarget {
   ScaleRule rule = ScaleRule::any;
 };
 
-/// The model of the target's basis whose pictures are nearest to the source's at the
-/// directions, in srgb (a linear source is coded first; negative light counts as none). Two
-/// passes over the rows; memory beside the two models' planes is a few rows.
-/// @throws Error  fewer directions than terms, or directions that do not tell terms apart
+/// The model of the target's basis whose pictures are closest to the source's at the
+/// directions, in srgb (a linear source is coded first; negative light counts as zero). Two
+/// passes over the rows; memory besides the two models' planes is a few rows.
+/// @throws Error  fewer directions than terms, or directions that do not separate the terms
 [[nodiscard]] ReflectanceModel refit(const ReflectanceModel& source, const RefitTarget& target,
                                      const std::vector<Eigen::Vector3d>& directions);
 
-/// How far the pictures of two models are apart, as bytes on a screen, peak 255. Of pictures
-/// above four million pixels evenly spaced rows are compared.
+/// The difference of the pictures of two models, as bytes on a screen, peak 255. Above four
+/// million pixels, evenly spaced rows are compared.
 struct PictureDifference {
   bool is_same = true;    ///< every byte
   double mean_db = 0.0;   ///< PSNR over all pictures together; nothing where is_same

@@ -75,7 +75,7 @@ std::array<double, 16> hsh_terms(const Eigen::Vector3d& direction, int n_terms,
 
 namespace {
 
-/// The direction at its azimuth, at least so high.
+/// The direction raised to a minimum elevation at its azimuth.
 Eigen::Vector3d raised(const Eigen::Vector3d& direction, double least_elevation) {
   const double z = std::sin(least_elevation);
   if (least_elevation <= 0.0 || direction.z() >= z) {
@@ -183,7 +183,7 @@ std::vector<KnotWeight> bilinear_weights(int resolution, const Eigen::Vector3d& 
           {at + resolution + 1, fx * fy}};
 }
 
-/// OpenLIME 1.2.6, which passes over sigma (its AdaptiveRBF).
+/// As OpenLIME 1.2.6, which ignores sigma (its AdaptiveRBF).
 std::vector<KnotWeight> adaptive_weights(const ReflectanceModel& model,
                                          const Eigen::Vector3d& direction) {
   constexpr double kAlpha = 8.0;
@@ -198,7 +198,7 @@ std::vector<KnotWeight> adaptive_weights(const ReflectanceModel& model,
     shares += share;
     nearest = std::min(nearest, distance);
   }
-  // A single light that the direction meets: it counts alone whatever the width is.
+  // A single light exactly in that direction: it alone counts, whatever the width.
   const double factor = distances > 0.0 ? kAlpha * shares / distances : 0.0;
   std::vector<KnotWeight> weights;
   double sum = 0.0;
@@ -218,7 +218,7 @@ std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
   if (model.rbf_sigma <= 0.0) {
     return adaptive_weights(model, direction);
   }
-  constexpr double kLeast = 0.001;  // of the sum: Relight's
+  constexpr double kLeast = 0.001;  // of the sum: as in Relight
   const double sigma = model.rbf_sigma;
   std::vector<double> squares;
   for (const Eigen::Vector3d& light : model.lights) {
@@ -234,7 +234,7 @@ std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
   std::vector<KnotWeight> weights;
   double kept = 0.0;
   for (std::size_t i = 0; i < squares.size(); ++i) {
-    // The nearest counts even where very many are as near.
+    // The nearest counts even if very many are as near.
     if (squares[i] > kLeast * sum || squares[i] == 1.0) {
       weights.push_back({static_cast<int>(i), squares[i]});
       kept += squares[i];
@@ -285,7 +285,7 @@ ColourMap map_of(const ReflectanceModel& model, const Eigen::Vector3d& direction
   return map;
 }
 
-/// The map of coefficients before they are value = sample * scale + offset.
+/// The map for samples, from that for coefficients: value = sample * scale + offset.
 ColourMap map_of_samples(ColourMap map, const std::vector<PlaneScale>& scales) {
   for (Eigen::Index p = 0; p < map.factors.cols(); ++p) {
     const PlaneScale& scale = scales[static_cast<std::size_t>(p)];

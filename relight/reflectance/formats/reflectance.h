@@ -15,11 +15,11 @@
 #include "core/picture/image_io.h"
 
 /// @file
-/// A picture that can be lit from any direction, as conservators' programs keep it: a few 8-bit
-/// planes and a basis over light directions. The fits make it, `.ptm`, `.rti` and web folders
-/// hold it. Directions are unit vectors to the light: x right, y up, z out of the picture.
-/// Source: Malzbender et al., "Polynomial Texture Maps" (2001), eq. 1; Gautron et al., "A Novel
-/// Hemispherical Basis" (2004); the layouts of others' files:
+/// A picture that can be lit from any direction, as stored by cultural-heritage software: a few
+/// 8-bit planes and a basis over light directions. The fits produce it; `.ptm`, `.rti` and web
+/// folders store it. Directions are unit vectors to the light: x right, y up, z out of the
+/// picture. Source: Malzbender et al., "Polynomial Texture Maps" (2001), eq. 1; Gautron et al.,
+/// "A Novel Hemispherical Basis" (2004); third-party file layouts:
 /// docs/reference/reflectance-formats.md.
 
 namespace haarlight {
@@ -27,7 +27,7 @@ namespace haarlight {
 enum class ReflectanceBasis {
   ptm,       ///< u^2, v^2, uv, u, v, 1 with u = x, v = y: 6 terms
   hsh,       ///< hemispherical harmonics: 4, 9 or 16 terms
-  rbf,       ///< radial functions around the lights, PCA over the lights
+  rbf,       ///< radial basis functions around the lights, PCA over the lights
   bilinear,  ///< a grid on the octahedral map, PCA over its knots
 };
 inline constexpr auto kReflectanceBasisWords =
@@ -40,7 +40,7 @@ inline constexpr auto kReflectanceBasisWords =
 enum class ReflectanceColour {
   rgb,   ///< terms of R, then of G, then of B
   lrgb,  ///< terms of a luminance factor, then three planes R, G, B that it multiplies
-  pca,   ///< planes are weights of axes that hold colours: ReflectanceModel::axes
+  pca,   ///< planes are weights of axes that carry colours: ReflectanceModel::axes
 };
 inline constexpr auto kReflectanceColourWords =
     std::to_array<std::string_view>({"rgb", "lrgb", "pca"});
@@ -50,11 +50,11 @@ inline constexpr auto kReflectanceColourWords =
 
 /// HSH beyond 9 terms: which power of sqrt(c - c^2) the terms 9 and 15 carry.
 enum class HshOrder4 {
-  exact,         ///< the third, as the basis is defined
+  exact,         ///< the third, as in the definition of the basis
   chi_rounding,  ///< the second: HSHFitter's code computes pow(c - c^2, 3 / 2) in integers
 };
 
-/// value = byte * scale + offset; values are 0..1 of white for what becomes a colour.
+/// value = byte * scale + offset; for values that become colours, 1 is white.
 struct PlaneScale {
   double scale = 1.0 / 255.0;
   double offset = 0.0;
@@ -64,51 +64,51 @@ struct PlaneScale {
 struct ReflectanceModel {
   ReflectanceBasis basis = ReflectanceBasis::ptm;
   ReflectanceColour colour = ReflectanceColour::rgb;
-  /// What the colours that come out are coded with: viewers show them as they are (srgb).
+  /// Transfer of the resulting colours: viewers show them unchanged (srgb).
   Transfer transfer = Transfer::srgb;
   HshOrder4 order4 = HshOrder4::exact;
   int n_terms = 6;                      ///< of the basis; for pca: the planes
   Image<std::uint8_t> planes;           ///< (height, width, n_planes)
   std::vector<PlaneScale> scales;       ///< (n_planes)
-  std::vector<Eigen::Vector3d> lights;  ///< rbf: its centres
+  std::vector<Eigen::Vector3d> lights;  ///< rbf: the RBF centres
   double rbf_sigma = 0.0;               ///< rbf: width of a radial function; 0: knot_weights()
-  /// hsh: lights lower than this count as this high, radians; of a web folder
-  /// kWebLeastElevation.
+  /// hsh: lights lower than this are raised to it, radians; kWebLeastElevation for a web
+  /// folder.
   double least_elevation = 0.0;
-  int resolution = 0;  ///< bilinear: knots a side of the octahedral map
-  /// pca: (n_terms + 1, n_knots * 3), knot by knot R, G, B; row 0 is the mean. A knot is a
-  /// light (rbf) or a grid point, row by row (bilinear).
+  int resolution = 0;  ///< bilinear: grid points per side of the octahedral map
+  /// pca: (n_terms + 1, n_knots * 3), knot by knot R, G, B; row 0 is the mean. A knot is an RBF
+  /// centre, that is a light (rbf), or a grid point, row by row (bilinear).
   Eigen::MatrixXf axes;
-  PictureFacts photographed;  ///< of the pictures it was fitted to; web folders alone keep them
+  PictureFacts photographed;  ///< of the pictures it was fitted to; only web folders keep them
 
   [[nodiscard]] int n_planes() const noexcept { return static_cast<int>(scales.size()); }
 };
 
-/// Planes that a model of that colour has.
+/// Number of planes of a model of that colour.
 [[nodiscard]] int n_planes_of(ReflectanceColour colour, int n_terms) noexcept;
 
 /// u^2, v^2, uv, u, v, 1.
 [[nodiscard]] std::array<double, 6> ptm_terms(const Eigen::Vector3d& direction) noexcept;
 
 /// The first n_terms hemispherical harmonics (4, 9 or 16) at a direction with z >= 0; a
-/// direction below the horizon counts as the horizon's.
+/// direction below the horizon is clamped to it.
 [[nodiscard]] std::array<double, 16> hsh_terms(const Eigen::Vector3d& direction, int n_terms,
                                                HshOrder4 order4 = HshOrder4::exact) noexcept;
 
-/// How far above the horizon OpenLIME 1.2.6 keeps the light of a hsh folder, radians.
+/// Least elevation at which OpenLIME 1.2.6 keeps the light of a hsh folder, radians.
 inline constexpr double kWebLeastElevation = 0.15;
 
-/// How much a knot of a pca model counts at a direction.
+/// Weight of a knot of a pca model at a direction.
 struct KnotWeight {
   int knot = 0;
   double weight = 0.0;
 };
 
-/// The knots that count at a direction; the weights sum to 1. `bilinear`: s = |x| + |y| + |z|,
-/// column ((x + y) / s + 1) / 2 * (resolution - 1), row ((y - x) / s + 1) / 2 * (resolution -
-/// 1), and the four knots around it; a direction below the horizon counts as the horizon's.
-/// `rbf` with a sigma: exp(-|d - l|^2 / sigma^2) around each light l, scaled to sum 1; those
-/// under 0.001 are left out and the others scaled again, as Relight does. Without one
+/// The knots with nonzero weight at a direction; the weights sum to 1. `bilinear`: s = |x| +
+/// |y| + |z|, column ((x + y) / s + 1) / 2 * (resolution - 1), row ((y - x) / s + 1) / 2 *
+/// (resolution - 1), and the four knots around it; a direction below the horizon is clamped to
+/// it. `rbf` with a sigma: exp(-|d - l|^2 / sigma^2) around each light l, scaled to sum 1;
+/// those under 0.001 are left out and the others scaled again, as Relight does. Without one
 /// OpenLIME 1.2.6's rule: exp(-8 |d - l|^2 / m), scaled to sum 1, where m is the lights' mean
 /// distance |d - l|, each counting exp(-2 |d - l|).
 /// @param direction  unit vector
@@ -128,16 +128,16 @@ struct ColourMap {
 [[nodiscard]] ColourMap colour_map(const ReflectanceModel& model,
                                    const Eigen::Vector3d& direction);
 
-/// Bytes of planes that a reader takes where nobody says more.
+/// Default limit on the bytes of planes a reader accepts.
 inline constexpr std::uint64_t kMostPlaneBytes = std::uint64_t{4} << 30U;
 
-/// The planes of a file that is read. @param where  the file
+/// Allocates the planes of a file being read. @param where  the file
 /// @throws Error  more than `most_bytes`
 [[nodiscard]] Image<std::uint8_t> allocate_planes(int height, int width, int n_planes,
                                                   std::uint64_t most_bytes,
                                                   const std::string& where);
 
-/// @throws Error  planes, scales and terms do not fit each other; `where` names the model
+/// @throws Error  planes, scales and terms do not match; `where` names the model
 void require_consistent(const ReflectanceModel& model, std::string_view where);
 
 /// The picture under a light from `direction`, (height, width, 3), 0..1 of white in the model's
@@ -145,8 +145,8 @@ void require_consistent(const ReflectanceModel& model, std::string_view where);
 [[nodiscard]] Image<float> relit(const ReflectanceModel& model,
                                  const Eigen::Vector3d& direction);
 
-/// The same from coefficients that are not bytes yet, (height, width, n_planes): the model's
-/// own planes and scales are not looked at.
+/// The same from unquantised coefficients, (height, width, n_planes): the model's own planes
+/// and scales are ignored.
 [[nodiscard]] Image<float> relit_coefficients(const ReflectanceModel& model,
                                               ImageView<const float> coefficients,
                                               const Eigen::Vector3d& direction);

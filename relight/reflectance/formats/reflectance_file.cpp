@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kHead = 16;  // bytes that tell the formats apart
+constexpr std::size_t kHead = 16;  // bytes that distinguish the formats
 
 struct FormatEntry {
   ReflectanceFormat format;

@@ -7,9 +7,8 @@
 
 #include "relight/reflectance/formats/reflectance.h"
 
-/// @file
-/// `.rti` with hemispherical harmonics ("#HSH1.2"): 4, 9 or 16 terms of R, G and B, a byte
-/// each. Byte by byte: docs/reference/reflectance-formats.md.
+/// @file `.rti` with hemispherical harmonics ("#HSH1.2"): 4, 9 or 16 terms of R, G and B, one
+/// byte each. Byte by byte: docs/reference/reflectance-formats.md.
 
 namespace haarlight {
 
@@ -17,9 +16,9 @@ namespace haarlight {
 [[nodiscard]] bool is_rti(std::string_view head) noexcept;
 
 /// Rows are top first, as in the file. LF and CRLF line ends, comment lines that start with #.
-/// The file does not say what its colours are coded with: srgb is assumed.
+/// The file does not state the transfer of its colours: srgb is assumed.
 /// @param most_bytes  of planes
-/// @param order4  which basis a file of 16 terms is meant in; the file does not say
+/// @param order4  the basis convention of a file of 16 terms; the file does not state it
 /// @throws Error  with the offset: not a .rti, of another type or element size, too few or too
 ///                many bytes, a scale that is not a finite number
 [[nodiscard]] ReflectanceModel parse_rti(std::string_view bytes, const std::string& where,
@@ -30,7 +29,7 @@ namespace haarlight {
                                         std::uint64_t most_bytes = kMostPlaneBytes);
 
 /// Writes a model whose scales obey ScaleRule::rti (quantise.h: with_scales_of), with LF. What
-/// read_rti read comes out byte for byte but for comments and line ends.
+/// read_rti read is reproduced byte for byte except for comments and line ends.
 /// @throws Error  not hsh in rgb, or not srgb; unwritable
 void write_rti(const std::filesystem::path& path, const ReflectanceModel& model);
 

@@ -43,13 +43,13 @@ bool has_axes(ColourSpace space) {
   return space == ColourSpace::mrgb || space == ColourSpace::mycc;
 }
 
-/// The term of the file's i-th; Relight counts a .ptm's as 1, u, v, u^2, uv, v^2.
+/// The term that is the file's i-th; Relight orders a .ptm's as 1, u, v, u^2, uv, v^2.
 int term_of_file(ReflectanceBasis basis, int i) {
   constexpr std::array<int, 6> kPtm{5, 3, 4, 0, 2, 1};
   return basis == ReflectanceBasis::ptm ? kPtm[static_cast<std::size_t>(i)] : i;
 }
 
-/// The model's plane that the file's plane `k` is.
+/// The model's plane corresponding to the file's plane `k`.
 int plane_of_file(const ReflectanceModel& model, int k) {
   switch (model.colour) {
     case ReflectanceColour::rgb:
@@ -64,12 +64,12 @@ int plane_of_file(const ReflectanceModel& model, int k) {
 
 std::string picture_name(int i) { return fmt::format("plane_{}.jpg", i); }
 
-/// What info.json says beside the model.
+/// What info.json contains besides the model.
 struct WebInfo {
   int width = 0;
   int height = 0;
   int n_planes = 0;   ///< of the file: as many as the model's
-  int n_triples = 0;  ///< mycc: pictures that hold Y, Cb, Cr
+  int n_triples = 0;  ///< mycc: pictures holding Y, Cb, Cr
 };
 
 std::vector<double> read_numbers(const JsonValue& list, std::size_t n) {
@@ -122,8 +122,8 @@ int terms_in(const JsonValue& root, ReflectanceColour colour, int n_planes) {
 /// Rows of Y, Cb, Cr to rows of R, G, B: G = Y + Cr/2, B = Y - Cr/2 - Cb/2, R = B + Cb.
 void ycc_to_rgb(Eigen::MatrixXf& axes, int n_triples) {
   for (Eigen::Index p = 0; p < axes.rows(); ++p) {
-    // Row 0 is the mean and has all three. A plane of a triple is of its own part alone, the
-    // planes behind the triples are of Y.
+    // Row 0 is the mean and has all three. A plane of a triple has only its own part, the
+    // planes after the triples only Y.
     const Eigen::Index part = p == 0 ? -1 : p <= Eigen::Index{3} * n_triples ? (p - 1) % 3 : 0;
     for (Eigen::Index at = 0; at < axes.cols(); at += 3) {
       Eigen::Vector3f ycc = axes.row(p).segment<3>(at);
@@ -208,8 +208,8 @@ void read_scales(const JsonValue& material, const WebInfo& info, ReflectanceMode
   }
 }
 
-/// Of lrgb: the brightest colour that the scales can say becomes 1, the luminance takes the
-/// rest. Writers differ in which of the two is large.
+/// For lrgb: the brightest colour that the scales can express becomes 1, the luminance absorbs
+/// the rest. Writers differ in which of the two is large.
 void bring_colours_to_one(ReflectanceModel& model) {
   if (model.colour != ReflectanceColour::lrgb) {
     return;
@@ -276,7 +276,7 @@ ReflectanceModel read_info(const JsonValue& root, WebInfo& info) {
     if (model.basis == ReflectanceBasis::bilinear) {
       model.resolution = static_cast<int>(root["resolution"].integer(2, 1024));
     } else if (root.has("sigma")) {
-      (void)root["sigma"].number(0.0, 1e3);  // viewers pass over it
+      (void)root["sigma"].number(0.0, 1e3);  // viewers ignore it
     }
     read_axes(root, materials[0], space, info, model);
   }
@@ -339,7 +339,7 @@ void require_writable(const std::string& where, const ReflectanceModel& model) {
   HAARLIGHT_EXPECTS(obeys(ScaleRule::any, model), "scales above 0");
 }
 
-/// What stood here before: info.json first, so that it never tells of other pictures.
+/// Removes earlier content: info.json first, so that it never describes other pictures.
 void remove_former(const fs::path& folder) {
   std::error_code ignored;
   fs::remove(folder / "info.json", ignored);
@@ -422,17 +422,18 @@ Json info_json(const ReflectanceModel& model, int n_planes, const WebInfoWords& 
   return root;
 }
 
-/// The rounding steps of a picture's three parts, in bytes, that move lit pictures by `step`.
-/// @param weights  of its planes: 0 where there is none
+/// The quantisation steps of a picture's three parts, in bytes, that change lit pictures by
+/// `step`.
+/// @param weights  of its planes: 0 if there is none
 JpegSteps picture_steps(const Eigen::Vector3d& weights, bool is_ycc, double step) {
-  // How much each part is of R, G, B: JFIF's conversion.
+  // Contribution of each part to R, G, B: JFIF's conversion.
   const Eigen::Matrix3d parts = is_ycc ? (Eigen::Matrix3d() << 1.0, 0.0, 1.402, 1.0, -0.344136,
                                           -0.714136, 1.0, 1.772, 0.0)
                                              .finished()
                                        : Eigen::Matrix3d::Identity();
   JpegSteps steps{.is_ycc = is_ycc};
   for (Eigen::Index i = 0; i < 3; ++i) {
-    const double moved = parts.col(i).cwiseProduct(weights).norm();  // by a byte
+    const double moved = parts.col(i).cwiseProduct(weights).norm();  // per byte
     const double wanted = moved > 0.0 ? step / moved : kWhite;
     steps.step[static_cast<std::size_t>(i)] =
         static_cast<int>(std::clamp(std::round(wanted), 1.0, kWhite));
@@ -459,8 +460,8 @@ std::string code_picture(const ReflectanceModel& model, int i,
       }
     }
   };
-  // R, G and B of one term are alike (Y, Cb, Cr take 3/5 of the bytes); axes and terms of a
-  // luminance have nothing in common, and its colours too little.
+  // R, G and B of one term are correlated (Y, Cb, Cr take 3/5 of the bytes); axes and terms of
+  // a luminance are not, and its colours too little.
   const bool is_ycc = model.colour == ReflectanceColour::rgb;
   const JpegShape shape{model.planes.height(), model.planes.width()};
   return encode_jpeg(shape, picture_steps(of_planes, is_ycc, step), where, give);

@@ -8,21 +8,21 @@
 #include "relight/reflectance/formats/web_folder.h"
 
 /// @file
-/// A web folder of so many bytes, or of so good pictures: the quality that gives it is searched
-/// for, each trial coded and decoded in full.
+/// A web folder of a given size or picture quality: finds the quality setting that yields it,
+/// each trial coded and decoded in full.
 
 namespace haarlight {
 
-/// The best quality whose files take no more than `most_bytes`, found to a 256th of the way.
-/// @throws Error  naming the least bytes that quality 1 takes
+/// The best quality whose files take no more than `most_bytes`, found to 1/256 of the range.
+/// @throws Error  naming the size at quality 1
 [[nodiscard]] WebFiles code_to_bytes(const ReflectanceModel& model, std::uint64_t most_bytes,
                                      const std::string& where);
 
 /// PSNR in dB of the pictures of a decoded model.
 using MeasurePictures = std::function<double(const ReflectanceModel& decoded)>;
 
-/// The lowest quality whose decoded pictures reach `psnr_db`, found to a 256th of the way.
-/// @throws Error  naming what quality 100 reaches
+/// The lowest quality whose decoded pictures achieve `psnr_db`, found to 1/256 of the range.
+/// @throws Error  naming the PSNR at quality 100
 [[nodiscard]] WebFiles code_to_psnr(const ReflectanceModel& model, double psnr_db,
                                     const MeasurePictures& measure, const std::string& where);
 
