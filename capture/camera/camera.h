@@ -26,9 +26,9 @@ inline constexpr std::uint32_t kFrameMonotonic = 1U << 2U;  ///< the timestamp i
                                                             ///< CLOCK_MONOTONIC
 /// The driver claims to timestamp the start of exposure (else the end of the frame). What the
 /// timestamp really means is measured.
-inline constexpr std::uint32_t kFrameStampedAtStart = 1U << 3U;
+inline constexpr std::uint32_t kFrameTimestampedAtStart = 1U << 3U;
 // Why kFrameError is set where the driver did not set it.
-inline constexpr std::uint32_t kFrameStampJump = 1U << 4U;        ///< implausible timestamp
+inline constexpr std::uint32_t kFrameTimestampJump = 1U << 4U;    ///< implausible timestamp
 inline constexpr std::uint32_t kFrameSequenceRestart = 1U << 5U;  ///< the driver's count
                                                                   ///< restarted
 

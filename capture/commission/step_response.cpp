@@ -370,7 +370,7 @@ Eigen::VectorXd vector_of(const Layout& layout, const StepModel& model) {
 
 }  // namespace
 
-double lit_share(double x_us, double exposure_us, double ramp_us) {
+double lit_fraction(double x_us, double exposure_us, double ramp_us) {
   HAARLIGHT_EXPECTS(exposure_us > 0.0 && ramp_us >= 0.0, "a positive exposure, a ramp >= 0");
   return (ramp_integral(x_us, ramp_us) - ramp_integral(x_us - exposure_us, ramp_us)) /
          exposure_us;

@@ -122,7 +122,7 @@ void RunObserver::see(std::int64_t now_ns, const Action& action) {
   } else if (const auto* withdraw = std::get_if<action::WithdrawShots>(&action)) {
     for (const int shot : withdraw->shots) {
       if (ShotNote* note = note_of(shot)) {
-        note->was_asked = true;
+        note->was_requested = true;
         note->doubt.clear();
         note->problem.clear();
       }
@@ -147,7 +147,7 @@ std::string RunObserver::marks(const std::vector<ShotState>& states) const {
     switch (states[i]) {
       case ShotState::pending:
         mark = !note.problem.empty() ? ShotMark::failed
-               : note.was_asked      ? ShotMark::waiting
+               : note.was_requested  ? ShotMark::waiting
                                      : ShotMark::pending;
         break;
       case ShotState::exposing:

@@ -79,13 +79,13 @@ class FrameChecker {
   [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
   [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,
                                    const FrameEvidence& evidence) const;
-  [[nodiscard]] FrameFinding judge_level(const Reference& reference,
+  [[nodiscard]] FrameFinding check_level(const Reference& reference,
                                          const std::vector<std::uint16_t>& samples,
                                          const FrameEvidence& evidence) const;
   /// Checks by the picture what has passed everything else.
-  void judge_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
+  void check_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
                    FrameFinding& finding);
-  void judge_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
+  void check_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
                        FrameFinding& finding);
   [[nodiscard]] bool acts_on_agreement() const {
     return agreement_ && limits_.retake_wrong_light;

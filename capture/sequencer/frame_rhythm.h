@@ -50,7 +50,7 @@ class FrameRhythm {
   static constexpr std::size_t kAgain = 3;
 
   /// The stream's next frame, with a sequence above all earlier ones.
-  [[nodiscard]] Verdict judge(std::uint64_t sequence, std::int64_t stamp_ns,
+  [[nodiscard]] Verdict judge(std::uint64_t sequence, std::int64_t timestamp_ns,
                               double exposure_us);
   /// The stream's numbering restarts; the period is kept.
   void restart() { n_ = 0; }
@@ -62,18 +62,18 @@ class FrameRhythm {
   [[nodiscard]] double sigma_ns() const { return sigma_ns_; }
 
  private:
-  struct Stamp {
+  struct Timestamp {
     std::uint64_t sequence = 0;
-    std::int64_t stamp_ns = 0;
+    std::int64_t timestamp_ns = 0;
   };
   static constexpr std::size_t kKept = 32;
   static constexpr int kOffToForget = 6;  ///< in a row; at 5 % false ones: once in 6e7 frames
 
-  void keep(Stamp stamp);
+  void keep(Timestamp stamp);
   /// Fits period, phase and scatter to the window.
   void fit();
 
-  std::array<Stamp, kKept> stamps_{};  ///< oldest first
+  std::array<Timestamp, kKept> timestamps_{};  ///< oldest first
   std::size_t n_ = 0;
   double period_ns_ = 0.0;        ///< 0: unknown
   double period_sigma_ns_ = 0.0;  ///< standard error of the period

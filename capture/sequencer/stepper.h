@@ -144,7 +144,7 @@ class Stepper {
   void retry(int shot, const std::string& why);
   void on_shot_timeout();
   /// Accepts the frame for the current shot, or returns it.
-  void judge(const SequencerState::Stamped& stamped);
+  void judge(const SequencerState::TimestampedFrame& timestamped);
   /// A frame of the current shot was refused: in the triggered modes no other comes by itself.
   void ask_again(const event::FrameArrived& e);
   /// Light leads: the light has settled, and no open trigger's exposure can be mistaken for the
@@ -157,7 +157,7 @@ class Stepper {
   void note_job_end();
   void drop_early();
   /// Accepts a frame whose timestamp proves a clean exposure; the controller is queried next.
-  bool accept(const SequencerState::Stamped& stamped);
+  bool accept(const SequencerState::TimestampedFrame& timestamped);
   /// What the mode implies for an exposure's start without the timestamp: not before its
   /// trigger.
   [[nodiscard]] std::int64_t earliest_start_ns() const;
@@ -183,8 +183,8 @@ class Stepper {
   [[nodiscard]] std::optional<std::int64_t> examine(const event::FrameArrived& e);
   /// The same for its timestamp among those of its stream.
   [[nodiscard]] std::optional<std::int64_t> examine_rhythm(const FrameInfo& info);
-  void refuse_stamp(const FrameInfo& info);
-  bool is_exposed_as_asked(const FrameInfo& info);
+  void refuse_timestamp(const FrameInfo& info);
+  bool is_exposed_as_requested(const FrameInfo& info);
 
   // sequencer_block.cpp
   /// Arms, extends or ends what the strobe steps; finishes when all is committed.
@@ -197,7 +197,7 @@ class Stepper {
   void extend_block();
   void take_block_frame(const event::FrameArrived& e);
   /// Decides every frame whose readings have arrived; ends a block that is over.
-  void judge_block();
+  void decide_block();
   void take_by_strobe(const event::FrameArrived& e, const ExposureWindow& window,
                       const StrobeProof& proof);
   void decide(int entry);

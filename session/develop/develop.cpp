@@ -337,7 +337,7 @@ std::string plate_key_of(const Session& session, const DevelopOptions& options) 
   if (!may_need_plate) {
     return {};
   }
-  const std::string without_plate = options.share_evenly ? "even" : "none";
+  const std::string without_plate = options.distribute_evenly ? "even" : "none";
   return options.plate.is_empty() ? without_plate : options.plate.key;
 }
 
@@ -409,7 +409,7 @@ void require_error_known(const Session& session, const Radiometry& radiometry) {
 }
 
 void require_plate(const Session& session, const Job& job, const DevelopOptions& options) {
-  if (!options.plate.is_empty() || options.share_evenly) {
+  if (!options.plate.is_empty() || options.distribute_evenly) {
     return;
   }
   throw Error(

@@ -34,7 +34,7 @@ std::vector<std::size_t> usable_lights(const std::vector<PatchSample>& patches,
   for (const PatchSample& patch : patches) {
     brightest = patch.is_clipped ? brightest : std::max(brightest, least_of(patch));
   }
-  const double least = kLeastPatchShare * (are_integers ? 1.0 : brightest);
+  const double least = kLeastPatchFraction * (are_integers ? 1.0 : brightest);
   std::vector<std::size_t> used;
   for (std::size_t k = 0; k < patches.size(); ++k) {
     if (patches[k].is_clipped) {
