@@ -54,19 +54,19 @@ Result<void> ControllerLink::open() {
   return {};
 }
 
-Result<void> ControllerLink::make_ready(Hurry hurry,
+Result<void> ControllerLink::make_ready(RetryPolicy retry_policy,
                                         const std::function<Result<void>()>& resynchronise) {
   switch (state_) {
     case LinkState::up:
       return {};
     case LinkState::closed:
-      if (hurry == Hurry::patient) {
+      if (retry_policy == RetryPolicy::patient) {
         return fail(Errc::device_gone, name() + ": not connected");
       }
       break;
     case LinkState::lost: {
       const std::int64_t left_ns = reopen_at_ns_ - clock_();
-      if (hurry == Hurry::patient && left_ns > 0) {
+      if (retry_policy == RetryPolicy::patient && left_ns > 0) {
         return fail(Errc::device_gone, fmt::format("{}: link lost, opened again in {} ms",
                                                    name(), left_ns / 1'000'000 + 1));
       }

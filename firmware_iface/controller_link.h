@@ -21,7 +21,7 @@ using NanosecondClock = std::function<std::int64_t()>;
 
 /// The retry policy: a request that may fail until the pause after a lost link is over, or one
 /// that must try now (connecting, turning off).
-enum class Hurry { patient, at_once };
+enum class RetryPolicy { patient, at_once };
 
 /// The link to one controller: next_link_state() with its bus, clock and pauses. A light array
 /// calls make_ready() before every request and reports what went wrong.
@@ -40,9 +40,9 @@ class ControllerLink {
   /// Opens the bus or lets its line fall silent where necessary, then has `resynchronise` find
   /// out what the controller holds and shows; that reports a fault by lose() itself. Does
   /// nothing on a link that is up.
-  [[nodiscard]] Result<void> make_ready(Hurry hurry,
+  [[nodiscard]] Result<void> make_ready(RetryPolicy retry_policy,
                                         const std::function<Result<void>()>& resynchronise);
-  /// By the owner; the next make_ready() must be at_once.
+  /// Called by the owner; the next make_ready() must be at_once.
   void close() noexcept;
 
  private:

@@ -17,7 +17,7 @@
 
 namespace haarlight {
 
-/// What happens to one request on a FakeBus.
+/// The fate of one request on a FakeBus.
 struct FakeBusFault {
   Errc code = Errc::timeout;
   bool acts = false;  ///< the request is carried out although it fails

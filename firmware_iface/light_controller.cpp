@@ -27,7 +27,7 @@ constexpr double kFullDrive = 65535.0;
 constexpr double kDutySlack =
     1e-3;  // an element cut at its limit stays refused until it has cooled
 
-// The control registers, in rising order; `words` 2 = high word at `address`.
+// The control registers, in ascending order; `words` 2 = high word at `address`.
 struct ControlRegister {
   std::uint16_t address;
   std::uint16_t words;

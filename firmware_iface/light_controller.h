@@ -61,7 +61,7 @@ struct LateActing {
   enum class Shows {
     with_light,  ///< the status shows the new tag and sum when the light does: a gateway that
                  ///< forwards late, a controller that scans its registers cyclically
-    at_once,     ///< the status lies: it shows them with the acknowledgement
+    at_once,     ///< the status is wrong: it shows them with the acknowledgement
     in_order,    ///< with_light, and the next request is answered only then: busy_until_ns
   };
   double share = 0.0;  ///< of the commands, drawn by (seed, number of the command)
@@ -234,7 +234,7 @@ class LightController {
   LateActing late_;
   std::deque<Act> waiting_;  ///< acknowledged, to act later; in order
   std::uint64_t n_commands_ = 0;
-  // Per element: power, on-time, and heat at the moment of its last settling.
+  // Per element: power, on-time, and heat at its last update.
   std::vector<std::uint32_t> element_mw_;
   std::vector<int> group_of_;
   std::vector<double> on_s_;

@@ -33,7 +33,7 @@ struct LightHistory {
   bool is_complete = true;
 };
 
-/// Seconds at full drive of one element between two moments.
+/// Seconds at full drive of one element between two times.
 [[nodiscard]] double on_seconds(const LightHistory& history, int element, std::int64_t t0_ns,
                                 std::int64_t t1_ns);
 

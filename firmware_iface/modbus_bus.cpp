@@ -213,7 +213,7 @@ class ModbusBus : public RegisterBus {
  protected:
   /// A new context, or null with errno set.
   [[nodiscard]] virtual modbus_t* make_context() const = 0;
-  /// Time that bytes take on the wire.
+  /// Transmission time of `n_bytes`.
   [[nodiscard]] virtual std::int64_t wire_ns(std::size_t n_bytes) const = 0;
   /// Claims the line for us alone, before libmodbus opens it. Faults device_busy, device_gone.
   [[nodiscard]] virtual Result<void> take_line() { return {}; }

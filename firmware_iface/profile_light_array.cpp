@@ -37,8 +37,8 @@ std::string ProfileLightArray::name() const {
   return fmt::format("{} ({})", link_.name(), profile_.name);
 }
 
-Result<void> ProfileLightArray::make_ready(Hurry hurry) {
-  return link_.make_ready(hurry, [this] { return resynchronise(); });
+Result<void> ProfileLightArray::make_ready(RetryPolicy retry_policy) {
+  return link_.make_ready(retry_policy, [this] { return resynchronise(); });
 }
 
 Result<void> ProfileLightArray::resynchronise() {
@@ -299,7 +299,7 @@ Result<LatchReceipt> ProfileLightArray::set(const Values& wanted, std::uint32_t 
 
 Result<ControllerIdentity> ProfileLightArray::connect() {
   link_.close();
-  if (auto ready = make_ready(Hurry::at_once); !ready) {
+  if (auto ready = make_ready(RetryPolicy::at_once); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
   connected_ns_ = link_.now_ns();
@@ -352,14 +352,14 @@ Result<LatchReceipt> ProfileLightArray::show(std::span<const ElementLevel> patte
                               name(), e.element, e.level, profile_.channel.full));
     }
   }
-  if (auto ready = make_ready(Hurry::patient); !ready) {
+  if (auto ready = make_ready(RetryPolicy::patient); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
   return set(wanted, tag);
 }
 
 Result<LatchReceipt> ProfileLightArray::all_off() {
-  if (auto ready = make_ready(Hurry::at_once); !ready) {
+  if (auto ready = make_ready(RetryPolicy::at_once); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
   is_certain_ = false;  // every channel is written, whatever its assumed value
@@ -367,14 +367,14 @@ Result<LatchReceipt> ProfileLightArray::all_off() {
 }
 
 Result<void> ProfileLightArray::renew_lease() {
-  if (auto ready = make_ready(Hurry::patient); !ready) {
+  if (auto ready = make_ready(RetryPolicy::patient); !ready) {
     return ready;
   }
   return confirm(held_);
 }
 
 Result<ControllerStatus> ProfileLightArray::status() {
-  if (auto ready = make_ready(Hurry::patient); !ready) {
+  if (auto ready = make_ready(RetryPolicy::patient); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
   if (auto same = confirm(held_); !same) {

@@ -49,7 +49,7 @@ class ProfileLightArray final : public LightArray {
  private:
   using Values = std::vector<std::uint16_t>;
 
-  [[nodiscard]] Result<void> make_ready(Hurry hurry);
+  [[nodiscard]] Result<void> make_ready(RetryPolicy retry_policy);
   /// Checks its identity, sets it up, turns all off.
   [[nodiscard]] Result<void> resynchronise();
   [[nodiscard]] Result<void> demand(Result<registers::Exception> answer, const char* operation);

@@ -63,8 +63,8 @@ RegisterLightArray::~RegisterLightArray() { disconnect(); }
 
 // ---- link ----
 
-Result<void> RegisterLightArray::make_ready(Hurry hurry) {
-  return link_.make_ready(hurry, [this] { return resynchronise(); });
+Result<void> RegisterLightArray::make_ready(RetryPolicy retry_policy) {
+  return link_.make_ready(retry_policy, [this] { return resynchronise(); });
 }
 
 Result<void> RegisterLightArray::prove_line() {
@@ -153,7 +153,7 @@ Result<void> RegisterLightArray::set_power_limit() {
   if (!options_.power_limit) {
     return {};
   }
-  // Rounded down, and no more than the controller allows at all.
+  // Rounded down, and never above the controller's hard limit.
   const double asked_dw = std::floor(options_.power_limit->value() * 10.0 + 1e-6);
   const auto limit = static_cast<std::uint32_t>(
       std::clamp(asked_dw, 0.0, static_cast<double>(hard_limit_dw_)));
@@ -274,7 +274,7 @@ Result<ControllerIdentity> RegisterLightArray::connect() {
   link_.close();
   identity_.reset();
   is_bank_certain_ = false;
-  if (auto ready = make_ready(Hurry::at_once); !ready) {
+  if (auto ready = make_ready(RetryPolicy::at_once); !ready) {
     return tl::unexpected<Fault>(ready.error());
   }
   return *identity_;
@@ -418,7 +418,7 @@ Result<LatchReceipt> RegisterLightArray::show(std::span<const ElementLevel> patt
   if (auto ok = check_pattern(pattern, tag); !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
   auto receipt = latch_pattern(pattern, tag);
@@ -469,7 +469,7 @@ Result<void> RegisterLightArray::all_off_unchecked() {
 }
 
 Result<LatchReceipt> RegisterLightArray::all_off() {
-  if (auto ok = make_ready(Hurry::at_once); !ok) {
+  if (auto ok = make_ready(RetryPolicy::at_once); !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
   LatchReceipt receipt;
@@ -486,7 +486,7 @@ Result<LatchReceipt> RegisterLightArray::all_off() {
 }
 
 Result<void> RegisterLightArray::renew_lease() {
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return ok;
   }
   // The length is sent too: a controller that restarted would otherwise use its default.
@@ -496,7 +496,7 @@ Result<void> RegisterLightArray::renew_lease() {
 }
 
 Result<ControllerStatus> RegisterLightArray::status() {
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
   const auto block = read_status();
@@ -505,7 +505,7 @@ Result<ControllerStatus> RegisterLightArray::status() {
   }
   if (block->status.boot_id != identity_->boot_id) {
     is_bank_certain_ = false;
-    link_.on(LinkEvent::doubt);  // it restarted: dark, bank and table forgotten
+    link_.on(LinkEvent::doubt);  // it restarted: dark, bank and table lost
   }
   return block->status;
 }
@@ -520,7 +520,7 @@ Result<void> RegisterLightArray::upload_table(
       return ok;
     }
   }
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return ok;
   }
   if (patterns.size() > static_cast<std::size_t>(identity_->table_depth)) {
@@ -546,7 +546,7 @@ Result<void> RegisterLightArray::upload_table(
 }
 
 Result<void> RegisterLightArray::arm_table(registers::StepSource source) {
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return ok;
   }
   const std::array<std::uint16_t, 2> words = {static_cast<std::uint16_t>(source),
@@ -568,7 +568,7 @@ Result<LatchReceipt> RegisterLightArray::arm_strobe(const StrobeRun& run) {
                 fmt::format("{}: entries {} .. {} of a table of {}, every {} strobes", name(),
                             run.first, run.first + run.count - 1, table_.size(), run.divider));
   }
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
   const std::array<std::uint16_t, 4> words = {
@@ -587,7 +587,7 @@ Result<LatchReceipt> RegisterLightArray::arm_strobe(const StrobeRun& run) {
 }
 
 Result<void> RegisterLightArray::extend_strobe(int count) {
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return ok;
   }
   const std::array<std::uint16_t, 1> word = {
@@ -596,7 +596,7 @@ Result<void> RegisterLightArray::extend_strobe(int count) {
 }
 
 Result<void> RegisterLightArray::set_trigger_delay(std::chrono::microseconds delay) {
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return ok;
   }
   const auto us = static_cast<std::uint32_t>(std::clamp<std::int64_t>(
@@ -617,7 +617,7 @@ Result<void> RegisterLightArray::set_trigger_delay(std::chrono::microseconds del
 }
 
 Result<LatchReceipt> RegisterLightArray::step_table() {
-  if (auto ok = make_ready(Hurry::patient); !ok) {
+  if (auto ok = make_ready(RetryPolicy::patient); !ok) {
     return tl::unexpected<Fault>(ok.error());
   }
   const std::array<std::uint16_t, 1> word = {registers::kAct};

@@ -66,7 +66,7 @@ class RegisterLightArray final : public LightArray {
     friend bool operator==(const TableProof&, const TableProof&) = default;
   };
 
-  [[nodiscard]] Result<void> make_ready(Hurry hurry);
+  [[nodiscard]] Result<void> make_ready(RetryPolicy retry_policy);
   [[nodiscard]] Result<void> resynchronise();
   [[nodiscard]] Result<void> prove_line();
   [[nodiscard]] Result<void> set_power_limit();

@@ -25,7 +25,7 @@ struct SerialPort {
     const std::filesystem::path& root = "/");
 
 /// What is unwise about a rig file's serial line, with a hint; empty when nothing is.
-/// @param device  as the rig file names it
+/// @param device  as named in the rig file
 [[nodiscard]] std::vector<std::string> serial_advice(const std::filesystem::path& device,
                                                      const std::filesystem::path& root = "/");
 

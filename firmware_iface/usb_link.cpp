@@ -242,7 +242,7 @@ struct Job {
 
 }  // namespace
 
-/// The thread that talks to libusb, and what it owns.
+/// The thread that talks to libusb, and its state.
 class UsbEngine : public std::enable_shared_from_this<UsbEngine> {
  public:
   UsbEngine() = default;

@@ -10,7 +10,7 @@
 namespace haarlight {
 namespace {
 
-constexpr int kNice = 10;  // frames, lights and the HTTP thread go first
+constexpr int kNice = 10;  // frames, lights and the HTTP thread have priority
 
 HttpResponse overloaded() {
   HttpResponse response =

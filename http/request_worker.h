@@ -36,7 +36,7 @@ class RequestWorker {
   RequestWorker(const RequestWorker&) = delete;
   RequestWorker& operator=(const RequestWorker&) = delete;
 
-  /// Calls `done` sooner or later; at once with 503 when the queue is full or closed.
+  /// Always calls `done` eventually; at once with 503 when the queue is full or closed.
   void push(Job job);
   /// Answers waiting jobs with 503, finishes the one in progress, accepts no more.
   void close();

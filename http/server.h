@@ -44,7 +44,7 @@ struct HttpServerConfig {
   std::size_t max_waiting = 32;                      ///< per lane, besides the one in progress
   std::chrono::milliseconds lane_patience{8000};     ///< waited longer in a lane: 503
   std::chrono::milliseconds idle_timeout{30000};     ///< no complete request header
-  std::chrono::milliseconds request_timeout{10000};  ///< header complete, body or answer not
+  std::chrono::milliseconds request_timeout{10000};  ///< header complete, the rest not
   std::chrono::milliseconds heartbeat{15000};        ///< comment line on event streams
 };
 

@@ -37,8 +37,8 @@ struct PageOfList {
   std::size_t first = 0;
   std::size_t end = 0;
 };
-/// ?from=N&count=N; without them the whole list, beyond its end nothing.
-/// @throws Error(bad_input)  not whole numbers from 0
+/// ?from=N&count=N; without them the whole list; empty beyond its end.
+/// @throws Error(bad_input)  not non-negative integers
 [[nodiscard]] PageOfList page_of(const HttpRequest& request, std::size_t n);
 
 struct HttpResponse {
@@ -58,7 +58,7 @@ struct HttpResponse {
 /// Who may use a route.
 enum class Access {
   open,   ///< anyone who can connect: health, metrics, login, the page's files
-  read,   ///< the token is needed when the server is not on loopback
+  read,   ///< the token is required when the server is not on loopback
   write,  ///< the token is required when there is one (there must be one off loopback)
 };
 

@@ -40,7 +40,7 @@ std::optional<HttpResponse> refuse_stranger(const Caller& caller, bool is_loopba
   if (!host) {
     return error_response(400, "no usable Host header", "Host", "name the server's address");
   }
-  // A name can be made to point anywhere (DNS rebinding), a number cannot.
+  // A name can be rebound to any address (DNS rebinding), a number cannot.
   const bool is_number = host->is_loopback || (host->is_ip_literal && !is_loopback);
   const auto is_allowed = [&](const std::string& allowed) {
     const auto name = parse_authority(allowed);

@@ -52,8 +52,8 @@ ExposureWindow exposure_window(const ExposureTiming& timing) noexcept {
   return {start, add_saturating(add_saturating(start, exposure), whole_ns(timing.skew_us))};
 }
 
-CleanVerdict judge_clean(const ExposureWindow& window, std::int64_t t_stable_ns,
-                         std::int64_t t_next_change_ns) noexcept {
+CleanVerdict assess_clean(const ExposureWindow& window, std::int64_t t_stable_ns,
+                          std::int64_t t_next_change_ns) noexcept {
   CleanVerdict verdict;
   verdict.is_clean = window.start_ns >= t_stable_ns && window.end_ns <= t_next_change_ns;
   verdict.margin_us = std::min(difference_us(window.start_ns, t_stable_ns),
@@ -117,7 +117,7 @@ std::string find_evidence_problem(const FrameEvidence& e) {
         "command {}, acknowledgement {}, read back {}, stable {} ns are out of order",
         e.t_command_ns, e.t_ack_ns, t_shown_ns, e.t_stable_ns);
   }
-  const CleanVerdict verdict = judge_clean(window, e.t_stable_ns, e.t_next_change_ns);
+  const CleanVerdict verdict = assess_clean(window, e.t_stable_ns, e.t_next_change_ns);
   if (!verdict.is_clean) {
     return fmt::format("exposed {:.1f} us outside the time its light was stable",
                        -verdict.margin_us);

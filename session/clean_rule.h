@@ -42,7 +42,7 @@ struct ExposureWindow {
   friend bool operator==(const ExposureWindow&, const ExposureWindow&) = default;
 };
 
-/// E, t_read and skew are rounded to whole ns, then added exactly; saturates at the ends of
+/// E, t_read and skew are rounded to whole ns, then added exactly; saturates at the limits of
 /// int64.
 [[nodiscard]] ExposureWindow exposure_window(const ExposureTiming& timing) noexcept;
 
@@ -53,8 +53,8 @@ struct CleanVerdict {
       0.0;  ///< min(start - t_stable, next change - end); negative: by how much it fails
 };
 
-[[nodiscard]] CleanVerdict judge_clean(const ExposureWindow& window, std::int64_t t_stable_ns,
-                                       std::int64_t t_next_change_ns) noexcept;
+[[nodiscard]] CleanVerdict assess_clean(const ExposureWindow& window, std::int64_t t_stable_ns,
+                                        std::int64_t t_next_change_ns) noexcept;
 
 /// Camera leads: no acknowledgement exists, so each frame's light must settle inside its
 /// period: E + skew + settle + guard <= period. @return the margin, us; negative: the plan does

@@ -86,7 +86,7 @@ nlohmann::ordered_json number_or_null(const std::optional<double>& value) {
   return value ? nlohmann::ordered_json(finite(*value)) : nlohmann::ordered_json(nullptr);
 }
 
-/// Nothing: missing, as in older sessions, or null.
+/// Nothing when missing, as in older sessions, or null.
 std::optional<double> find_number(const JsonValue& value, const char* name, double least,
                                   double most) {
   if (!value.has(name) || value[name].dump() == "null") {
@@ -162,7 +162,7 @@ FrameEvidence evidence_from_json(const std::string& json, const std::string& whe
   e.pattern_id = value["pattern_id"].integer(kMin64, kMax64);
   e.tag = static_cast<std::uint32_t>(value["tag"].integer(0, kMaxU32));
   e.tag_echo = static_cast<std::uint32_t>(value["tag_echo"].integer(0, kMaxU32));
-  if (value.has("light_proof")) {  // older sessions have only known tags
+  if (value.has("light_proof")) {  // older sessions always have tags
     const auto proof = value["light_proof"].choice({kProofWords.begin(), kProofWords.end()});
     e.is_read_back = proof % 2 == 1;
     e.is_picture_proved = proof >= 2;

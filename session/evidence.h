@@ -89,11 +89,12 @@ struct FrameEvidence {  // NOLINT(clang-analyzer-optin.performance.Padding): sor
   friend bool operator==(const FrameEvidence&, const FrameEvidence&) = default;
 };
 
-/// The field names of the evidence JSON, in order: one for each member above, spelled the same.
+/// The field names of the evidence JSON, in order: one per member above, spelled the same.
 [[nodiscard]] std::span<const std::string_view> evidence_field_names() noexcept;
 
-/// Evidence as one line of JSON and back (the TIFF's ImageDescription and session.json use it).
-/// Times are whole nanoseconds; numbers keep every bit. @throws ContractViolation on NaN
+/// Evidence as one line of JSON and back (used by the TIFF's ImageDescription and
+/// session.json). Times are whole nanoseconds; numbers keep every bit. @throws
+/// ContractViolation on NaN
 [[nodiscard]] std::string evidence_to_json(const FrameEvidence& evidence);
 /// @throws Error  naming the missing or wrong field, prefixed by `where`
 [[nodiscard]] FrameEvidence evidence_from_json(const std::string& json,

@@ -10,7 +10,7 @@ namespace haarlight {
 
 namespace {
 
-void require_place(const Session& session, const std::vector<SessionLight>& lights) {
+void require_position(const Session& session, const std::vector<SessionLight>& lights) {
   for (std::size_t k = 0; k < lights.size(); ++k) {
     if (lights[k].place.norm() < 1e-9) {
       throw Error(fmt::format("light {} ({}) sits in the object's centre", k, lights[k].name),
@@ -35,7 +35,7 @@ std::vector<SessionLight> lights_from_object(const Session& session) {
       }
     }
   }
-  require_place(session, lights);
+  require_position(session, lights);
   return lights;
 }
 

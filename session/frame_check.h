@@ -21,8 +21,8 @@ struct FrameInspection {
   [[nodiscard]] bool is_good() const { return problem.empty(); }
 };
 
-/// Reads the file once: a plain file and no link; form, session and plan; what it says was lit
-/// against the plan; hash of the active pixels, range and mean of the pixels against the
+/// Reads the file once and checks: a regular file, no link; form, session and plan; its stated
+/// light against the plan; hash of the active pixels, range and mean of the pixels against the
 /// evidence, and the clean rule. Never throws for what the file contains.
 [[nodiscard]] FrameInspection inspect_frame(const std::filesystem::path& file,
                                             const SessionInfo& info);

@@ -24,7 +24,7 @@ static_assert(std::endian::native == std::endian::little, "frames hold little-en
 
 namespace {
 
-constexpr const char* kDamagedCure =
+constexpr const char* kDamagedHint =
     "the file is damaged: restore it from a backup, or take the shot again (haarlight reshoot)";
 
 /// The memory file that libtiff reads or writes, and its last error.
@@ -324,7 +324,7 @@ std::vector<std::byte> encode_frame_tiff(ImageView<const float> pixels,
 FrameTiffHeader read_frame_tiff_header(std::span<const std::byte> file,
                                        const std::string& where) {
   const auto refuse = [&where](const std::string& what) {
-    throw Error(what, where, kDamagedCure);
+    throw Error(what, where, kDamagedHint);
   };
   Memory memory{.input = file, .output = nullptr, .position = 0, .complaint = {}};
   const TiffHandle tiff = open_memory(memory, "rc");
@@ -390,7 +390,7 @@ std::vector<std::byte> read_frame_tiff_rows(std::span<const std::byte> file,
                                             const std::string& where) {
   HAARLIGHT_EXPECTS(0 <= y0 && y0 <= y1, "a range of rows");
   if (y1 > header.height) {
-    throw Error(fmt::format("rows {} .. {} of {}", y0, y1, header.height), where, kDamagedCure);
+    throw Error(fmt::format("rows {} .. {} of {}", y0, y1, header.height), where, kDamagedHint);
   }
   Memory memory{.input = file, .output = nullptr, .position = 0, .complaint = {}};
   const TiffHandle tiff = open_memory(memory, "rc");
@@ -409,7 +409,7 @@ std::vector<std::byte> read_frame_tiff_rows(std::span<const std::byte> file,
                                       strip.data(), n) != n) {
       throw Error(
           fmt::format("rows {} .. {} cannot be read: {}", strip_y0, strip_y1, memory.complaint),
-          where, kDamagedCure);
+          where, kDamagedHint);
     }
     const int end = std::min(strip_y1, y1);
     std::memcpy(rows.data() + static_cast<std::size_t>(y - y0) * row_bytes,

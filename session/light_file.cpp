@@ -61,7 +61,7 @@ std::optional<double> parse_number(std::string_view word) {
   throw Error(what, fmt::format("{}:{}", where, line), cure);
 }
 
-/// Places one light: as a unit direction or a position.
+/// Positions one light: as a unit direction or a position.
 void place_light(SessionLight& light, const Eigen::Vector3d& numbers, bool is_position,
                  const std::string& where) {
   if (!numbers.allFinite() || numbers.norm() > 1e9) {
@@ -134,10 +134,10 @@ LpLine parse_lp_line(const Line& line, const std::string& where) {
 /// Whether the numbers are positions; refuses what could be either. Published lists have
 /// directions from mirror balls that are short by a fifth, and single typing errors: those are
 /// noted.
-bool decide_positions(const std::vector<LpLine>& lines, LightPlaces places,
+bool decide_positions(const std::vector<LpLine>& lines, LightCoordinates places,
                       const std::string& where, LightList& list) {
-  if (places != LightPlaces::automatic) {
-    return places == LightPlaces::positions;
+  if (places != LightCoordinates::automatic) {
+    return places == LightCoordinates::positions;
   }
   constexpr double kLongest = 2.0;          // no lights are this near, in mm
   constexpr std::size_t kFewestOthers = 9;  // per line that may be longer or shorter
@@ -194,7 +194,7 @@ void check_count(std::size_t n, const std::string& where) {
 
 }  // namespace
 
-LightList parse_lp(std::string_view text, const std::string& where, LightPlaces places) {
+LightList parse_lp(std::string_view text, const std::string& where, LightCoordinates places) {
   const std::vector<Line> lines = lines_of(text);
   if (lines.empty()) {
     throw Error("an empty list of lights", where,
@@ -347,7 +347,7 @@ LightList parse_light_json(std::string_view text, const std::string& where) {
   return list;
 }
 
-LightList read_light_file(const std::filesystem::path& path, LightPlaces places) {
+LightList read_light_file(const std::filesystem::path& path, LightCoordinates places) {
   const std::string text = read_file(path, kMaxFile);
   const std::size_t first = text.find_first_not_of(" \t\r\n\xef\xbb\xbf");
   if (first == std::string::npos || text[first] != '{') {

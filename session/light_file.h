@@ -20,7 +20,7 @@ namespace haarlight {
 class JsonValue;
 
 /// The meaning of the three numbers of a `.lp` line; the file itself does not say.
-enum class LightPlaces {
+enum class LightCoordinates {
   /// Directions; each whose length is not 1 to within 10 % is noted; refused when more than one
   /// in ten lengths are outside 0.5 to 2.
   automatic,
@@ -44,7 +44,7 @@ struct LightList {
 /// @throws Error  with file:line: no count, not three finite numbers, a zero direction, one
 ///                picture twice
 [[nodiscard]] LightList parse_lp(std::string_view text, const std::string& where,
-                                 LightPlaces places = LightPlaces::automatic);
+                                 LightCoordinates places = LightCoordinates::automatic);
 
 /// Relight's `.dome`: directional uses `directions`, spherical and lights3d use positions (mm).
 /// `ledAdjust` (a factor on pixel values) becomes 1 / relative power.
@@ -63,7 +63,7 @@ struct LightList {
 /// Any of the three, or a transforms.json (transforms_file.h), distinguished by content, not by
 /// name. At least one light.
 [[nodiscard]] LightList read_light_file(const std::filesystem::path& path,
-                                        LightPlaces places = LightPlaces::automatic);
+                                        LightCoordinates places = LightCoordinates::automatic);
 
 /// @param names  one picture name per light
 [[nodiscard]] std::string format_lp(const std::vector<Eigen::Vector3d>& directions,

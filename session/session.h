@@ -146,7 +146,7 @@ struct SessionInfo {
   std::vector<SessionLight> lights;
   int grid_rows = 0;  ///< > 0: the lights form grids of rows x cols, faces in order
   int grid_cols = 0;
-  PatternRecipe patterns;  ///< how the shots become single lights; list: by least squares
+  PatternParameters patterns;  ///< how the shots become single lights; list: by least squares
   std::vector<Shot> shots;
   std::vector<FrameRecord> frames;     ///< the newest committed attempt of each shot, by shot
   MadeBy made_by = MadeBy::capture;    ///< meaningful only where there is a root

@@ -189,7 +189,7 @@ Shot shot_from_json(const JsonValue& value, std::size_t index, std::size_t n_lig
   return shot;
 }
 
-Json patterns_to_json(const PatternRecipe& patterns) {
+Json patterns_to_json(const PatternParameters& patterns) {
   Json json;
   json["family"] = to_string(patterns.family);
   Json faces = Json::array();
@@ -202,9 +202,9 @@ Json patterns_to_json(const PatternRecipe& patterns) {
   return json;
 }
 
-PatternRecipe patterns_from_json(const JsonValue& value, std::size_t n_lights) {
+PatternParameters patterns_from_json(const JsonValue& value, std::size_t n_lights) {
   constexpr int kMaxSide = 1 << 12;
-  PatternRecipe patterns;
+  PatternParameters patterns;
   patterns.family = value["family"].one_of<PatternFamily>();
   patterns.bin = static_cast<int>(value["bin"].integer(0, kMaxSide));
   for (const JsonValue& face : value["faces"].elements()) {

@@ -66,7 +66,7 @@ class SessionWriter {
   [[nodiscard]] const std::vector<bool>& committed() const;
   /// Of the committed frames, by shot.
   [[nodiscard]] std::vector<std::pair<int, FrameEvidence>> committed_evidence() const;
-  /// Attempts already used by a shot (the next attempt's number).
+  /// Attempts already used by a shot, which is the next attempt's number.
   [[nodiscard]] int next_attempt(int shot) const;
   /// The plan as stored, bytes unchanged.
   [[nodiscard]] const std::string& plan_json() const;

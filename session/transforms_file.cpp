@@ -86,9 +86,9 @@ double power_of(const JsonValue& frame, bool& is_coloured) {
 
 }  // namespace
 
-LightList parse_transforms(const JsonValue& root, LightPlaces places) {
+LightList parse_transforms(const JsonValue& root, LightCoordinates places) {
   const bool is_mm = root.has("unit") && root["unit"].text() == "mm";
-  if (places == LightPlaces::automatic && !is_mm) {
+  if (places == LightCoordinates::automatic && !is_mm) {
     root["frames"].refuse(
         "lights' places (pl_pos) in a unit that the file does not name",
         "say which: --places positions (they are mm) or --places directions (from the origin)");
@@ -109,7 +109,7 @@ LightList parse_transforms(const JsonValue& root, LightPlaces places) {
     }
     SessionLight light;
     light.name = name_of(frame);
-    light.is_position = places != LightPlaces::directions;
+    light.is_position = places != LightCoordinates::directions;
     light.place = camera->leftCols<3>().transpose() * vector_of(frame["pl_pos"]);
     if (light.place.norm() < 1e-12) {
       frame["pl_pos"].refuse("the light is at the origin, where the object is", "correct it");

@@ -25,7 +25,7 @@ class JsonValue;
 /// @param places  automatic: positions where "unit" is "mm", otherwise refused, as the unit is
 /// unknown
 /// @throws Error  naming the field: no frames, no pl_pos, no rotation, two cameras
-[[nodiscard]] LightList parse_transforms(const JsonValue& root, LightPlaces places);
+[[nodiscard]] LightList parse_transforms(const JsonValue& root, LightCoordinates places);
 
 /// Lengths in mm from `origin_world`.
 /// @param lights  positions in the world's frame; their powers are not written

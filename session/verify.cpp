@@ -70,12 +70,13 @@ std::string find_frame_problem(const fs::path& folder, const SessionInfo& info,
 
 /// A frame used twice, and equal pixels where unclipped noise must differ.
 void check_duplicates(const SessionInfo& info, VerifyReport& report) {
-  std::map<std::pair<std::uint64_t, std::int64_t>, const FrameRecord*> by_stamp;
+  std::map<std::pair<std::uint64_t, std::int64_t>, const FrameRecord*> by_timestamp;
   std::map<std::string, const FrameRecord*> by_pixels;
   for (const FrameRecord& frame : info.frames) {
     const FrameEvidence& e = frame.evidence;
     if (e.kind != EvidenceKind::asserted) {
-      const auto [it, is_new] = by_stamp.emplace(std::pair(e.sequence, e.timestamp_ns), &frame);
+      const auto [it, is_new] =
+          by_timestamp.emplace(std::pair(e.sequence, e.timestamp_ns), &frame);
       if (!is_new) {
         report.problems.push_back(
             fmt::format("{}: the camera's frame {} stands for shot {} as well", frame.file,

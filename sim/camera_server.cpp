@@ -313,7 +313,7 @@ class CameraServer::Impl {
   void stop_streaming() {
     is_streaming_ = false;
     running_.clear();
-    asked_us_.clear();
+    requested_us_.clear();
     outgoing_.clear();
     swapped_.reset();
     buffers_.clear();
@@ -543,11 +543,11 @@ class CameraServer::Impl {
       const double z = standard_normal(hash_key(options_.fault_seed, 11, frame.sequence));
       jitter_us = std::clamp(z, -3.0, 3.0) * options_.faults.jitter_us;
     }
-    asked_us_.push_back(exposure_us_);
-    if (static_cast<int>(asked_us_.size()) > options_.exposure_delay_frames + 1) {
-      asked_us_.pop_front();
+    requested_us_.push_back(exposure_us_);
+    if (static_cast<int>(requested_us_.size()) > options_.exposure_delay_frames + 1) {
+      requested_us_.pop_front();
     }
-    const double exposure_us = asked_us_.front();
+    const double exposure_us = requested_us_.front();
     frame.exposure = {next_start_ns_ + std::llround(jitter_us * 1e3), exposure_us, gain_db_};
     const std::int64_t end = camera_.end_ns(frame.exposure);
     frame.ready_ns = camera_.read_out_ns(frame.exposure) + kTransferNs;
@@ -564,12 +564,12 @@ class CameraServer::Impl {
   void announce_strobe(std::uint64_t sequence, std::int64_t end_ns) {
     const double u = uniform_unit(hash_key(options_.fault_seed, 13, sequence));
     const bool may_fail = sequence >= next_strobe_fault_;
-    if (may_fail && u < options_.strobe_lost_share) {
+    if (may_fail && u < options_.strobe_lost_probability) {
       next_strobe_fault_ = sequence + 20;
       count(&CameraServerCounts::n_faults);
       return;
     }
-    if (may_fail && u > 1.0 - options_.strobe_false_share) {
+    if (may_fail && u > 1.0 - options_.strobe_false_probability) {
       next_strobe_fault_ = sequence + 20;
       count(&CameraServerCounts::n_faults);
       const double where = uniform_unit(hash_key(options_.fault_seed, 14, sequence));
@@ -644,7 +644,7 @@ class CameraServer::Impl {
     Outgoing out;
     out.header = state_header(RemoteMessage::frame);
     out.header.sequence = frame.sequence;
-    out.header.timestamp_ns = camera_.stamp_ns(frame.exposure);
+    out.header.timestamp_ns = camera_.timestamp_ns(frame.exposure);
     out.header.flags = kFrameMonotonic;
     out.header.exposure_us = static_cast<float>(frame.exposure.exposure_us);
     out.header.gain_db = static_cast<float>(frame.exposure.gain_db);
@@ -742,7 +742,7 @@ class CameraServer::Impl {
   std::int64_t free_from_ns_ = 0;  ///< earlier triggers are ignored
   std::uint64_t next_strobe_fault_ = 0;
   std::deque<Running> running_;
-  std::deque<double> asked_us_;  // at the start of the latest frames
+  std::deque<double> requested_us_;  // at the start of the latest frames
   std::deque<Outgoing> outgoing_;
   std::optional<Outgoing> swapped_;
   std::vector<Buffer> buffers_;

@@ -48,8 +48,8 @@ struct CameraServerOptions {
   bool is_prepared = false;
   /// Probabilities that an edge of the strobe line is lost, or that a spurious one comes within
   /// a frame.
-  double strobe_lost_share = 0.0;
-  double strobe_false_share = 0.0;
+  double strobe_lost_probability = 0.0;
+  double strobe_false_probability = 0.0;
 };
 
 struct CameraServerCounts {

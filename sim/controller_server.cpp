@@ -374,7 +374,7 @@ class ControllerServer::Impl {
     }
   }
 
-  /// The old port again; false when stopping.
+  /// Listens on the same port again; false when stopping.
   bool listen_again() {
     for (;;) {
       try {
@@ -534,7 +534,7 @@ class ControllerServer::Impl {
         for (FrameScan scan = scan_rtu_request(bytes); scan.verdict != ScanVerdict::need_more;
              scan = scan_rtu_request(bytes)) {
           if (scan.verdict == ScanVerdict::broken) {
-            bytes.clear();  // until the pause; a real line does not answer noise
+            bytes.clear();  // until the pause; a real device does not answer noise
             break;
           }
           if (!sleep_until(first_byte_ns + wire_ns(scan.n_bytes)) ||

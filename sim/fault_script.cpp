@@ -9,16 +9,16 @@ namespace haarlight {
 FaultScript parse_fault_script(const std::string& text, const std::string& name) {
   ConfigTable root = ConfigTable::parse_text(text, name);
   FaultScript script;
-  constexpr Range kShare{.min = 0.0, .max = 1.0};
+  constexpr Range kFraction{.min = 0.0, .max = 1.0};
   constexpr Range kTime{.min = 0.0, .max = 1e6};
   if (auto frames = root.table("frames")) {
     FrameFaults& f = script.frames;
-    f.late_share = frames->number_or("late_share", 0.0, kShare);
+    f.late_share = frames->number_or("late_share", 0.0, kFraction);
     f.late_ms = frames->number_or("late_ms", f.late_ms, kTime);
-    f.drop_share = frames->number_or("drop_share", 0.0, kShare);
-    f.duplicate_share = frames->number_or("duplicate_share", 0.0, kShare);
-    f.stale_share = frames->number_or("stale_share", 0.0, kShare);
-    f.swap_share = frames->number_or("swap_share", 0.0, kShare);
+    f.drop_share = frames->number_or("drop_share", 0.0, kFraction);
+    f.duplicate_share = frames->number_or("duplicate_share", 0.0, kFraction);
+    f.stale_share = frames->number_or("stale_share", 0.0, kFraction);
+    f.swap_share = frames->number_or("swap_share", 0.0, kFraction);
     f.jitter_us = frames->number_or("jitter_us", 0.0, kTime);
     if (f.late_share + f.drop_share + f.duplicate_share + f.stale_share + f.swap_share > 1.0) {
       frames->problem("", "the shares add up to more than 1",
@@ -49,7 +49,7 @@ FaultScript parse_fault_script(const std::string& text, const std::string& name)
                                         Range{.min = 0.0, .max = 1e4});
       return std::chrono::microseconds(static_cast<std::int64_t>(ms * 1e3));
     };
-    l.share = late->number("share", kShare);
+    l.share = late->number("share", kFraction);
     l.least = microseconds("least_ms", l.least);
     l.most = microseconds("most_ms", l.most);
     if (l.most < l.least) {

@@ -37,7 +37,7 @@ struct FrameFaults {
   double jitter_us = 0.0;        ///< rms of the exposure's start, 3 sigma at most
 };
 
-/// The bus answers late, or not at all, for a while.
+/// The bus answers late, or not at all, for some time.
 struct BusFault {
   double at_s = 0.0;
   double for_s = 0.0;
@@ -55,7 +55,7 @@ struct FaultScript {
   FrameFaults frames;
   std::vector<BusFault> bus;
   std::vector<ControllerRestart> restarts;
-  LateActing late_light;  ///< from the start on; its seed is the rig's
+  LateActing late_light;  ///< from the start; uses the rig's seed
 };
 
 /// @throws Error  every problem with file:line and a hint

@@ -109,11 +109,11 @@ VirtualCamera::VirtualCamera(const CameraSpec& spec, ControllerSpec controller,
     throw Error("a virtual camera needs a full well, a gain and an exposure", "virtual camera",
                 "set noise = { gain, read, full_well, black } and exposure_us in the rig file");
   }
-  const int n_tag_rows = spec.frame_height - spec.active_rows;
-  if (n_tag_rows > 0 && tag_block_side(spec.frame_width, n_tag_rows) == 0) {
-    throw Error(
-        fmt::format("{} rows of {} pixels cannot hold the tag", n_tag_rows, spec.frame_width),
-        "virtual camera", "give 8 rows below active_area, or none");
+  const int n_metadata_rows = spec.frame_height - spec.active_rows;
+  if (n_metadata_rows > 0 && tag_block_side(spec.frame_width, n_metadata_rows) == 0) {
+    throw Error(fmt::format("{} rows of {} pixels cannot hold the tag", n_metadata_rows,
+                            spec.frame_width),
+                "virtual camera", "give 8 rows below active_area, or none");
   }
   const auto n_lights = static_cast<std::size_t>(transport.n_lights());
   HAARLIGHT_EXPECTS(options_.light_power.empty() || options_.light_power.size() == n_lights,
@@ -162,7 +162,7 @@ std::int64_t VirtualCamera::read_out_ns(const Exposure& exposure) const {
                   exposure.start_ns + ns_from_us(exposure.exposure_us + spec_.read_us));
 }
 
-std::int64_t VirtualCamera::stamp_ns(const Exposure& exposure) const {
+std::int64_t VirtualCamera::timestamp_ns(const Exposure& exposure) const {
   switch (spec_.timestamp) {
     case TimestampMeaning::start_exposure:
       return exposure.start_ns;
@@ -194,8 +194,8 @@ LightSeen VirtualCamera::look(const LightHistory& history, const Exposure& expos
   return seen;
 }
 
-std::vector<VirtualCamera::Element> VirtualCamera::mean_drives(const LightHistory& history,
-                                                               const Exposure& exposure) const {
+std::vector<VirtualCamera::Element> VirtualCamera::mean_drive_levels(
+    const LightHistory& history, const Exposure& exposure) const {
   // Every element that is lit at any time, with its level in each state.
   const std::size_t n_states = history.states.size();
   std::map<int, std::vector<double>> levels;
@@ -344,7 +344,7 @@ void VirtualCamera::take(const LightHistory& history, const Exposure& exposure,
   const auto& pattern = history.states.front().pattern;
   const bool is_steady = history.states.size() == 1;
   if (!is_steady || pattern != steady_ || exposure.exposure_us != steady_exposure_us_) {
-    sum_light(mean_drives(history, exposure), electrons_per_unit(exposure.exposure_us));
+    sum_light(mean_drive_levels(history, exposure), electrons_per_unit(exposure.exposure_us));
     steady_ = is_steady ? pattern : nullptr;
     steady_exposure_us_ = exposure.exposure_us;
   }
@@ -354,14 +354,14 @@ void VirtualCamera::take(const LightHistory& history, const Exposure& exposure,
 }
 
 void VirtualCamera::write_tag(const LightSeen& seen, ImageView<std::uint16_t> words) const {
-  const int n_tag_rows = spec_.frame_height - spec_.active_rows;
-  if (n_tag_rows > 0) {
+  const int n_metadata_rows = spec_.frame_height - spec_.active_rows;
+  if (n_metadata_rows > 0) {
     const auto white = static_cast<double>((1U << static_cast<unsigned>(spec_.bits)) - 1U);
     const auto low =
         static_cast<std::uint16_t>(std::clamp(spec_.noise.black_dn, 0.0, 0.25 * white));
-    encode_tag_rows({words.row(spec_.active_rows).data(), n_tag_rows, spec_.frame_width, 1,
-                     words.row_stride()},
-                    seen.tag, low, static_cast<std::uint16_t>(0.75 * white));
+    encode_metadata_rows({words.row(spec_.active_rows).data(), n_metadata_rows,
+                          spec_.frame_width, 1, words.row_stride()},
+                         seen.tag, low, static_cast<std::uint16_t>(0.75 * white));
   }
 }
 

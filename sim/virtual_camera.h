@@ -85,7 +85,7 @@ class VirtualCamera {
   /// Of the readout: neither the last row's exposure nor the first row's readout ends later.
   [[nodiscard]] std::int64_t read_out_ns(const Exposure& exposure) const;
   /// Its timestamp.
-  [[nodiscard]] std::int64_t stamp_ns(const Exposure& exposure) const;
+  [[nodiscard]] std::int64_t timestamp_ns(const Exposure& exposure) const;
 
   [[nodiscard]] LightSeen look(const LightHistory& history, const Exposure& exposure) const;
 
@@ -114,8 +114,8 @@ class VirtualCamera {
     double fall = 0.0;
   };
   [[nodiscard]] Delay delay_of(const LightTransition& state) const;
-  [[nodiscard]] std::vector<Element> mean_drives(const LightHistory& history,
-                                                 const Exposure& exposure) const;
+  [[nodiscard]] std::vector<Element> mean_drive_levels(const LightHistory& history,
+                                                       const Exposure& exposure) const;
   void sum_light(const std::vector<Element>& elements, double electrons);
   void read_out(const Exposure& exposure, std::uint64_t noise_key,
                 ImageView<std::uint16_t> words) const;

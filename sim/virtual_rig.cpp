@@ -57,7 +57,7 @@ std::vector<FaultEvent> timetable(const FaultScript& script) {
 
 constexpr std::int64_t kLookaheadNs = 50'000'000;  // how late this machine may be
 
-/// The number behind the last colon of an address.
+/// The number after the last colon of an address.
 int number_after_colon(const std::string& address, int fallback) {
   const std::size_t colon = address.rfind(':');
   int value = fallback;
@@ -179,8 +179,8 @@ struct VirtualRig::Impl {
       if (rig.sync == SyncMode::camera_leads) {
         server.doubtful_us = 0.0;  // the strobe, not the host, times the light
         server.lookahead_ns = kLookaheadNs;
-        server.strobe_lost_share = options.strobe_lost_share;
-        server.strobe_false_share = options.strobe_false_share;
+        server.strobe_lost_probability = options.strobe_lost_probability;
+        server.strobe_false_probability = options.strobe_false_probability;
       } else if (rig.sync != SyncMode::free_run) {
         server.doubtful_us = 0.0;  // each trigger exposes one frame: it must not be lost
       }

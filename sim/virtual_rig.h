@@ -30,8 +30,8 @@ struct VirtualRigOptions {
   int n_buffers = 8;
   double doubtful_us = 2000.0;  ///< see CameraServerOptions, also for the following
   bool is_prepared = false;
-  double strobe_lost_share = 0.0;
-  double strobe_false_share = 0.0;
+  double strobe_lost_probability = 0.0;
+  double strobe_false_probability = 0.0;
   /// What the rig really is, where that differs from the rig file.
   SimTruth truth;
   /// Choose a free port and sockets in this folder instead of the rig file's addresses.

@@ -26,10 +26,10 @@ void add_picture_list_options(Command verb, PictureListArguments& list) {
               {.type = "X,Y,W,H"});
 }
 
-LightPlaces light_places(const PictureListArguments& list) {
-  return list.places == "positions"    ? LightPlaces::positions
-         : list.places == "directions" ? LightPlaces::directions
-                                       : LightPlaces::automatic;
+LightCoordinates light_places(const PictureListArguments& list) {
+  return list.places == "positions"    ? LightCoordinates::positions
+         : list.places == "directions" ? LightCoordinates::directions
+                                       : LightCoordinates::automatic;
 }
 
 MatchOptions match_options(const PictureListArguments& list) {

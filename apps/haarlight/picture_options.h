@@ -25,7 +25,7 @@ struct PictureListArguments {
 /// Adds --places, --exclude, --pictures-from, --strict and --crop.
 void add_picture_list_options(Command verb, PictureListArguments& list);
 
-[[nodiscard]] LightPlaces light_places(const PictureListArguments& list);
+[[nodiscard]] LightCoordinates light_places(const PictureListArguments& list);
 [[nodiscard]] MatchOptions match_options(const PictureListArguments& list);
 
 /// What --crop says. @throws Error(usage)  no rectangle

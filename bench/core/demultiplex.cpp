@@ -24,7 +24,7 @@ constexpr int kWidth = 256;
 constexpr int kHeight = 128;
 
 PatternInverse make_inverse(PatternFamily family, int bin = 0) {
-  PatternRecipe recipe{family, {{32, 32}}, bin, {}};
+  PatternParameters recipe{family, {{32, 32}}, bin, {}};
   if (family == PatternFamily::haar) {
     recipe.wavelets.resize(kLights);
     std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);

@@ -120,7 +120,7 @@ struct Choice {
 
 int run(const std::string& folder) {
   const fs::path lp = fs::path(folder) / "dirs.lp";
-  const LightList list = read_light_file(lp, LightPlaces::directions);
+  const LightList list = read_light_file(lp, LightCoordinates::directions);
   std::vector<fs::path> kept_files;
   std::vector<fs::path> held_files;
   std::vector<Eigen::Vector3d> kept;

@@ -26,9 +26,9 @@ inline constexpr std::uint32_t kFrameMonotonic = 1U << 2U;  ///< the timestamp i
                                                             ///< CLOCK_MONOTONIC
 /// The driver claims to timestamp the start of exposure (else the end of the frame). What the
 /// timestamp really means is measured.
-inline constexpr std::uint32_t kFrameStampedAtStart = 1U << 3U;
+inline constexpr std::uint32_t kFrameTimestampedAtStart = 1U << 3U;
 // Why kFrameError is set where the driver did not set it.
-inline constexpr std::uint32_t kFrameStampJump = 1U << 4U;        ///< implausible timestamp
+inline constexpr std::uint32_t kFrameTimestampJump = 1U << 4U;    ///< implausible timestamp
 inline constexpr std::uint32_t kFrameSequenceRestart = 1U << 5U;  ///< the driver's count
                                                                   ///< restarted
 
@@ -99,7 +99,7 @@ class Camera {
   /// Sets the exposure of a later frame and returns the value read back. Frames tell when it is
   /// in force.
   [[nodiscard]] virtual Result<double> set_exposure(double exposure_us) = 0;
-  /// To be called before start; kept until the next call.
+  /// Call before start; kept until the next call.
   [[nodiscard]] virtual Result<void> set_trigger(TriggerSource source) {
     if (source == TriggerSource::free) {
       return {};

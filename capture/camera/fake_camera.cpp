@@ -91,7 +91,8 @@ Result<Frame> FakeCamera::next(std::chrono::steady_clock::time_point deadline) {
     if (spec_.frame_height > active) {
       const ImageView<std::uint16_t> rows(&(*words)(active, 0), spec_.frame_height - active,
                                           spec_.frame_width, 1);
-      encode_tag_rows(rows, {.tag = tag.value_or(0), .is_mixed = !tag.has_value()}, 256, 12000);
+      encode_metadata_rows(rows, {.tag = tag.value_or(0), .is_mixed = !tag.has_value()}, 256,
+                           12000);
     }
     ++hands_->n_held;
     const FrameInfo info{.sequence = sequence,

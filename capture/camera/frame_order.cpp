@@ -3,7 +3,7 @@
 
 namespace haarlight {
 
-FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
+FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t timestamp_ns,
                                       std::int64_t arrival_ns) {
   Verdict verdict;
   if (!last_raw_) {
@@ -18,10 +18,11 @@ FrameOrder::Verdict FrameOrder::judge(std::uint32_t raw, std::int64_t stamp_ns,
   last_raw_ = raw;
   is_restarted_ = false;
   verdict.sequence = sequence_;
-  verdict.is_stamp_jump = (last_stamp_ns_ && stamp_ns <= *last_stamp_ns_) ||
-                          stamp_ns > arrival_ns || stamp_ns < arrival_ns - patience_ns_;
-  if (!verdict.is_stamp_jump) {
-    last_stamp_ns_ = stamp_ns;
+  verdict.is_timestamp_jump = (last_timestamp_ns_ && timestamp_ns <= *last_timestamp_ns_) ||
+                              timestamp_ns > arrival_ns ||
+                              timestamp_ns < arrival_ns - patience_ns_;
+  if (!verdict.is_timestamp_jump) {
+    last_timestamp_ns_ = timestamp_ns;
   }
   return verdict;
 }

@@ -16,7 +16,7 @@ class FrameOrder {
   struct Verdict {
     std::uint64_t sequence = 0;  ///< strictly increasing within a stream
     bool is_restart = false;     ///< the count went back or stood still: frames may be missing
-    bool is_stamp_jump = false;  ///< earlier than the last, after arrival, or far too old
+    bool is_timestamp_jump = false;  ///< earlier than the last, after arrival, or far too old
   };
 
   /// @param patience_ns  a frame older than this on arrival has a wrong timestamp
@@ -26,7 +26,7 @@ class FrameOrder {
   /// @param raw      its count modulo 2^32; a step of 2^31 or more counts as a step back
   /// @param arrival_ns  when the driver delivered it, on the timestamps' clock: a true
   /// timestamp is earlier, whichever moment it means
-  [[nodiscard]] Verdict judge(std::uint32_t raw, std::int64_t stamp_ns,
+  [[nodiscard]] Verdict judge(std::uint32_t raw, std::int64_t timestamp_ns,
                               std::int64_t arrival_ns);
 
   /// Streaming was restarted: whatever the driver counts now, the next frame continues the
@@ -37,7 +37,7 @@ class FrameOrder {
   std::int64_t patience_ns_;
   std::optional<std::uint32_t> last_raw_;
   std::uint64_t sequence_ = 0;
-  std::optional<std::int64_t> last_stamp_ns_;
+  std::optional<std::int64_t> last_timestamp_ns_;
   bool is_restarted_ = false;
 };
 

@@ -56,8 +56,8 @@ int tag_block_side(int width, int n_rows) noexcept {
   return 0;
 }
 
-void encode_tag_rows(ImageView<std::uint16_t> rows, FrameTag tag, std::uint16_t black,
-                     std::uint16_t white) {
+void encode_metadata_rows(ImageView<std::uint16_t> rows, FrameTag tag, std::uint16_t black,
+                          std::uint16_t white) {
   const int side = tag_block_side(rows.width(), rows.height());
   HAARLIGHT_EXPECTS(side > 0, "tag rows large enough for 96 blocks of 2 x 2");
   const std::uint32_t flags = tag.is_mixed ? kMixedFlag : 0;
@@ -78,7 +78,7 @@ void encode_tag_rows(ImageView<std::uint16_t> rows, FrameTag tag, std::uint16_t 
   }
 }
 
-std::optional<FrameTag> decode_tag_rows(ImageView<const std::uint16_t> rows) {
+std::optional<FrameTag> decode_metadata_rows(ImageView<const std::uint16_t> rows) {
   const int side = tag_block_side(rows.width(), rows.height());
   if (side == 0) {
     return std::nullopt;

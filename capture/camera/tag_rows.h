@@ -34,13 +34,13 @@ struct FrameTag {
 /// @param rows   (metadata rows, width, 1), see tag_block_side
 /// @param black  word of a 0 bit
 /// @param white  word of a 1 bit; well above black
-void encode_tag_rows(ImageView<std::uint16_t> rows, FrameTag tag, std::uint16_t black,
-                     std::uint16_t white);
+void encode_metadata_rows(ImageView<std::uint16_t> rows, FrameTag tag, std::uint16_t black,
+                          std::uint16_t white);
 
 /// Reads the tag back: block means against the midpoint of the darkest and the brightest block.
 /// Nothing when the sync word, complement or CRC is wrong: no tag, damaged, or too noisy.
 /// Per-pixel rms noise up to a sixth of (white - black) is read without error (tests/capture).
 /// Pure.
-[[nodiscard]] std::optional<FrameTag> decode_tag_rows(ImageView<const std::uint16_t> rows);
+[[nodiscard]] std::optional<FrameTag> decode_metadata_rows(ImageView<const std::uint16_t> rows);
 
 }  // namespace haarlight

@@ -216,7 +216,7 @@ Result<double> choose_fps(V4l2Device& device, const CameraSpec& spec) {
 
 }  // namespace
 
-V4l2Camera::V4l2Camera(V4l2Places places) : places_(std::move(places)) {}
+V4l2Camera::V4l2Camera(V4l2Paths places) : places_(std::move(places)) {}
 
 V4l2Camera::~V4l2Camera() { stop(); }
 
@@ -411,18 +411,18 @@ Result<std::optional<Frame>> V4l2Camera::take_frame() {
   if (!filled) {
     return restart(filled.error()).map([] { return std::optional<Frame>(); });
   }
-  auto frame = house(*filled);
+  auto frame = copy_out(*filled);
   if (auto given = stream_->device.queue(filled->index); !given) {
     return restart(given.error()).map([] { return std::optional<Frame>(); });
   }
   return frame;
 }
 
-Result<std::optional<Frame>> V4l2Camera::house(const V4l2Filled& filled) {
+Result<std::optional<Frame>> V4l2Camera::copy_out(const V4l2Filled& filled) {
   FrameInfo info = describe(filled);
   auto words = stream_->words->take();
   if (words == nullptr) {
-    ++counters_.unhoused;  // the next frame's number reveals the gap
+    ++counters_.pool_exhausted;  // the next frame's number reveals the gap
     return std::optional<Frame>();
   }
   const ImageView<std::uint16_t> view = words->view();
@@ -475,8 +475,8 @@ FrameInfo V4l2Camera::describe(const V4l2Filled& filled) {
   const auto flag = [&](bool is_set, std::uint32_t bits) { info.flags |= is_set ? bits : 0U; };
   flag(filled.is_error, kFrameError);
   flag(filled.is_monotonic, kFrameMonotonic);
-  flag(filled.is_stamped_at_start, kFrameStampedAtStart);
-  flag(verdict.is_stamp_jump, kFrameStampJump | kFrameError);
+  flag(filled.is_timestamped_at_start, kFrameTimestampedAtStart);
+  flag(verdict.is_timestamp_jump, kFrameTimestampJump | kFrameError);
   flag(verdict.is_restart, kFrameSequenceRestart | kFrameError);
   const bool is_before = filled.timestamp_ns <= stream_->exposed_after_ns;
   if (stream_->n_unknown > 0) {

@@ -20,18 +20,18 @@
 
 namespace haarlight {
 
-/// What became of the frames since construction.
+/// Frame counts since construction.
 struct V4l2Counters {
-  std::uint64_t frames = 0;      ///< handed out
-  std::uint64_t unhoused = 0;    ///< returned unread: pool exhausted
-  std::uint64_t io_errors = 0;   ///< of the stream
-  std::uint64_t restarts = 0;    ///< of the stream, after such an error
-  std::uint64_t reopenings = 0;  ///< starts after the first
+  std::uint64_t frames = 0;          ///< handed out
+  std::uint64_t pool_exhausted = 0;  ///< returned unread: pool exhausted
+  std::uint64_t io_errors = 0;       ///< of the stream
+  std::uint64_t restarts = 0;        ///< of the stream, after such an error
+  std::uint64_t reopenings = 0;      ///< starts after the first
 };
 
 class V4l2Camera final : public Camera {
  public:
-  explicit V4l2Camera(V4l2Places places = {});
+  explicit V4l2Camera(V4l2Paths places = {});
   ~V4l2Camera() override;
   V4l2Camera(const V4l2Camera&) = delete;
   V4l2Camera& operator=(const V4l2Camera&) = delete;
@@ -62,13 +62,13 @@ class V4l2Camera final : public Camera {
   [[nodiscard]] Result<void> take_events();
   /// Nothing when no frame was ready after all, or the pool is exhausted.
   [[nodiscard]] Result<std::optional<Frame>> take_frame();
-  [[nodiscard]] Result<std::optional<Frame>> house(const V4l2Filled& filled);
+  [[nodiscard]] Result<std::optional<Frame>> copy_out(const V4l2Filled& filled);
   [[nodiscard]] FrameInfo describe(const V4l2Filled& filled);
   [[nodiscard]] Result<void> restart(const Fault& why);
   /// Closes a device that is gone; passes the fault on.
   [[nodiscard]] tl::unexpected<Fault> give_up(Fault fault);
 
-  V4l2Places places_;
+  V4l2Paths places_;
   std::optional<V4l2Identity> identity_;  ///< of the first start
   TriggerSource trigger_ = TriggerSource::free;
   bool is_depth_proven_ = false;  ///< a frame stayed within the rig file's bit depth

@@ -35,7 +35,7 @@ constexpr std::array kAliases{
     Alias{"analog_gain", control_id::kAnalogueGain},
 };
 
-/// Modes in the order in which they are set, with the value that means manual.
+/// Modes in the order of setting, with the value that means manual.
 struct Mode {
   std::uint32_t id;
   std::int64_t manual;

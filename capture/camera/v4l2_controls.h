@@ -61,7 +61,7 @@ class V4l2Controls {
   [[nodiscard]] Result<void> set_one(V4l2Device& device, SetControl& set, bool is_exact) const;
   [[nodiscard]] std::int64_t exposure_steps(double exposure_us) const;
 
-  std::vector<SetControl> controls_;     ///< in the order in which they are set
+  std::vector<SetControl> controls_;     ///< in order of setting
   std::optional<std::size_t> exposure_;  ///< index of the exposure time
   std::optional<std::size_t> gain_;      ///< index of the gain, where it has a unit
   std::optional<V4l2Control> fire_;

@@ -88,8 +88,8 @@ std::string first_line(const fs::path& file) {
   return line;
 }
 
-/// What sysfs knows beyond the driver: serial number and index.
-void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2Places& places) {
+/// What sysfs knows in addition to the driver: serial number and index.
+void complete_identity(V4l2Identity& identity, const fs::path& node, const V4l2Paths& places) {
   std::error_code ec;
   const fs::path real = fs::canonical(node, ec);
   if (ec) {
@@ -184,7 +184,7 @@ bool V4l2Size::holds(int w, int h) const {
 
 // ---- opening ----
 
-Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Places& places) {
+Result<V4l2Device> V4l2Device::open(const fs::path& node, const V4l2Paths& places) {
   Fd fd;
   do {
     fd.reset(::open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
@@ -852,7 +852,7 @@ Result<V4l2Filled> V4l2Device::dequeue() {
   filled.is_error = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0;
   filled.is_monotonic =
       (buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
-  filled.is_stamped_at_start =
+  filled.is_timestamped_at_start =
       (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE;
   return filled;
 }

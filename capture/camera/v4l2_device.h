@@ -21,7 +21,7 @@
 namespace haarlight {
 
 /// Where nodes and their properties are found; a test has its own.
-struct V4l2Places {
+struct V4l2Paths {
   std::filesystem::path devices = "/dev";
   std::filesystem::path sysfs = "/sys";
 };
@@ -112,8 +112,8 @@ struct V4l2Filled {
   std::int64_t timestamp_ns = 0;
   std::int64_t arrival_ns = 0;  ///< DQBUF delivered it, CLOCK_MONOTONIC
   bool is_error = false;
-  bool is_monotonic = false;         ///< the timestamp is CLOCK_MONOTONIC
-  bool is_stamped_at_start = false;  ///< else at the end of the frame
+  bool is_monotonic = false;             ///< the timestamp is CLOCK_MONOTONIC
+  bool is_timestamped_at_start = false;  ///< else at the end of the frame
 };
 
 /// A change reported by the driver.
@@ -137,7 +137,7 @@ class V4l2Device {
   /// Faults: device_gone (no such node), device_busy, refused (no permission to open it),
   /// unsupported (no memory-mapped streaming capture).
   [[nodiscard]] static Result<V4l2Device> open(const std::filesystem::path& node,
-                                               const V4l2Places& places);
+                                               const V4l2Paths& places);
   ~V4l2Device();
   V4l2Device(V4l2Device&& other) noexcept;
   V4l2Device& operator=(V4l2Device&& other) noexcept;

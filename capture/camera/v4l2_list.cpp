@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 /// The videoN nodes of the device folder, by N.
-std::vector<fs::path> video_nodes(const V4l2Places& places) {
+std::vector<fs::path> video_nodes(const V4l2Paths& places) {
   std::vector<std::pair<int, fs::path>> found;
   std::error_code ec;
   for (fs::directory_iterator it(places.devices, ec), end; !ec && it != end; it.increment(ec)) {
@@ -36,7 +36,7 @@ std::vector<fs::path> video_nodes(const V4l2Places& places) {
   return nodes;
 }
 
-std::vector<std::string> links_to(const fs::path& node, const V4l2Places& places) {
+std::vector<std::string> links_to(const fs::path& node, const V4l2Paths& places) {
   std::vector<std::string> links;
   std::error_code ec;
   for (const char* folder : {"v4l/by-id", "v4l/by-path"}) {
@@ -155,7 +155,7 @@ std::string to_text(const V4l2Description& camera) {
   return text;
 }
 
-Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Places& places) {
+Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Paths& places) {
   auto device = V4l2Device::open(node, places);
   if (!device) {
     return tl::unexpected<Fault>(device.error());
@@ -184,7 +184,7 @@ Result<V4l2Description> describe_v4l2_camera(const fs::path& node, const V4l2Pla
   return camera;
 }
 
-std::vector<V4l2Description> list_v4l2_cameras(const V4l2Places& places) {
+std::vector<V4l2Description> list_v4l2_cameras(const V4l2Paths& places) {
   std::vector<V4l2Description> cameras;
   for (const fs::path& node : video_nodes(places)) {
     auto camera = describe_v4l2_camera(node, places);
@@ -202,7 +202,7 @@ std::vector<V4l2Description> list_v4l2_cameras(const V4l2Places& places) {
 
 Result<V4l2Device> find_v4l2_camera(const fs::path& device,
                                     const std::optional<V4l2Identity>& wanted,
-                                    const std::string& serial, const V4l2Places& places) {
+                                    const std::string& serial, const V4l2Paths& places) {
   const auto is_wanted = [&](const V4l2Identity& found) {
     return wanted ? is_same_camera(*wanted, found) : serial.empty() || found.serial == serial;
   };

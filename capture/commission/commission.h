@@ -42,8 +42,8 @@ struct TimingResult {
   std::vector<StepSample> samples;
   StepFit fit;  ///< D constrained to the fitted slope
   OffsetLine line;
-  StampEvidence evidence;
-  StampVerdict verdict;
+  TimestampEvidence evidence;
+  TimestampVerdict verdict;
   Measured ack_us;
   double long_us = 0.0;  ///< the exposures used
   double short_us = 0.0;

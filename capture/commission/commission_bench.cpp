@@ -17,7 +17,7 @@ namespace haarlight {
 namespace {
 
 constexpr int kMaxBands = 64;
-constexpr int kMaxBandRows = 4;    // thin: a band's own skew must not blur a step
+constexpr int kMaxBandRows = 4;    // thin: a band's own skew must not smear a step
 constexpr int kPeriodFrames = 24;  // to measure the frame period from
 constexpr std::uint32_t kFirstTag = 0x43000000;
 constexpr std::int64_t kQuietNs =
@@ -177,7 +177,7 @@ void CommissionBench::open(double exposure_us) {
 void CommissionBench::measure_period() {
   std::vector<double> periods;
   std::uint64_t last_sequence = 0;
-  std::int64_t last_stamp = 0;
+  std::int64_t last_timestamp = 0;
   for (int i = 0; i < kPeriodFrames; ++i) {
     const ArrivedFrame arrived = next_frame();
     const FrameInfo& info = arrived.frame.info();
@@ -187,11 +187,11 @@ void CommissionBench::measure_period() {
                   ExitCode::unavailable);
     }
     if (i > 0 && info.sequence > last_sequence) {
-      periods.push_back(static_cast<double>(info.timestamp_ns - last_stamp) / 1e3 /
+      periods.push_back(static_cast<double>(info.timestamp_ns - last_timestamp) / 1e3 /
                         static_cast<double>(info.sequence - last_sequence));
     }
     last_sequence = info.sequence;
-    last_stamp = info.timestamp_ns;
+    last_timestamp = info.timestamp_ns;
   }
   if (periods.empty()) {
     throw Error("the camera's sequence numbers stand still", spec_.device,
@@ -238,7 +238,7 @@ ArrivedFrame CommissionBench::next_frame() {
       if ((frame->info().flags & (kFrameError | kFrameShort)) != 0U) {
         continue;
       }
-      last_stamp_ns_ = frame->info().timestamp_ns;
+      last_timestamp_ns_ = frame->info().timestamp_ns;
       return {*std::move(frame), arrival};
     }
     if (frame.error().code != Errc::timeout || arrival > give_up) {
@@ -255,7 +255,7 @@ void CommissionBench::drain_until(std::int64_t t_ns) {
     Result<Frame> frame =
         camera_.next(time_point(std::min(last_ns, now_ns() + std::int64_t{100'000'000})));
     if (frame) {
-      last_stamp_ns_ = frame->info().timestamp_ns;
+      last_timestamp_ns_ = frame->info().timestamp_ns;
     } else if (frame.error().code != Errc::timeout) {
       (void)demand<int>(tl::unexpected<Fault>(frame.error()), "waiting for a frame");
     }
@@ -329,9 +329,9 @@ SteadyLevel CommissionBench::look_steady(const LightPattern& pattern, int n_fram
           words.push_back(row[x]);
         }
       }
-      level.low_share = quantile(words, 0.25);
+      level.low_level = quantile(words, 0.25);
       level.median = quantile(words, 0.5);
-      level.high_share = quantile(words, 0.99);
+      level.high_level = quantile(words, 0.99);
     }
   }
   double pooled = 0.0;

@@ -32,7 +32,7 @@ struct CommissionClock {
   return receipt.t_shown_ns != 0 ? receipt.t_shown_ns : receipt.t_ack_ns;
 }
 
-/// A thin band of rows whose mean is followed; `position` 0 = first row, 1 = last.
+/// A thin band of rows whose mean is tracked; `position` 0 = first row, 1 = last.
 struct RowBand {
   int first = 0;
   int count = 1;
@@ -50,9 +50,9 @@ using LightPattern = std::vector<ElementLevel>;
 struct SteadyLevel {
   std::vector<double> bands;   ///< counts
   double frame_scatter = 0.0;  ///< rms over frames of a band's mean, pooled
-  double low_share = 0.0;      ///< a quarter of the pixels are darker than this, counts
+  double low_level = 0.0;      ///< a quarter of the pixels are darker than this, counts
   double median = 0.0;
-  double high_share = 0.0;  ///< 1 % of the pixels are brighter than this
+  double high_level = 0.0;  ///< 1 % of the pixels are brighter than this
 };
 
 /// One thread. Every device fault becomes an Error(unavailable) with a hint; a requested stop
@@ -101,7 +101,7 @@ class CommissionBench {
   /// rig's power budget allows.
   [[nodiscard]] LightPattern brightest(int n) const;
   [[nodiscard]] int n_allowed() const { return n_allowed_; }
-  [[nodiscard]] std::int64_t last_stamp_ns() const { return last_stamp_ns_; }
+  [[nodiscard]] std::int64_t last_timestamp_ns() const { return last_timestamp_ns_; }
 
  private:
   template <class T>
@@ -129,7 +129,7 @@ class CommissionBench {
   int settle_frames_ = 8;
   std::uint32_t tag_ = 0;
   std::int64_t lease_ns_ = 0;
-  std::int64_t last_stamp_ns_ = 0;
+  std::int64_t last_timestamp_ns_ = 0;
   std::vector<std::int64_t> leads_;
 };
 

@@ -77,7 +77,7 @@ LightResponse respond(ImageView<const std::uint16_t> picture, ImageView<const fl
 }
 
 /// The counts above dark that 1 % of the pixels exceed.
-double bright_share(ImageView<const std::uint16_t> picture, ImageView<const float> dark) {
+double bright_level(ImageView<const std::uint16_t> picture, ImageView<const float> dark) {
   std::vector<float> values;
   const int stride = std::max(1, dark.height() * dark.width() / 200000);
   for (int y = 0; y < dark.height(); ++y) {
@@ -94,7 +94,7 @@ double bright_share(ImageView<const std::uint16_t> picture, ImageView<const floa
 /// Each light's response at one exposure.
 struct Responses {
   std::vector<LightResponse> of;
-  double brightest = 0.0;  ///< counts above the dark, bright_share() of the brightest picture
+  double brightest = 0.0;  ///< counts above the dark, bright_level() of the brightest picture
 };
 
 /// @param most  counts above dark; ends early at a light brighter than that
@@ -136,7 +136,7 @@ Responses look_at_lights(CommissionBench& bench, const TimingResult& timing, dou
                            1e3;
       if (after >= wait_us) {
         responses.brightest =
-            std::max(responses.brightest, bright_share(arrived.frame.pixels(), dark.view()));
+            std::max(responses.brightest, bright_level(arrived.frame.pixels(), dark.view()));
         responses.of.push_back(
             respond(arrived.frame.pixels(), dark.view(), gain_e_per_dn, dark_variance));
         break;

@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::size_t kMaxDots = 1200;
 
-/// What was measured as dots, the model as a line.
+/// The measurements as dots, the model as a line.
 std::string figure(PlotPanel panel, std::vector<std::pair<double, double>> measured,
                    std::vector<std::pair<double, double>> model) {
   const std::string title = panel.title;
@@ -48,7 +48,7 @@ std::string step_figure(const TimingResult& timing, bool rises) {
   std::vector<std::pair<double, double>> curve;
   for (int i = 0; i <= 200; ++i) {
     const double x = -0.3 * e + (1.6 * e + ramp) * i / 200.0;
-    const double share = lit_share(x, e, ramp);
+    const double share = lit_fraction(x, e, ramp);
     curve.emplace_back(x, rises ? share : 1.0 - share);
   }
   return figure({.title = rises ? "light switched on" : "light switched off",

@@ -25,7 +25,7 @@ struct CommissionRow {
   std::string written;   ///< of the rig file, or empty
   std::string meaning;
 };
-/// What the page's table and the command print.
+/// The rows printed by the page's table and the command.
 [[nodiscard]] std::vector<CommissionRow> commission_rows(const Rig& rig, int camera,
                                                          const CommissionResult& result);
 

@@ -32,8 +32,8 @@ int camera_index(const Rig& rig, const std::string& id) {
               "name one of its [[camera]] ids", ExitCode::usage);
 }
 
-/// What an earlier file holds of other cameras stays, and of the lights when they were not
-/// measured now; a file that cannot be read is replaced.
+/// Keeps an earlier file's values for other cameras, and for the lights if they were not
+/// measured now; replaces a file that cannot be read.
 /// @return  a warning; empty: none
 std::string keep_others(const std::filesystem::path& file, MeasuredRig& measured) {
   std::error_code ignored;
@@ -61,7 +61,7 @@ std::string keep_others(const std::filesystem::path& file, MeasuredRig& measured
   return {};
 }
 
-/// @throws Error(unavailable)  it answers
+/// @throws Error(unavailable)  a daemon answers
 void require_no_daemon(const CommissionRigOptions& options, const Rig& rig) {
   const std::string url = fmt::format(
       "http://{}:{}", rig.http.address == "0.0.0.0" ? "127.0.0.1" : rig.http.address,
@@ -72,7 +72,7 @@ void require_no_daemon(const CommissionRigOptions& options, const Rig& rig) {
   }
 }
 
-/// A device, or why not.
+/// The device, or an Error saying why not.
 template <typename Device>
 std::unique_ptr<Device> take(Result<std::unique_ptr<Device>> made, const std::string& rig) {
   if (!made) {
@@ -131,7 +131,7 @@ CommissionRigSummary commission_rig(const CommissionRigOptions& options) {
   }
   summary.warning = keep_others(file, summary.result.measured);
   const std::string text = to_toml(summary.result.measured);
-  // What is written is what every program will read: prove it before it is there.
+  // Every program will read what is written: validate it before it is in place.
   (void)parse_rig(join_rig_text({rig.text, text}, file.string()), options.rig);
   write_file_atomically(file, text);
   summary.measured = file.string();

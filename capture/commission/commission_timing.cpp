@@ -17,14 +17,14 @@ namespace {
 
 constexpr double kGolden = 0.6180339887498949;  // distributes any number of steps evenly
 constexpr int kReferenceFrames = 12;
-constexpr double kMinLevelSigma = 1e-3;  // the light source itself is no steadier
-constexpr double kUsable = 0.2;          // of the brightest band: darker ones are left out
-constexpr double kHigh = 0.85;           // of white: no bright pixel above
-constexpr double kShortShare = 0.125;    // the short exposure, of the long one
-constexpr double kLongShare = 0.6;       // the long exposure at most, of the frame period
-constexpr double kLinearTol = 0.01;      // of the signal: shortfall when the exposure doubles
-constexpr double kBackOff = 0.6;         // of a level that was not linear: try this one next
-constexpr double kNearlyDark = 0.2;      // of what is required, with half of the lights left
+constexpr double kMinLevelSigma = 1e-3;   // the light source itself is no steadier
+constexpr double kUsable = 0.2;           // of the brightest band: darker ones are not used
+constexpr double kHigh = 0.85;            // of white: no bright pixel above
+constexpr double kShortFraction = 0.125;  // the short exposure, of the long one
+constexpr double kLongFraction = 0.6;     // the long exposure at most, of the frame period
+constexpr double kLinearTol = 0.01;       // of the signal: shortfall when the exposure doubles
+constexpr double kBackOff = 0.6;          // of a level that was not linear: try this one next
+constexpr double kNearlyDark = 0.2;       // of what is required, with half of the lights left
 constexpr int kLinearAttempts = 8;
 constexpr double kSureOfSettle = 2.33;  // sigmas: 99 %, one-sided
 constexpr double kGoodPhaseUs = 80.0;   // 23 us of uncertainty
@@ -97,8 +97,8 @@ Lamp find_lamp(CommissionBench& bench, int n, double high) {
       element.level = level;
     }
     const SteadyLevel lit = bench.look_steady(lamp.pattern, 2);
-    const double share = (lit.high_share - dark.high_share) / (high - dark.high_share);
-    if (lit.high_share > high && (lamp.n > least || level > 4096)) {
+    const double share = (lit.high_level - dark.high_level) / (high - dark.high_level);
+    if (lit.high_level > high && (lamp.n > least || level > 4096)) {
       went_down = true;
       if (lamp.n > least) {
         above = lamp.n;
@@ -170,7 +170,7 @@ Lamp find_linear_lamp(CommissionBench& bench) {
       return lamp;
     }
     const SteadyLevel lit = bench.look_steady(lamp.pattern, 2);
-    high = kBackOff * std::min(high, lit.high_share);
+    high = kBackOff * std::min(high, lit.high_level);
   }
   throw Error("twice the exposure does not give twice the light, however weak the light is",
               bench.rig().file.string(),
@@ -238,7 +238,7 @@ class StepRun {
     for (int i = first; i < first + n; ++i) {
       const double phase = std::fmod(i * kGolden, 1.0) * period;
       const std::int64_t soon = bench_.now_ns() + bench_.lead_ns() + 1'000'000;
-      const double past = us_between(soon, bench_.last_stamp_ns());
+      const double past = us_between(soon, bench_.last_timestamp_ns());
       const double wait = std::fmod(phase - std::fmod(past, period) + period, period);
       step(soon + ns_of(wait), 3.0 * period + lamp.exposure_us);
     }
@@ -265,7 +265,7 @@ class StepRun {
   std::vector<double> shown_;
 };
 
-/// Without the steps that were slow to show: they say little, a delay of the way back alone
+/// Without the steps that were slow to show: they say little, a delay on the way back alone
 /// would shift them, and a gateway may have acted long after its acknowledgement.
 std::vector<StepSample> prompt_steps(const std::vector<StepSample>& samples,
                                      const std::vector<double>& shown) {
@@ -298,7 +298,7 @@ class ControlRun {
     (void)bench_.show(one_.pattern);
     (void)bench_.set_exposure(one_.exposure_us);
     bench_.settle();
-    reference_ns_ = bench_.last_stamp_ns() - ns_of(slope_ * one_.exposure_us);
+    reference_ns_ = bench_.last_timestamp_ns() - ns_of(slope_ * one_.exposure_us);
     const double period = bench_.period_us();
     std::vector<ControlTrial> trials;
     bool is_two = false;
@@ -385,7 +385,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   const double period = bench.period_us();
   TimingResult result;
   // Long: the rig's own exposure, as far as two of them and a step fit.
-  const double wanted = std::min(bench.exposure_us(), kLongShare * period);
+  const double wanted = std::min(bench.exposure_us(), kLongFraction * period);
   if (wanted != bench.exposure_us()) {
     (void)bench.set_exposure(wanted);
   }
@@ -393,8 +393,8 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   take_references(bench, full);
   result.long_us = full.exposure_us;
   result.n_lights = full.n;
-  result.linear_dn = full.lit.high_share - full.dark.high_share;
-  result.count_per_us = (full.lit.high_share - full.dark.high_share) /
+  result.linear_dn = full.lit.high_level - full.dark.high_level;
+  result.count_per_us = (full.lit.high_level - full.dark.high_level) /
                         (full.exposure_us * static_cast<double>(full.n)) *
                         (static_cast<double>(registers::kMaxLevel) /
                          static_cast<double>(full.pattern.front().level));
@@ -443,11 +443,11 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   progress(0.55);
 
   // Fine: steps at chosen phases of a short and of the long exposure.
-  (void)bench.set_exposure(std::max(20.0, kShortShare * full.exposure_us));
+  (void)bench.set_exposure(std::max(20.0, kShortFraction * full.exposure_us));
   bench.settle();
   // No brighter than what was seen to be linear.
-  Lamp brief = find_lamp(bench, static_cast<int>(std::ceil(full.n / kShortShare)),
-                         std::max(full.lit.high_share, full.dark.high_share + 3.0));
+  Lamp brief = find_lamp(bench, static_cast<int>(std::ceil(full.n / kShortFraction)),
+                         std::max(full.lit.high_level, full.dark.high_level + 3.0));
   take_references(bench, brief);
   StepModel model = coarse->model;
   const auto fine = [&](const Lamp& lamp, int round) {
@@ -464,8 +464,8 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
       const int pair = (round * options.fine_steps + i) / 2;  // one switch on, one off
       const double u = std::fmod(pair * kGolden + 0.5 * (i % 2), 1.0);
       const double x = -0.15 * e - 0.5 * skew + u * (span + 0.3 * e);
-      const double behind_stamp = 0.5 * skew + e - offset - x;
-      const std::int64_t base = bench.last_stamp_ns() + ns_of(behind_stamp);
+      const double behind_timestamp = 0.5 * skew + e - offset - x;
+      const std::int64_t base = bench.last_timestamp_ns() + ns_of(behind_timestamp);
       const double late =
           us_between(bench.now_ns() + bench.lead_ns() + 1'000'000, base) / period;
       const std::int64_t target = base + ns_of(std::ceil(std::max(0.0, late)) * period);
@@ -512,12 +512,12 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   }
   const double ack = upper_median(run.round_trips());
   result.ack_us = {ack, 0.0, static_cast<std::int64_t>(run.round_trips().size())};
-  StampEvidence& e = result.evidence;
+  TimestampEvidence& e = result.evidence;
   e.slope = result.line.slope;
   e.slope_sigma = result.line.slope_sigma;
   e.offset_us = tied->model.offset_us.front() -
                 std::round(result.line.slope) * tied->model.exposures_us.front();
-  // Where between sending and acknowledgement the latch acts is not known.
+  // When the latch acts between sending and acknowledgement is unknown.
   e.offset_sigma_us = std::hypot(tied->offset_sigma_us.front(), ack / (2.0 * std::sqrt(3.0)));
   e.skew_us = result.fit.model.skew_us;
   e.exposure_us = full.exposure_us;
@@ -528,7 +528,7 @@ TimingResult measure_timing(CommissionBench& bench, const CommissionOptions& opt
   e.period_us = period;
   e.control = phase;
   e.written_latch_us = bench.rig().controller.latch_us;
-  const std::optional<StampVerdict> verdict = judge_stamp(e);
+  const std::optional<TimestampVerdict> verdict = classify_timestamp(e);
   if (!verdict) {
     throw Error(fmt::format("the stamp fits none of the three meanings: it moves by {:.3f} +- "
                             "{:.3f} of the exposure",

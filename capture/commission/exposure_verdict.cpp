@@ -13,7 +13,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kExposureTol = 0.04;  // of an exposure: a wrong unit is further off
+constexpr double kExposureTol = 0.04;  // of an exposure: a wrong unit is off by more
 constexpr double kLargeFactor = 1.5;   // of an exposure: no lucky jackknife reaches this
 
 /// The equivalent, for an estimate whose sigma comes from `n` steps, of kSureSigmas at known
@@ -27,8 +27,8 @@ double sure_sigmas(int n) {
 
 }  // namespace
 
-ExposureVerdict judge_exposure(std::span<const StepSample> samples,
-                               const ExposureQuestion& question) {
+ExposureVerdict assess_exposure(std::span<const StepSample> samples,
+                                const ExposureQuestion& question) {
   const std::optional<ExposureScale> one = exposure_scale(samples, question.long_us);
   const std::optional<ExposureScale> two = exposure_scale(samples, question.short_us);
   if (!one || !two) {
@@ -58,7 +58,7 @@ void require_true_exposure(const ExposureQuestion& question,
     if (round > kMoreExposureRounds) {
       asked.doubt_sigmas = kSureSigmas;
     }
-    const ExposureVerdict verdict = judge_exposure(samples(), asked);
+    const ExposureVerdict verdict = assess_exposure(samples(), asked);
     const ExposureScale& scale = verdict.scale;
     if (verdict.kind == ExposureVerdict::as_said) {
       return;

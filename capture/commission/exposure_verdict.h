@@ -39,8 +39,8 @@ struct ExposureQuestion {
 /// Two exposures must agree: a slow LED stretches the shorter one more. Open: off by more than
 /// 4 % and `doubt_sigmas` of the stated sigma, but not certainly, as so few steps may
 /// understate it.
-[[nodiscard]] ExposureVerdict judge_exposure(std::span<const StepSample> samples,
-                                             const ExposureQuestion& question);
+[[nodiscard]] ExposureVerdict assess_exposure(std::span<const StepSample> samples,
+                                              const ExposureQuestion& question);
 
 /// Returns when the exposures are as reported.
 /// @param samples  all so far

@@ -20,14 +20,14 @@ namespace {
 
 constexpr int kGrid = 3 * kSurveyAcross;  // picture points across and down
 constexpr double kTukey = 4.685;          // 95 % efficiency for normal errors
-constexpr double kMinLogSigma = 1e-3;     // no LED's neighbour is known better
+constexpr double kMinLogSigma = 1e-3;     // no better known from an LED's neighbours
 constexpr double kSeen = 10.0;            // sigmas of a block's signal: such a block counts
 // Sums of squared normalised residuals of a light's blocks: about 64 at its own position.
 constexpr double kMisfit = 100.0;  // above the lights' median: not at its position
 constexpr double kBetter = 60.0;   // another position fits better by this much
 constexpr double kFits = 3.0;      // of the median: that position fits
 // Where no position fits that well, shadows dominate the misfits and scale all of a light's
-// alike. Of 12 800 lights in front of rendered stairs, 7 of 10 swapped pairs being neighbours,
+// alike. Of 12 800 lights with rendered stairs in view, 7 of 10 swapped pairs being neighbours,
 // the own position's misfit was at most 0.45 of the next best position's for correctly wired
 // lights, and at least 6.2 of the true position's for swapped ones
 // (docs/numerics/commissioning.md).
@@ -42,7 +42,7 @@ double median_or_0(std::vector<double> values) {
 }
 
 /// 1, u, v, u^2, u v, v^2 of a light's position in its face, u and v in -1 .. 1.
-Eigen::Matrix<double, 6, 1> place_terms(const Face& face, const LightElement& light) {
+Eigen::Matrix<double, 6, 1> position_terms(const Face& face, const LightElement& light) {
   const double u = face.cols > 1 ? 2.0 * light.col / (face.cols - 1) - 1.0 : 0.0;
   const double v = face.rows > 1 ? 2.0 * light.row / (face.rows - 1) - 1.0 : 0.0;
   Eigen::Matrix<double, 6, 1> terms;
@@ -95,9 +95,9 @@ Surface fit_surface(const std::vector<Eigen::Matrix<double, 6, 1>>& terms,
 }
 
 /// The logarithms of what a light at each position contributes to each block of the picture.
-class Places {
+class Positions {
  public:
-  Places(const std::vector<std::array<double, kSurveyBlocks>>& geometry, std::size_t n)
+  Positions(const std::vector<std::array<double, kSurveyBlocks>>& geometry, std::size_t n)
       : geometry_(geometry), logs_(n), spread_(n) {}
 
   /// From the lit lights of one face: with geometry or without, whichever fits better (a
@@ -166,16 +166,16 @@ class Places {
       for (const std::size_t k : shining) {
         const LightResponse& r = responses[k];
         if (r.blocks[b] > kSeen * r.block_sigma[b]) {
-          terms.push_back(place_terms(face, lights[k]));
+          terms.push_back(position_terms(face, lights[k]));
           logs.push_back(std::log(r.blocks[b]) - log_factor(k, b));
         }
       }
       const Surface surface = fit_surface(terms, logs, kMinLogSigma);
       for (std::size_t i = 0; i < of_face; ++i) {
         const std::size_t k = offset + i;
-        fitted.logs[i][b] = terms.empty()
-                                ? std::numeric_limits<double>::quiet_NaN()
-                                : surface.at(place_terms(face, lights[k])) + log_factor(k, b);
+        fitted.logs[i][b] =
+            terms.empty() ? std::numeric_limits<double>::quiet_NaN()
+                          : surface.at(position_terms(face, lights[k])) + log_factor(k, b);
       }
       fitted.spread[b] = surface.spread;
       fitted.roughness += std::log(std::max(surface.spread, kMinLogSigma));
@@ -215,7 +215,7 @@ class Places {
 /// Two lights cannot be at one position: where one was found at another's, and that one fits
 /// the first one's position better than its own, it is the other half of the swap, even where
 /// neither position fits it well (objects in view throw shadows that no smooth surface has).
-void complete_swaps(const Places& places, std::span<const LightResponse> responses,
+void complete_swaps(const Positions& places, std::span<const LightResponse> responses,
                     const std::vector<double>& own, LightSurvey& survey,
                     const std::vector<double>& expected) {
   const std::size_t n_found = survey.miswired.size();
@@ -243,34 +243,35 @@ void complete_swaps(const Places& places, std::span<const LightResponse> respons
 }
 
 /// How well a light fits its own position, and which other one fits best.
-struct PlaceFit {
+struct PositionFit {
   double own = 0.0;
   double least = std::numeric_limits<double>::infinity();  ///< of all other positions
   std::size_t best = 0;
 };
 
-enum class Placed { own, other, nowhere };
+enum class PositionVerdict { own, other, nowhere };
 
 /// @param typical  the lights' median misfit
 /// @param is_free  of the other position: its own light fits it badly, too, or does not shine
-Placed judge_place(const PlaceFit& fit, double typical, bool is_free) {
+PositionVerdict assess_position(const PositionFit& fit, double typical, bool is_free) {
   if (fit.own <= typical + kMisfit) {
-    return Placed::own;
+    return PositionVerdict::own;
   }
   const bool is_better = fit.own - fit.least > kBetter;
   if (is_better && fit.least < kFits * typical) {
-    return Placed::other;
+    return PositionVerdict::other;
   }
   if (is_better && fit.own > kClear * fit.least && is_free) {
-    return Placed::other;
+    return PositionVerdict::other;
   }
-  return fit.least > kSettled * fit.own ? Placed::own : Placed::nowhere;
+  return fit.least > kSettled * fit.own ? PositionVerdict::own : PositionVerdict::nowhere;
 }
 
 /// @param seen  lights that shine
-std::vector<PlaceFit> fit_places(const Places& places, std::span<const LightResponse> responses,
-                                 const std::vector<std::size_t>& seen, double& typical) {
-  std::vector<PlaceFit> fits(responses.size());
+std::vector<PositionFit> fit_positions(const Positions& places,
+                                       std::span<const LightResponse> responses,
+                                       const std::vector<std::size_t>& seen, double& typical) {
+  std::vector<PositionFit> fits(responses.size());
   std::vector<double> misfits;
   for (const std::size_t k : seen) {
     fits[k].own = places.misfit(responses[k], k);
@@ -289,7 +290,7 @@ std::vector<PlaceFit> fit_places(const Places& places, std::span<const LightResp
   return fits;
 }
 
-void find_alike(const Places& places, std::span<const LightResponse> responses,
+void find_alike(const Positions& places, std::span<const LightResponse> responses,
                 const std::vector<std::size_t>& seen, LightSurvey& survey) {
   for (const std::size_t k : seen) {
     double nearest = std::numeric_limits<double>::infinity();
@@ -304,7 +305,7 @@ void find_alike(const Places& places, std::span<const LightResponse> responses,
   }
 }
 
-void find_miswired(const Places& places, std::span<const LightResponse> responses,
+void find_miswired(const Positions& places, std::span<const LightResponse> responses,
                    const std::vector<double>& expected, LightSurvey& survey) {
   std::vector<std::size_t> seen;
   for (std::size_t k = 0; k < responses.size(); ++k) {
@@ -313,7 +314,7 @@ void find_miswired(const Places& places, std::span<const LightResponse> response
     }
   }
   double typical = 1.0;
-  const std::vector<PlaceFit> fits = fit_places(places, responses, seen, typical);
+  const std::vector<PositionFit> fits = fit_positions(places, responses, seen, typical);
   // Before any power is corrected below: which lights shine, and which leave their position.
   const auto leaves = [&](std::size_t k) {
     return fits[k].own > typical + kMisfit && fits[k].own > kClear * fits[k].least;
@@ -322,10 +323,10 @@ void find_miswired(const Places& places, std::span<const LightResponse> response
   for (const std::size_t k : seen) {
     const std::size_t best = fits[k].best;
     const bool is_free = survey.power[best] <= 0.0 || leaves(best);
-    const Placed placed = judge_place(fits[k], typical, is_free);
-    if (placed == Placed::nowhere) {
+    const PositionVerdict placed = assess_position(fits[k], typical, is_free);
+    if (placed == PositionVerdict::nowhere) {
       unplaced.push_back(static_cast<int>(k));
-    } else if (placed == Placed::other) {
+    } else if (placed == PositionVerdict::other) {
       survey.miswired.push_back(static_cast<int>(k));
       survey.miswired_to.push_back(static_cast<int>(best));
       if (expected[best] > 0.0) {
@@ -335,7 +336,7 @@ void find_miswired(const Places& places, std::span<const LightResponse> response
   }
   std::vector<double> own(fits.size());
   std::transform(fits.begin(), fits.end(), own.begin(),
-                 [](const PlaceFit& fit) { return fit.own; });
+                 [](const PositionFit& fit) { return fit.own; });
   complete_swaps(places, responses, own, survey, expected);
   std::copy_if(unplaced.begin(), unplaced.end(), std::back_inserter(survey.unplaced),
                [&survey](int k) {
@@ -415,7 +416,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
   survey.power.assign(n, 0.0);
   std::vector<double> expected(n, 0.0);
   std::vector<double> sigmas;
-  Places places(geometry_blocks, n);
+  Positions places(geometry_blocks, n);
   std::size_t offset = 0;
   for (const Face& face : rig.faces) {
     const auto of_face = static_cast<std::size_t>(face.n_lights());
@@ -434,7 +435,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
       const bool shines = geometry[k] > 0.0 && typical > 0.0 &&
                           r.signal > std::max(0.1 * typical * geometry[k], 5.0 * r.sigma);
       if (shines) {
-        terms.push_back(place_terms(face, lights[k]));
+        terms.push_back(position_terms(face, lights[k]));
         logs.push_back(std::log(r.signal / geometry[k]));
         shining.push_back(k);
       }
@@ -442,7 +443,7 @@ LightSurvey survey_lights(const Rig& rig, int camera, std::span<const LightRespo
     const Surface level = fit_surface(terms, logs, kMinLogSigma);
     places.fit(face, offset, lights, shining, responses);
     for (std::size_t k = offset; k < offset + of_face; ++k) {
-      const Eigen::Matrix<double, 6, 1> here = place_terms(face, lights[k]);
+      const Eigen::Matrix<double, 6, 1> here = position_terms(face, lights[k]);
       expected[k] = terms.empty() ? 0.0 : geometry[k] * std::exp(level.at(here));
       const LightResponse& r = responses[k];
       const auto number = static_cast<int>(k);

@@ -30,7 +30,7 @@ namespace haarlight {
 inline constexpr int kSurveyAcross = 8;  ///< blocks across the picture, and down
 inline constexpr int kSurveyBlocks = kSurveyAcross * kSurveyAcross;
 
-/// One light's picture less the dark one.
+/// One light's picture with the dark one subtracted.
 struct LightResponse {
   double signal = 0.0;                              ///< mean of all pixels, counts
   double sigma = 0.0;                               ///< of it

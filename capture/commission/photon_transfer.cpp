@@ -17,11 +17,12 @@ constexpr double kMinDegrees = 100.0;     // a bin needs to enter the fit: 14 % 
 constexpr double kFitTop = 0.7;           // of saturation [Emva21]
 constexpr double kRounding = 1.0 / 12.0;  // variance of rounding to whole counts
 constexpr double kLeastFull = 8.0;        // counts: below this, saturation cannot be detected
-constexpr double kBeyond = 0.05;       // of the saturation level: a pixel is brighter than it
-constexpr double kBeyondShare = 0.01;  // of the pixels: with more of them it is not saturation
-constexpr double kStill = 0.1;         // of the expected growth: this pixel is saturated
+constexpr double kBeyond = 0.05;          // of the saturation level: a pixel exceeds it
+constexpr double kBeyondFraction =
+    0.01;                       // of the pixels: with more of them it is not saturation
+constexpr double kStill = 0.1;  // of the expected growth: this pixel is saturated
 
-/// How far the points depart from the straight line through the middle 90 % of the range, in
+/// Deviation of the points from the straight line through the middle 90 % of the range, in
 /// percent of the signal [Emva21].
 std::optional<Measured> linearity(std::span<const ExposureLevel> levels, double black_dn) {
   double top = 0.0;
@@ -174,11 +175,11 @@ std::optional<double> find_saturation(ImageView<const std::uint16_t> shorter,
     return std::nullopt;
   }
   const auto middle = upper_median(full);
-  // Where the signal ends no pixel goes beyond: else these were still by their noise.
+  // At saturation no pixel goes beyond: else these were constant by noise.
   const double limit = middle + kBeyond * (static_cast<double>(middle) - black_dn);
   const auto beyond = std::count_if(all.begin(), all.end(),
                                     [limit](std::uint16_t word) { return word > limit; });
-  if (static_cast<double>(beyond) > kBeyondShare * static_cast<double>(all.size())) {
+  if (static_cast<double>(beyond) > kBeyondFraction * static_cast<double>(all.size())) {
     return std::nullopt;
   }
   return static_cast<double>(middle);

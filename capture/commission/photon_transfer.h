@@ -34,7 +34,7 @@ struct TransferBin {
 /// Collects pairs, 128 levels. One thread.
 class TransferCurve {
  public:
-  /// @param white  2^bits - 1; pairs that touch 0 or white are left out
+  /// @param white  2^bits - 1; pairs that touch 0 or white are ignored
   explicit TransferCurve(int white);
   /// Two consecutive pictures of the same light and exposure, `rows` rows of each.
   void add_pair(ImageView<const std::uint16_t> first, ImageView<const std::uint16_t> second,

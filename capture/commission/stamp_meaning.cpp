@@ -45,13 +45,13 @@ std::optional<ControlPhase> control_phase(std::span<const ControlTrial> trials,
   return phase;
 }
 
-std::optional<StampVerdict> judge_stamp(const StampEvidence& e) {
+std::optional<TimestampVerdict> classify_timestamp(const TimestampEvidence& e) {
   const double tol = std::max(kSlopeTol, 5.0 * e.slope_sigma);
   const bool follows = std::abs(e.slope - 1.0) <= tol;
   if ((!follows && std::abs(e.slope) > tol) || tol >= 0.5) {
     return std::nullopt;
   }
-  StampVerdict v;
+  TimestampVerdict v;
   const std::string slope =
       fmt::format("offset over exposure {:.3f} +- {:.3f}", e.slope, e.slope_sigma);
   if (!follows) {

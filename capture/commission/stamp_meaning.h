@@ -49,7 +49,7 @@ struct ControlPhase {
 [[nodiscard]] std::optional<ControlPhase> control_phase(std::span<const ControlTrial> trials,
                                                         double period_us, double tolerance_us);
 
-struct StampEvidence {
+struct TimestampEvidence {
   double slope = 0.0;
   double slope_sigma = 0.0;
   double offset_us = 0.0;  ///< D0: the offset less (rounded slope) * E
@@ -63,17 +63,18 @@ struct StampEvidence {
   double written_latch_us = 0.0;  ///< from the rig file: the last resort for the division
 };
 
-struct StampVerdict {
+struct TimestampVerdict {
   TimestampMeaning meaning = TimestampMeaning::end_frame;
   Measured latch_us;
   std::optional<Measured> read_us;  ///< for the end of a frame
   Measured ready_us;                ///< end of the last row's exposure to the host
   std::optional<Measured> exposure_delay_frames;
-  bool is_divided = true;  ///< false: only latch + read is measured, the rig file divides it
+  bool is_divided = true;  ///< false: only latch + read is measured, divided by the rig file
   std::string evidence;    ///< in words
 };
 
 /// @return  nothing when the slope is neither 0 nor 1 within 5 sigma and 0.1
-[[nodiscard]] std::optional<StampVerdict> judge_stamp(const StampEvidence& evidence);
+[[nodiscard]] std::optional<TimestampVerdict> classify_timestamp(
+    const TimestampEvidence& evidence);
 
 }  // namespace haarlight

@@ -49,7 +49,7 @@ double ramp_integral_slope(double u, double ramp) {
   return u < ramp ? -u * u / (2.0 * ramp * ramp) : -0.5;
 }
 
-/// Which parameter of the vector is what: offsets first, then skew, rise, fall.
+/// Layout of the parameter vector: offsets first, then skew, rise, fall.
 struct Layout {
   std::vector<double> exposures;
   std::optional<double> slope;
@@ -192,7 +192,7 @@ struct OwnDelay {
   Eigen::VectorXd cross;
 };
 
-/// The common parameters' step; `delays` are eliminated from it, and move with it.
+/// The step of the common parameters; `delays` are eliminated from it, and updated with it.
 Eigen::VectorXd solve(Eigen::MatrixXd normal, Eigen::VectorXd gradient,
                       const std::vector<OwnDelay>& delays, double damping,
                       std::vector<double>& late) {
@@ -370,7 +370,7 @@ Eigen::VectorXd vector_of(const Layout& layout, const StepModel& model) {
 
 }  // namespace
 
-double lit_share(double x_us, double exposure_us, double ramp_us) {
+double lit_fraction(double x_us, double exposure_us, double ramp_us) {
   HAARLIGHT_EXPECTS(exposure_us > 0.0 && ramp_us >= 0.0, "a positive exposure, a ramp >= 0");
   return (ramp_integral(x_us, ramp_us) - ramp_integral(x_us - exposure_us, ramp_us)) /
          exposure_us;

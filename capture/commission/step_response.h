@@ -40,7 +40,7 @@ struct StepSample {
 };
 
 /// G(x) above; 0 <= G <= 1. @param ramp_us  T >= 0
-[[nodiscard]] double lit_share(double x_us, double exposure_us, double ramp_us);
+[[nodiscard]] double lit_fraction(double x_us, double exposure_us, double ramp_us);
 
 struct StepModel {
   std::vector<double> exposures_us;  ///< rising

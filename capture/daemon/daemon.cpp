@@ -851,7 +851,7 @@ std::string Daemon::metrics() const {
   count("frames_damaged_total", "Frames marked as damaged or short", c.frames_damaged);
   count("sequence_gaps_total", "Gaps in the camera's frame numbers", c.sequence_gaps);
   count("frames_out_of_order_total", "Frames behind their successor", c.frames_out_of_order);
-  count("stamps_ahead_total", "Frames stamped after they came", c.stamps_ahead);
+  count("stamps_ahead_total", "Frames stamped after they came", c.timestamps_ahead);
   count("off_rhythm_total", "Frames stamped off their camera's period", c.off_rhythm);
   count("rhythm_unknown_total", "Frames that came before their camera's period was known",
         c.rhythm_unknown);

@@ -48,7 +48,7 @@ class DaemonClient {
 };
 
 /// GET of a whole local address, for DoctorOptions::fetch and the like.
-/// @return  the body, or "HTTP 404" where it is empty; empty: nobody answers within 1.5 s
+/// @return  the body, or "HTTP 404" where it is empty; empty: no answer within 1.5 s
 [[nodiscard]] std::string fetch_local(const std::string& url);
 
 }  // namespace haarlight

@@ -33,7 +33,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr std::uintmax_t kMaxFrameFile = std::uintmax_t{1} << 28U;
-constexpr int kManyLights = -2;  // in a layout: the shot lights more than one
+constexpr int kManyLights = -2;  // in a layout: the shot lights more than one light
 constexpr int kNoLight = -1;
 
 HttpResponse json_response(const Json& json) {

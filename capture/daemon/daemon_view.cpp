@@ -140,7 +140,7 @@ HttpResponse png_response(ImageView<const std::uint16_t> words, const WordScale&
   return {.content_type = "image/png",
           .body = encode_preview_png(codes.view()),
           .headers = {
-              {"X-Saturated-Share", fmt::format("{:.6f}", saturated_share_of(codes.view()))},
+              {"X-Saturated-Share", fmt::format("{:.6f}", saturated_fraction_of(codes.view()))},
               {"X-Frame-Width", std::to_string(words.width())},
               {"X-Frame-Height", std::to_string(words.height())},
               {"Cache-Control", "no-store"}}};
@@ -148,7 +148,7 @@ HttpResponse png_response(ImageView<const std::uint16_t> words, const WordScale&
 
 HttpResponse jpeg_response(ImageView<const std::uint16_t> words, const WordScale& scale) {
   Image<std::uint8_t> grey = overview(words, scale);
-  const double share = saturated_share_of(std::as_const(grey).view());
+  const double share = saturated_fraction_of(std::as_const(grey).view());
   for (std::uint8_t& code : grey.pixels()) {
     code = code == kCodeSaturated ? 255
            : code == kCodeBlack   ? 0

@@ -22,7 +22,7 @@ inline constexpr int kMaxCrop = 1024;
 
 /// The region requested by ?x=&y=&width=&height=; nothing when none of them is given.
 /// @param width, height  of the frame
-/// @throws Error  one of them is missing or no whole number; not wholly in the frame
+/// @throws Error  one of them is missing or not a whole number; not entirely within the frame
 [[nodiscard]] std::optional<PixelRectangle> region_of(const HttpRequest& request, int width,
                                                       int height);
 

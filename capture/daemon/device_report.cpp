@@ -47,13 +47,13 @@ DoctorLine report_controller(const Rig& rig, const DeviceState& state, std::int6
     case DeviceState::Link::lost:
       line.finding = Finding::wrong;
       line.found = fmt::format("lost {}: {}", since(state, now_ns), state.problem);
-      line.cure = controller_cure(spec);
+      line.cure = controller_hint(spec);
       return line;
   }
   if (!state.problem.empty()) {
     line.finding = Finding::wrong;
     line.found = state.problem;
-    line.cure = controller_cure(spec);
+    line.cure = controller_hint(spec);
   }
   return line;
 }
@@ -73,7 +73,7 @@ DoctorLine report_camera(const CameraSpec& spec, const DeviceState& state, std::
     if (line.finding == Finding::good) {
       line.cure = state.code == Errc::device_gone || state.code == Errc::timeout
                       ? "check its cable and its power; it is tried again by itself"
-                      : camera_cure(spec, fault);
+                      : camera_hint(spec, fault);
     }
     line.finding = Finding::wrong;
     line.found = fmt::format("lost {}: {}", since(state, now_ns), state.problem);

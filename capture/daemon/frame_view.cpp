@@ -59,7 +59,7 @@ double smoothed(ImageView<const std::uint16_t> words, int y, int x) {
   return sum / 16.0;
 }
 
-/// The smallest whole word that reaches `level`.
+/// The smallest integer word at or above `level`.
 int first_word_at(double level) {
   return static_cast<int>(std::clamp(std::ceil(level), 0.0, 65536.0));
 }

@@ -24,7 +24,7 @@ struct WordScale {
   BayerPattern bayer = BayerPattern::none;
   SensorNoise noise = {};  ///< full_well_e and read_e both 0: unknown
 };
-/// Of a camera as its rig file describes it.
+/// For a camera as described in its rig file.
 [[nodiscard]] WordScale word_scale(const CameraSpec& camera);
 
 /// The region's pixels one by one as codes of capture/daemon/preview_png.h. A Bayer frame's

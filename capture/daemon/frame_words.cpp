@@ -119,10 +119,10 @@ std::string number_words(const FrameEvidence& e) {
 }
 
 std::string exposure_words(const FrameEvidence& e) {
-  const bool is_as_asked = std::abs(e.exposure_read_us - e.exposure_asked_us) <=
-                           0.01 * std::max(1.0, e.exposure_asked_us);
+  const bool is_as_requested = std::abs(e.exposure_read_us - e.exposure_asked_us) <=
+                               0.01 * std::max(1.0, e.exposure_asked_us);
   return fmt::format("Exposure {}{}, gain {:.1f} dB.", duration(e.exposure_read_us),
-                     is_as_asked
+                     is_as_requested
                          ? ", as asked"
                          : fmt::format(" where {} was asked", duration(e.exposure_asked_us)),
                      e.gain_db);

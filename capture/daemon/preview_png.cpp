@@ -119,7 +119,7 @@ Image<std::uint8_t> make_preview_codes(ImageView<const std::uint16_t> words, dou
   return codes;
 }
 
-double saturated_share_of(ImageView<const std::uint8_t> codes) {
+double saturated_fraction_of(ImageView<const std::uint8_t> codes) {
   std::ptrdiff_t n = 0;
   for (int y = 0; y < codes.height(); ++y) {
     const auto row = codes.row(y);

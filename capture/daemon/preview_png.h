@@ -43,7 +43,7 @@ class GreyCurve {
 [[nodiscard]] int preview_step(int width, int height, BayerPattern bayer);
 
 /// Fraction of codes that are saturated.
-[[nodiscard]] double saturated_share_of(ImageView<const std::uint8_t> codes);
+[[nodiscard]] double saturated_fraction_of(ImageView<const std::uint8_t> codes);
 
 /// @throws Error(internal)  zlib failed
 [[nodiscard]] std::string encode_preview_png(ImageView<const std::uint8_t> codes);

@@ -20,9 +20,9 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kPoll{200};
 constexpr milliseconds kDaemonStarts{5000};
-constexpr milliseconds kDaemonAway{30000};  // a restarted daemon goes on by itself: wait for it
+constexpr milliseconds kDaemonAway{30000};  // a restarted daemon resumes by itself: wait for it
 
-/// The state, or nothing while the daemon is away for less than half a minute.
+/// The state, or nothing while the daemon has been away for less than half a minute.
 class PatientClient {
  public:
   explicit PatientClient(DaemonClient& client) : client_(client) {}
@@ -46,7 +46,7 @@ class PatientClient {
   Clock::time_point last_answer_ = Clock::now();
 };
 
-/// Waits a little for a daemon that was started just before.
+/// Waits briefly for a daemon that was only just started.
 void await_daemon(DaemonClient& client, const RemoteCaptureOptions& options) {
   using Clock = std::chrono::steady_clock;
   const Clock::time_point end = Clock::now() + kDaemonStarts;
@@ -104,7 +104,7 @@ RemoteState follow(DaemonClient& client, const std::string& session,
   }
 }
 
-/// The daemon goes on showing the session, and takes shots of it again, by a link in its place.
+/// A link in its place lets the daemon keep showing the session and retaking its shots.
 /// @return  a warning; empty: none
 std::string leave_link(const fs::path& from, const fs::path& to) {
   std::error_code error;
@@ -114,7 +114,7 @@ std::string leave_link(const fs::path& from, const fs::path& to) {
                : std::string();
 }
 
-/// Moves a finished session to where it was asked for. @return  a warning; empty: none
+/// Moves a finished session to the requested location. @return  a warning; empty: none
 std::string move_session(const fs::path& from, const fs::path& to) {
   std::error_code error;
   if (to.has_parent_path()) {

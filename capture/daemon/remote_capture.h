@@ -9,29 +9,29 @@
 #include "core/progress.h"
 
 /// @file
-/// A capture that a daemon does, from outside: begun, waited for, and its session moved to where
-/// it is wanted. Ending the waiting does not end the capture.
+/// Runs a capture on a daemon from outside: starts it, waits for it, and moves its session to
+/// the requested location. Stopping the wait does not stop the capture.
 
 namespace haarlight {
 
 struct RemoteCaptureOptions {
   std::string plan;     ///< plan file, or a plan.json
-  std::string session;  ///< id of a session to go on with, instead of a plan
-  std::string output;   ///< moves the finished session there, a link in its place; empty: stays
+  std::string session;  ///< id of a session to resume, instead of a plan
+  std::string output;   ///< moves the finished session there, leaving a link; empty: stays
   ProgressStyle progress = ProgressStyle::none;
-  /// What one waits for, a line without its end; may be empty.
+  /// Receives what is being waited for, one line without its end; may be empty.
   std::function<void(const std::string& line)> tell;
 };
 
 struct RemoteCaptureSummary {
-  RemoteState state;    ///< when it was done
+  RemoteState state;    ///< when it finished
   std::string folder;   ///< of the session
   std::string warning;  ///< no link could be left behind; empty: none
 };
 
 /// @throws Error(usage)  neither or both of plan and session; an output that exists
 /// @throws Error(interrupted)  it was aborted or taken over
-/// @throws Error(unavailable)  nobody answers for 5 s at the beginning, for 30 s later on
+/// @throws Error(unavailable)  no answer for 5 s at the beginning, for 30 s later on
 [[nodiscard]] RemoteCaptureSummary capture_remotely(DaemonClient& client,
                                                     const RemoteCaptureOptions& options);
 

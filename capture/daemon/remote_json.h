@@ -6,12 +6,12 @@
 #include "core/text_limits.h"
 
 /// @file
-/// A daemon's answer as a JSON object, for sources that see the JSON library.
+/// A daemon's answer as a JSON object, for sources that include the JSON library.
 
 namespace haarlight {
 
 /// @throws Error  what the daemon's error body says
-/// @throws Error(unavailable)  no JSON object: not this daemon's
+/// @throws Error(unavailable)  not a JSON object: not from this daemon
 template <typename Json>
 [[nodiscard]] Json parse_reply(const DaemonReply& reply) {
   DaemonClient::require_good(reply);

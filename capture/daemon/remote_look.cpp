@@ -23,7 +23,7 @@ constexpr milliseconds kPoll{100};
 constexpr int kPreviewPolls = 300;  // a camera that opens slowly takes seconds
 constexpr double kFullLevel = 65535.0;
 
-/// The session named, or the daemon's present one. @throws Error  there is none
+/// The named session, or the daemon's current one. @throws Error  there is none
 std::string session_of(DaemonClient& client, const std::string& session) {
   if (!session.empty()) {
     return session;
@@ -94,7 +94,7 @@ void light_preview(DaemonClient& client, const PreviewOptions& options) {
     body["exposure_us"] = options.exposure_us;
   }
   RemoteState state = read_state(client.post("/v1/preview", body.dump()));
-  // The state's "collect": the light stands, and frames come.
+  // The state's "collect": the light has settled, and frames arrive.
   for (int i = 0; i < kPreviewPolls && state.step != "collect"; ++i) {
     std::this_thread::sleep_for(kPoll);
     state = ask_state(client);
@@ -110,7 +110,7 @@ void light_preview(DaemonClient& client, const PreviewOptions& options) {
 }
 
 std::string preview_picture(DaemonClient& client) {
-  // The first look makes the daemon copy a frame; a slow camera's comes later.
+  // The first request makes the daemon copy a frame; a slow camera's comes later.
   DaemonReply picture = client.get("/v1/preview.png");
   for (int i = 0; i < kPreviewPolls && picture.status == 404; ++i) {
     std::this_thread::sleep_for(kPoll);

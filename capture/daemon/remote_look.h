@@ -7,7 +7,7 @@
 #include "capture/daemon/daemon_client.h"
 
 /// @file
-/// What the daemon's page shows, from outside: its sessions, a shot's story, a live picture.
+/// What the daemon's page shows, from outside: its sessions, a shot's history, a live picture.
 
 namespace haarlight {
 
@@ -16,19 +16,19 @@ struct RemoteSession {
   std::string state;  ///< active, finished, aborted, unfinished
   std::string folder;
 };
-/// @throws Error  what the daemon says; (unavailable) nobody answers
+/// @throws Error  what the daemon says; (unavailable) no answer
 [[nodiscard]] std::vector<RemoteSession> list_sessions(DaemonClient& client);
 
-/// What proves a shot's frame.
+/// The evidence for a shot's frame.
 struct ShotStory {
   std::string mark;  ///< as on the page's map
-  std::string text;  ///< for a person, whole lines
+  std::string text;  ///< for display, whole lines
   std::string path;  ///< of the shot, below the daemon's address
 };
-/// @param session  id; empty: the present one
+/// @param session  id; empty: the current one
 /// @throws Error(interrupted)  there is none; as above
 [[nodiscard]] ShotStory tell_shot(DaemonClient& client, const std::string& session, int shot);
-/// The shot's frame, small, clipping marked: the bytes of a PNG. Errors as above.
+/// The shot's frame, reduced, with clipping marked: the bytes of a PNG. Errors as above.
 [[nodiscard]] std::string frame_picture(DaemonClient& client, const ShotStory& story);
 
 struct PreviewOptions {
@@ -36,10 +36,10 @@ struct PreviewOptions {
   double level_percent = 100.0;  ///< of full drive
   double exposure_us = 0.0;      ///< 0: the rig file's
 };
-/// Returns when the light stands; it goes out by itself after a minute.
-/// @throws Error(interrupted)  it went out again; (unavailable) it does not come on; as above
+/// Returns when the light has settled; it turns off by itself after a minute.
+/// @throws Error(interrupted)  it turned off again; (unavailable) it does not turn on; as above
 void light_preview(DaemonClient& client, const PreviewOptions& options);
-/// What the camera sees meanwhile, clipping marked: the bytes of a PNG. Errors as above.
+/// What the camera sees meanwhile, with clipping marked: the bytes of a PNG. Errors as above.
 [[nodiscard]] std::string preview_picture(DaemonClient& client);
 
 }  // namespace haarlight

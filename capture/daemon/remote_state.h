@@ -8,7 +8,7 @@
 #include "capture/daemon/daemon_client.h"
 
 /// @file
-/// What a daemon says of itself at /v1/state, read; and requests that are answered by it.
+/// Parses a daemon's report at /v1/state; and sends the requests that it answers.
 
 namespace haarlight {
 
@@ -30,14 +30,14 @@ struct RemoteState {
 
 /// @throws Error  what the daemon's error body says; an answer that is not this daemon's
 [[nodiscard]] RemoteState read_state(const DaemonReply& reply);
-/// GET /v1/state. @throws Error  the same; (unavailable) nobody answers
+/// GET /v1/state. @throws Error  the same; (unavailable) no answer
 [[nodiscard]] RemoteState ask_state(DaemonClient& client);
 /// POST /v1/NAME: pause, resume, abort, all-off. Errors as above.
 RemoteState request(DaemonClient& client, const std::string& name);
-/// Takes shots of the present session again. Errors as above.
+/// Retakes shots of the current session. Errors as above.
 RemoteState reshoot(DaemonClient& client, const std::vector<int>& shots);
 
-/// For a person: whole lines.
+/// For display: whole lines.
 [[nodiscard]] std::string state_text(const RemoteState& state);
 
 }  // namespace haarlight

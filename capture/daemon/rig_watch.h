@@ -82,7 +82,7 @@ class RigWatch {
   void take_temperature(const std::optional<double>& temperature_c);
   static void set_link(DeviceState& device, DeviceState::Link link, std::int64_t now_ns);
 
-  // Of the rig, by element and by face.
+  // From the rig, by element and by face.
   std::vector<int> face_of_;
   std::vector<double> watts_of_face_;
   std::vector<double> tau_s_of_face_;

@@ -15,7 +15,7 @@ namespace haarlight {
 namespace {
 
 constexpr std::size_t kMarksAtOnce = 4096;
-constexpr std::size_t kMaxCommitsKnown = 4096;  // an aborted run leaves a few behind
+constexpr std::size_t kMaxCommitsKnown = 4096;  // leftovers of an aborted run
 
 double seconds_between(std::int64_t from_ns, std::int64_t to_ns) {
   return static_cast<double>(to_ns - from_ns) / 1e9;
@@ -122,7 +122,7 @@ void RunObserver::see(std::int64_t now_ns, const Action& action) {
   } else if (const auto* withdraw = std::get_if<action::WithdrawShots>(&action)) {
     for (const int shot : withdraw->shots) {
       if (ShotNote* note = note_of(shot)) {
-        note->was_asked = true;
+        note->was_requested = true;
         note->doubt.clear();
         note->problem.clear();
       }
@@ -147,7 +147,7 @@ std::string RunObserver::marks(const std::vector<ShotState>& states) const {
     switch (states[i]) {
       case ShotState::pending:
         mark = !note.problem.empty() ? ShotMark::failed
-               : note.was_asked      ? ShotMark::waiting
+               : note.was_requested  ? ShotMark::waiting
                                      : ShotMark::pending;
         break;
       case ShotState::exposing:

@@ -52,10 +52,10 @@ enum class ShotMark : char {
 
 /// What is known of a shot since the start of this run.
 struct ShotNote {
-  int attempt = 0;         ///< newest one with a frame
-  bool was_asked = false;  ///< retaken at the operator's request
-  std::string problem;     ///< why the last attempt gave no frame; empty after a good one
-  std::string doubt;       ///< of the committed frame, see doubt_of
+  int attempt = 0;             ///< newest one with a frame
+  bool was_requested = false;  ///< retaken at the operator's request
+  std::string problem;         ///< why the last attempt gave no frame; empty after a good one
+  std::string doubt;           ///< of the committed frame, see doubt_of
 };
 
 /// Thread-safe: written by the control thread, read by HTTP.

@@ -24,7 +24,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kQueue = 1024;
-constexpr std::size_t kGossip = kQueue / 2;  // best-effort log lines may use no more of it
+constexpr std::size_t kBestEffortLimit =
+    kQueue / 2;  // best-effort log lines may use no more of it
 
 std::string iso_now() {
   const std::time_t now = std::time(nullptr);
@@ -76,7 +77,7 @@ void WriterThread::enqueue(Work work) {
 void WriterThread::open(SessionOrder order) { enqueue(std::move(order)); }
 void WriterThread::post(const action::CommitFrame& commit) { enqueue(commit); }
 void WriterThread::keep_refused(RefusedFrame refused) {
-  if (!work_.try_push(std::move(refused), kQueue - kGossip)) {
+  if (!work_.try_push(std::move(refused), kQueue - kBestEffortLimit)) {
     log_warning("a refused attempt is not kept: the disk is too slow");
   }
 }
@@ -86,7 +87,7 @@ void WriterThread::post(const action::WithdrawShots& withdraw) { enqueue(withdra
 void WriterThread::post(const action::MarkAborted& mark) { enqueue(mark); }
 void WriterThread::post(const action::FinishSession& finish) { enqueue(finish); }
 void WriterThread::post(const action::LogEvent& line) {
-  if (!work_.try_push(line, kQueue - kGossip)) {
+  if (!work_.try_push(line, kQueue - kBestEffortLimit)) {
     ++n_lines_dropped_;
   }
 }

@@ -191,7 +191,7 @@ bool examine_usb(const ControllerSpec& spec, const DoctorOptions& options,
     return true;
   }
   if (all->empty()) {
-    return wrong("no light controller on USB", controller_cure(spec));
+    return wrong("no light controller on USB", controller_hint(spec));
   }
   std::string found = fmt::format("{}", fmt::join(there, ", "));
   if (!is_barred) {
@@ -255,7 +255,7 @@ std::vector<DoctorLine> examine_answer(const Rig& rig, DoctorLine line, const Id
 
 }  // namespace
 
-std::string controller_cure(const ControllerSpec& spec) {
+std::string controller_hint(const ControllerSpec& spec) {
   switch (spec.kind) {
     case ControllerKind::modbus_tcp:
       return "is it switched on and on this network? correct address; is a firewall between?";
@@ -323,10 +323,10 @@ std::vector<DoctorLine> examine_controller(const Rig& rig, const DoctorOptions& 
         if (cure.empty()) {
           cure = port_answers ? "the port is open, but no controller answers to this unit: "
                                 "correct unit, or is another device at this address?"
-                              : controller_cure(spec);
+                              : controller_hint(spec);
         }
       } else {
-        cure = controller_cure(spec);
+        cure = controller_hint(spec);
       }
       return wrong(id.error(), cure);
     }

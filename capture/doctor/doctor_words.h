@@ -8,7 +8,7 @@
 #include "core/report.h"
 
 /// @file
-/// What the doctor found, as lines for a person, as JSON and in a report. Pure.
+/// The doctor's findings as lines for display, as JSON and in a report. Pure.
 
 namespace haarlight {
 

@@ -155,15 +155,15 @@ std::vector<DoctorLine> examine_daemon(const Rig& rig, const DoctorOptions& opti
   return {line};
 }
 
-CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options) {
-  CameraPlace place{{"camera " + spec.id, Finding::good,
-                     fmt::format("{} on {}: {} x {} at {:g} fps",
-                                 spec.kind == CameraKind::v4l2     ? "v4l2"
-                                 : spec.kind == CameraKind::remote ? "remote"
-                                                                   : "replay",
-                                 spec.device, spec.frame_width, spec.frame_height, spec.fps),
-                     "", ""},
-                    spec.device};
+CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options) {
+  CameraPresence place{{"camera " + spec.id, Finding::good,
+                        fmt::format("{} on {}: {} x {} at {:g} fps",
+                                    spec.kind == CameraKind::v4l2     ? "v4l2"
+                                    : spec.kind == CameraKind::remote ? "remote"
+                                                                      : "replay",
+                                    spec.device, spec.frame_width, spec.frame_height, spec.fps),
+                        "", ""},
+                       spec.device};
   const auto wrong = [&place](std::string found, std::string cure) {
     place.line.finding = Finding::wrong;
     place.line.found = std::move(found);
@@ -172,7 +172,7 @@ CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options) {
   };
   std::error_code failed;
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
-  const V4l2Places places{options.root / "dev", options.root / "sys"};
+  const V4l2Paths places{options.root / "dev", options.root / "sys"};
   if (is_v4l2 && !spec.v4l2.serial.empty()) {
     // Whatever its node is now.
     place.line.expected += fmt::format(", serial number {}", spec.v4l2.serial);
@@ -204,7 +204,7 @@ CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options) {
   return place;
 }
 
-std::string camera_cure(const CameraSpec& spec, const Fault& fault) {
+std::string camera_hint(const CameraSpec& spec, const Fault& fault) {
   // A server that already has a client hangs up on the second one.
   const bool is_held = fault.code == Errc::device_busy ||
                        (fault.code == Errc::device_gone && spec.kind == CameraKind::remote &&
@@ -220,7 +220,7 @@ std::string camera_cure(const CameraSpec& spec, const Fault& fault) {
 std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
                                        const DoctorOptions& options) {
   const CameraSpec& spec = rig.cameras.at(static_cast<std::size_t>(camera));
-  CameraPlace place = find_camera(spec, options);
+  CameraPresence place = find_camera(spec, options);
   DoctorLine& line = place.line;
   if (line.finding != Finding::good) {
     return {line};
@@ -232,7 +232,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
     return std::vector<DoctorLine>{line};
   };
   const bool is_v4l2 = spec.kind == CameraKind::v4l2;
-  const V4l2Places places{options.root / "dev", options.root / "sys"};
+  const V4l2Paths places{options.root / "dev", options.root / "sys"};
   Result<std::unique_ptr<Camera>> device =
       is_v4l2 ? Result<std::unique_ptr<Camera>>(std::make_unique<V4l2Camera>(places))
               : make_camera(spec);
@@ -241,7 +241,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   }
   auto setup = (*device)->start(spec);
   if (!setup) {
-    return wrong(setup.error().what, camera_cure(spec, setup.error()));
+    return wrong(setup.error().what, camera_hint(spec, setup.error()));
   }
   try {
     require_measured_camera(rig, spec.id, setup->identity);
@@ -252,7 +252,7 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
   int n_gaps = 0;
   bool is_monotonic = true;
   std::vector<double> periods;
-  std::int64_t last_stamp = 0;
+  std::int64_t last_timestamp = 0;
   std::uint64_t last_sequence = 0;
   for (int i = 0; i < options.camera_frames; ++i) {
     const auto frame = (*device)->next(
@@ -270,10 +270,10 @@ std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
     is_monotonic = is_monotonic && (info.flags & kFrameMonotonic) != 0U;
     if (i > 0 && info.sequence > last_sequence) {
       n_gaps += static_cast<int>(info.sequence - last_sequence) - 1;
-      periods.push_back(static_cast<double>(info.timestamp_ns - last_stamp) / 1e9 /
+      periods.push_back(static_cast<double>(info.timestamp_ns - last_timestamp) / 1e9 /
                         static_cast<double>(info.sequence - last_sequence));
     }
-    last_stamp = info.timestamp_ns;
+    last_timestamp = info.timestamp_ns;
     last_sequence = info.sequence;
   }
   (*device)->stop();

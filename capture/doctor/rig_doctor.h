@@ -19,7 +19,7 @@ namespace haarlight {
 
 enum class Finding {
   good,
-  warning,  ///< works, but not as well as it could
+  warning,  ///< works, but not optimally
   wrong,    ///< a capture would fail
 };
 [[nodiscard]] std::string_view to_string(Finding finding) noexcept;
@@ -66,15 +66,15 @@ struct DoctorOptions {
 [[nodiscard]] std::vector<DoctorLine> examine_camera(const Rig& rig, int camera,
                                                      const DoctorOptions& options);
 /// What is known of a camera without opening it: is it there, and may it be used?
-struct CameraPlace {
+struct CameraPresence {
   DoctorLine line;   ///< good, but nothing found yet: go on to open it
   std::string node;  ///< where it is now
 };
-[[nodiscard]] CameraPlace find_camera(const CameraSpec& spec, const DoctorOptions& options);
+[[nodiscard]] CameraPresence find_camera(const CameraSpec& spec, const DoctorOptions& options);
 /// What the operator can do when the camera cannot be started.
-[[nodiscard]] std::string camera_cure(const CameraSpec& spec, const Fault& fault);
+[[nodiscard]] std::string camera_hint(const CameraSpec& spec, const Fault& fault);
 /// What the operator can do when the controller does not answer.
-[[nodiscard]] std::string controller_cure(const ControllerSpec& spec);
+[[nodiscard]] std::string controller_hint(const ControllerSpec& spec);
 [[nodiscard]] std::vector<DoctorLine> examine_storage(const Rig& rig,
                                                       const DoctorOptions& options);
 

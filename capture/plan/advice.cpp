@@ -19,12 +19,12 @@ namespace haarlight {
 namespace {
 
 constexpr double kFullLevel = 65535.0;
-constexpr double kPeakShare = 0.999;  // as in the simulator's published figures
-constexpr std::size_t kBlock = 32;    // pixels at once
+constexpr double kPeakFraction = 0.999;  // as in the simulator's published figures
+constexpr std::size_t kBlock = 32;       // pixels at once
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr int kManyDarks = 16;  // default_families(): dark noise below 6 % of read noise
 
-/// r^2 and the rounding to whole counts.
+/// r^2 and the variance of rounding to whole counts.
 double read_variance(const CameraSpec& camera) {
   const double g = camera.noise.gain_e_per_dn;
   return camera.noise.read_e * camera.noise.read_e + g * g / 12.0;
@@ -99,7 +99,7 @@ class Sums {
     const auto n = static_cast<double>(truth_.size());
     const double noise2 = noise2_ / n;
     const double bias2 = std::max(0.0, bias2_ / n);
-    out.peak_e = percentile(truth_, kPeakShare);
+    out.peak_e = percentile(truth_, kPeakFraction);
     out.noise_e = std::sqrt(noise2);
     const bool is_known = !inverse_.needs_plate() || scene_.resolves_lights;
     out.bias_e = is_known ? std::sqrt(bias2) : kNan;
@@ -490,7 +490,7 @@ PatternInverse inverse_of(const Plan& plan) {
       lights.push_back(std::move(lit));
     }
   }
-  PatternRecipe recipe = plan.patterns;
+  PatternParameters recipe = plan.patterns;
   if (recipe.family == PatternFamily::list) {
     const bool is_single = std::all_of(lights.begin(), lights.end(),
                                        [](const auto& lit) { return lit.size() == 1; });

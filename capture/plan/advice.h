@@ -94,7 +94,7 @@ struct FamilyAdvice {
   double brightest_e = 0.0;  ///< mean of the brightest pixel's brightest shot at E0
   double limit_e = 0.0;      ///< the clip level (session/clip_level.h)
   std::vector<Prediction> predictions;
-  std::vector<std::string> refusals;  ///< why not, with the arithmetic; empty: it may be used
+  std::vector<std::string> refusals;  ///< why not, with the arithmetic; empty: usable
   std::vector<std::string> notes;     ///< arithmetic worth knowing
 };
 

@@ -15,7 +15,7 @@ namespace haarlight {
 
 namespace {
 
-/// Frames of one pattern: how many, and their exposures' sum in seconds.
+/// Frames of one pattern: how many, and the sum of their exposures in seconds.
 struct Exposed {
   double n_frames = 0.0;
   double seconds = 0.0;
@@ -69,7 +69,7 @@ AdviceScene pilot_scene(const Session& session, const LightStack& stack,
   const double g = camera.noise.gain_e_per_dn;
   const double r2 =
       exposed.n_frames * (camera.noise.read_e * camera.noise.read_e + g * g / 12.0);
-  const PatternRecipe& recipe = session.info().patterns;
+  const PatternParameters& recipe = session.info().patterns;
   const bool is_s_matrix = recipe.family == PatternFamily::s_matrix;
 
   AdviceScene scene;

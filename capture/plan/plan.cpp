@@ -178,7 +178,7 @@ PlanSettings read_settings(ConfigTable& root) {
 /// The size of a plan, before any of it is created.
 struct PlanSize {
   double patterns = 0.0;
-  double lit = 0.0;  ///< entries of all patterns, at least
+  double lit = 0.0;  ///< entries of all patterns, lower bound
 };
 
 PlanSize size_of_patterns(const PlanSettings& settings, const Rig& rig) {
@@ -237,7 +237,7 @@ void require_size(const PlanSettings& settings, const Rig& rig, const PlanSize& 
 }
 
 /// Every light of the parameters' shots at one level.
-PatternList rows_of(const PatternRecipe& recipe, std::uint16_t level) {
+PatternList rows_of(const PatternParameters& recipe, std::uint16_t level) {
   PatternList list;
   for (const std::vector<int>& lights : lit_lights(recipe)) {
     std::vector<LightLevel> lit;
@@ -263,8 +263,9 @@ PatternList one_light_each(const PlanSettings& settings, const Rig& rig) {
   return list;
 }
 
-PatternRecipe recipe_of(const PlanSettings& settings, const Rig& rig, PatternFamily family) {
-  PatternRecipe recipe;
+PatternParameters parameters_of(const PlanSettings& settings, const Rig& rig,
+                                PatternFamily family) {
+  PatternParameters recipe;
   recipe.family = family;
   for (const Face& face : rig.faces) {
     recipe.faces.push_back({face.rows, face.cols});
@@ -273,7 +274,8 @@ PatternRecipe recipe_of(const PlanSettings& settings, const Rig& rig, PatternFam
   return recipe;
 }
 
-void require_fit(const PatternRecipe& recipe, const PlanSettings& settings, const Rig& rig) {
+void require_fit(const PatternParameters& recipe, const PlanSettings& settings,
+                 const Rig& rig) {
   if (fits(recipe)) {
     return;
   }
@@ -288,9 +290,9 @@ void require_fit(const PatternRecipe& recipe, const PlanSettings& settings, cons
 }
 
 /// The wavelets of a lighting, or all.
-PatternRecipe haar_recipe(const PlanSettings& settings, const Rig& rig,
-                          const Lighting* lighting) {
-  PatternRecipe recipe = recipe_of(settings, rig, PatternFamily::haar);
+PatternParameters haar_parameters(const PlanSettings& settings, const Rig& rig,
+                                  const Lighting* lighting) {
+  PatternParameters recipe = parameters_of(settings, rig, PatternFamily::haar);
   recipe.wavelets.resize(static_cast<std::size_t>(rig.n_lights()));
   std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
   require_fit(recipe, settings, rig);
@@ -326,7 +328,7 @@ PatternList target_shots(const PlanSettings& settings, const Lighting& lighting)
 }
 
 PatternList patterns_of(const PlanSettings& settings, const Rig& rig, const Lighting* lighting,
-                        PatternRecipe& recipe) {
+                        PatternParameters& recipe) {
   const bool is_lighting = settings.patterns == PlanPatterns::lighting_haar ||
                            settings.patterns == PlanPatterns::lighting_target;
   if (is_lighting && lighting == nullptr) {
@@ -344,16 +346,16 @@ PatternList patterns_of(const PlanSettings& settings, const Rig& rig, const Ligh
     case PlanPatterns::list:
       return settings.list;
     case PlanPatterns::bins:
-      recipe = recipe_of(settings, rig, PatternFamily::bins);
+      recipe = parameters_of(settings, rig, PatternFamily::bins);
       break;
     case PlanPatterns::s_matrix:
-      recipe = recipe_of(settings, rig, PatternFamily::s_matrix);
+      recipe = parameters_of(settings, rig, PatternFamily::s_matrix);
       break;
     case PlanPatterns::haar:
-      recipe = haar_recipe(settings, rig, nullptr);
+      recipe = haar_parameters(settings, rig, nullptr);
       break;
     case PlanPatterns::lighting_haar:
-      recipe = haar_recipe(settings, rig, lighting);
+      recipe = haar_parameters(settings, rig, lighting);
       break;
     case PlanPatterns::lighting_target:
       recipe.family = PatternFamily::target;
@@ -522,7 +524,7 @@ std::vector<int> choose_wavelets(const Lighting& lighting, int face, int n) {
 
 Plan expand_plan(const PlanSettings& settings, const Rig& rig, const Lighting* lighting) {
   require_size(settings, rig, size_of_patterns(settings, rig));
-  PatternRecipe recipe;
+  PatternParameters recipe;
   PatternList list = patterns_of(settings, rig, lighting, recipe);
   require_lights(list, settings, rig);
   if ((settings.sentinel_every > 0 || settings.sentinel_every_s > 0.0) &&

@@ -111,7 +111,7 @@ using LightingReader = std::function<Lighting(const std::filesystem::path&, cons
 struct Plan {
   std::string name;
   int n_lights = 0;
-  PatternRecipe patterns;  ///< how develop recovers single lights from the shots
+  PatternParameters patterns;  ///< how develop recovers single lights from the shots
   double reserve_mb = 0.0;
   FrameLimits limits;
   /// Degrees C from the last dark frame's temperature at which the next is taken early; 0 =

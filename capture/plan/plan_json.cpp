@@ -157,12 +157,12 @@ FrameLimits read_limits(const Json& json, const std::string& where) {
   return limits;
 }
 
-PatternRecipe read_recipe(const Json& json, int n_lights, const std::string& where) {
+PatternParameters read_parameters(const Json& json, int n_lights, const std::string& where) {
   const std::string owner = "\"patterns\"";
   if (!json.is_object()) {
     refuse("\"patterns\" is not an object", where);
   }
-  PatternRecipe recipe;
+  PatternParameters recipe;
   const auto family = field<std::string>(json, "family", where, owner);
   bool is_known = false;
   for (const PatternFamily known : {PatternFamily::bins, PatternFamily::s_matrix,
@@ -234,7 +234,7 @@ Plan read_body(const Json& json, const std::string& where) {
     }
   }
   if (json.contains("patterns")) {
-    plan.patterns = read_recipe(json["patterns"], plan.n_lights, where);
+    plan.patterns = read_parameters(json["patterns"], plan.n_lights, where);
   }
   const auto shots = json.find("shots");
   if (shots == json.end() || !shots->is_array() || shots->empty() ||

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file
-/// What a rig allows a plan to do: power, supply strings, PWM periods, heat.
+/// A rig's limits on a plan: power, supply strings, PWM periods, heat.
 
 #include <algorithm>
 #include <cmath>

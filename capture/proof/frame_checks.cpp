@@ -39,13 +39,13 @@ constexpr std::size_t kMaxSamples = 4096;                   // of one picture
 constexpr std::size_t kAllSamples = std::size_t{1} << 21U;  // of all patterns: 8 MB
 constexpr int kLeastSamples = 64;
 constexpr double kLeastSignal = 0.01;  // fraction of the range, above rounding and read noise
-constexpr double kClippedShare = 0.9;  // of the clip level: predicted above it may clip
+constexpr double kClippedFraction = 0.9;  // of the clip level: predictions above may clip
 
 double scale_of(const FrameEvidence& evidence) {
   return evidence.exposure_read_us * std::pow(10.0, evidence.gain_db / 20.0);
 }
 
-/// To six figures, a thousandth of the noise, so that the evidence stays short.
+/// Rounds to six digits, a thousandth of the noise, to keep the evidence short.
 double rounded(double value) {
   const double step =
       std::pow(10.0, std::floor(std::log10(std::max(std::abs(value), 1e-30))) - 5.0);
@@ -102,7 +102,7 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
     finding.problem.clear();
   }
   if (proof_ && finding.is_taken()) {
-    judge_light(shot, active, evidence, finding);
+    check_light(shot, active, evidence, finding);
   }
   evidence.verdict = finding.verdict;
   if (finding.verdict == FrameVerdict::good) {
@@ -112,7 +112,7 @@ FrameFinding FrameChecker::check(int shot, ImageView<const std::uint16_t> active
   return finding;
 }
 
-void FrameChecker::judge_light(int shot, ImageView<const std::uint16_t> active,
+void FrameChecker::check_light(int shot, ImageView<const std::uint16_t> active,
                                FrameEvidence& evidence, FrameFinding& finding) {
   const std::optional<PointSamples> samples = proof_->sample(shot, active, evidence);
   if (!samples) {
@@ -138,16 +138,16 @@ void FrameChecker::judge_light(int shot, ImageView<const std::uint16_t> active,
         shot, picture.problem);
   }
   if (agreement_) {
-    judge_agreement(shot, *samples, evidence, finding);
+    check_agreement(shot, *samples, evidence, finding);
   }
 }
 
-void FrameChecker::judge_agreement(int shot, const PointSamples& samples,
+void FrameChecker::check_agreement(int shot, const PointSamples& samples,
                                    FrameEvidence& evidence, FrameFinding& finding) {
   AgreementFinding found = agreement_->take(shot, samples, evidence.t_exposure_start_ns);
   evidence.agrees_with = found.agrees_with;
   if (found.agrees_with >= 0) {
-    evidence.other_light_at_most = found.other_share;
+    evidence.other_light_at_most = found.other_fraction;
   }
   if (!found.note.empty()) {
     finding.note = std::move(found.note);
@@ -213,11 +213,11 @@ FrameFinding FrameChecker::judge(int shot, ImageView<const std::uint16_t> active
     return {};
   }
   const Reference& reference = references_[static_cast<std::size_t>(pattern)];
-  return reference.scale > 0.0 ? judge_level(reference, sample(active), evidence)
+  return reference.scale > 0.0 ? check_level(reference, sample(active), evidence)
                                : FrameFinding{};
 }
 
-FrameFinding FrameChecker::judge_level(const Reference& reference,
+FrameFinding FrameChecker::check_level(const Reference& reference,
                                        const std::vector<std::uint16_t>& samples,
                                        const FrameEvidence& evidence) const {
   const double range = form_.white_level - form_.black_level;
@@ -232,7 +232,7 @@ FrameFinding FrameChecker::judge_level(const Reference& reference,
     const double own = ratio * (reference.samples[i] - reference.dark_dn);
     const bool counts = reference.samples[i] < form_.saturation_dn() && own <= unclipped &&
                         std::min(before, now) >= kLeastSignal * range &&
-                        now <= kClippedShare * unclipped;
+                        now <= kClippedFraction * unclipped;
     if (counts) {
       seen += samples[i] - dark_dn_;
       predicted += own;

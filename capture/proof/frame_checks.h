@@ -79,13 +79,13 @@ class FrameChecker {
   [[nodiscard]] std::vector<std::uint16_t> sample(ImageView<const std::uint16_t> active) const;
   [[nodiscard]] FrameFinding judge(int shot, ImageView<const std::uint16_t> active,
                                    const FrameEvidence& evidence) const;
-  [[nodiscard]] FrameFinding judge_level(const Reference& reference,
+  [[nodiscard]] FrameFinding check_level(const Reference& reference,
                                          const std::vector<std::uint16_t>& samples,
                                          const FrameEvidence& evidence) const;
   /// Checks by the picture what has passed everything else.
-  void judge_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
+  void check_light(int shot, ImageView<const std::uint16_t> active, FrameEvidence& evidence,
                    FrameFinding& finding);
-  void judge_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
+  void check_agreement(int shot, const PointSamples& samples, FrameEvidence& evidence,
                        FrameFinding& finding);
   [[nodiscard]] bool acts_on_agreement() const {
     return agreement_ && limits_.retake_wrong_light;
@@ -103,7 +103,7 @@ class FrameChecker {
   double dark_dn_ = 0.0;
   std::size_t n_samples_ = 0;
   std::optional<PictureProof> proof_;
-  std::optional<PictureAgreement> agreement_;  ///< of a plan that shows a pattern twice
+  std::optional<PictureAgreement> agreement_;  ///< if the plan shows a pattern twice
 };
 
 }  // namespace haarlight

@@ -14,11 +14,11 @@ namespace {
 constexpr double kConstant = 100.0;  // c: the first frames determine the mean
 constexpr double kJitter = 1e-6;     // of C's diagonal
 constexpr double kLeastRho = 1e-4;   // a light seen once is known to a hundredth of s_i
-constexpr double kFirstScale = 0.3;  // s_i of the first frames, of the signal
+constexpr double kFirstScale = 0.3;  // s_i of the first frames, relative to the signal
 constexpr double kFirstWeight = 4.0;
 constexpr double kScaleMemory = 0.995;  // a frame's weight halves after 140
 constexpr double kScaleCap = 16.0;      // a miss beyond 4 sigma counts as 4
-constexpr int kReady = 3;               // frames of which the scales are known
+constexpr int kReady = 3;               // frames after which the scales are known
 
 /// Matern 3/2 at a distance of d pitches, plus a part that jumps from light to light.
 double correlation(double d, double length) {

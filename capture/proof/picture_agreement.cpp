@@ -14,11 +14,12 @@ namespace haarlight {
 namespace {
 
 constexpr double kSigmas = 5.0;
-constexpr double kFits = 4.0;         // robust mean square of z up to which two are the same
-constexpr double kLeastShare = 0.02;  // of another light that makes a frame wrong
-constexpr double kMostShare = 0.5;    // beyond this, two pictures do not distinguish two lights
-constexpr double kTellsApart = 0.1;   // fraction up to which like pictures are suspect
-constexpr int kWindow = 12;           // pictures that a controller may lag by
+constexpr double kFits = 4.0;            // robust mean square of z up to which two are the same
+constexpr double kLeastFraction = 0.02;  // of another light that makes a frame wrong
+constexpr double kMostFraction =
+    0.5;                             // beyond this, two pictures do not distinguish two lights
+constexpr double kTellsApart = 0.1;  // fraction up to which like pictures are suspect
+constexpr int kWindow = 12;          // pictures that a controller may lag by
 constexpr int kLeastPoints = 8;
 constexpr int kMostDoubts = 16;        // of one shot
 constexpr int kFewTakes = 8;           // before a dark picture counts as evidence
@@ -27,8 +28,7 @@ constexpr int kMostBack = 256;         // takes searched for what was shown befo
 constexpr double kLeastLogSigma = 0.003;
 constexpr double kMostLogSigma = 0.2;
 constexpr std::size_t kRests = 64;     // pairs from which the noise is learned
-constexpr std::size_t kFewRests = 24;  // before learning the noise: with a quarter good, one is
-                                       // by 99.9 %
+constexpr std::size_t kFewRests = 24;  // for it: if a quarter are good, one is by 99.9 %
 constexpr double kEven = 8.0;          // between the best of the pairs and three of four
 constexpr double kLeastRest = 0.5;     // of 24 to 64 pairs whose noise is as stated
 constexpr double kMostKappa2 = 400.0;
@@ -38,14 +38,14 @@ using Vector = Eigen::Array<double, kProofPoints, 1>;
 
 /// a = g (b + alpha u - beta v) by weighted least squares, g with a prior; linear in g, g alpha
 /// and g beta. `v` may be absent.
-struct Shares {
+struct Fractions {
   double alpha = 0.0;
   double alpha_sigma = std::numeric_limits<double>::infinity();
   double beta = 0.0;
   double beta_sigma = std::numeric_limits<double>::infinity();
 };
-Shares fit_shares(const Vector& a, const Vector& b, const Vector& u, const Vector* v,
-                  const Vector& weight, double gain, double gain_sigma) {
+Fractions fit_fractions(const Vector& a, const Vector& b, const Vector& u, const Vector* v,
+                        const Vector& weight, double gain, double gain_sigma) {
   const int n = v == nullptr ? 2 : 3;
   Eigen::Matrix3d m = Eigen::Matrix3d::Identity();
   Eigen::Vector3d r = Eigen::Vector3d::Zero();
@@ -65,7 +65,7 @@ Shares fit_shares(const Vector& a, const Vector& b, const Vector& u, const Vecto
   // Scaled, so that nearly parallel directions are detected.
   const Eigen::Vector3d scale = m.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::Matrix3d scaled = scale.asDiagonal() * m * scale.asDiagonal();
-  Shares out;
+  Fractions out;
   if (!(scaled.determinant() > 1e-12)) {
     return out;
   }
@@ -216,8 +216,9 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
       const Take& other = at(i);
       const Vector c = other.mean.cast<double>();
       const Vector u = c - earlier;
-      const Shares fit = fit_shares(later, earlier, u, nullptr, seen_in(i, weight), g, g_sigma);
-      const bool is_wrong = std::isfinite(fit.alpha_sigma) && fit.alpha > kLeastShare &&
+      const Fractions fit =
+          fit_fractions(later, earlier, u, nullptr, seen_in(i, weight), g, g_sigma);
+      const bool is_wrong = std::isfinite(fit.alpha_sigma) && fit.alpha > kLeastFraction &&
                             fit.alpha > kSigmas * fit.alpha_sigma;
       pair.agrees = pair.agrees && !is_wrong;
     }
@@ -241,7 +242,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
     return std::isfinite(sigma) ? std::max(value, 0.0) + kSigmas * sigma : 1.0;
   };
   const auto one = [&](const Vector& d, double sign) {
-    const Shares fit = fit_shares(ym, xm, d, nullptr, seen, gain, gain_sigma);
+    const Fractions fit = fit_fractions(ym, xm, d, nullptr, seen, gain, gain_sigma);
     return bound(sign * fit.alpha, fit.alpha_sigma);
   };
   if (!before_y.empty()) {
@@ -252,7 +253,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
   }
   if (!before_x.empty() && !before_y.empty() &&
       (seen * u * v).sum() > 0.0) {  // otherwise neither can compensate for the other
-    const Shares fit = fit_shares(ym, xm, u, &v, seen, gain, gain_sigma);
+    const Fractions fit = fit_fractions(ym, xm, u, &v, seen, gain, gain_sigma);
     share =
         std::max({share, bound(fit.alpha, fit.alpha_sigma), bound(fit.beta, fit.beta_sigma)});
   }
@@ -266,7 +267,7 @@ PictureAgreement::Pair PictureAgreement::compare(int a, int b) const {
     share = std::max(share, length2 > 0.0 ? std::sqrt(hidden2 / length2) : 0.0);
   }
   pair.share = std::min(share, 1.0);
-  pair.is_comparable = !pair.agrees || pair.share <= kMostShare;
+  pair.is_comparable = !pair.agrees || pair.share <= kMostFraction;
   return pair;
 }
 
@@ -384,9 +385,9 @@ AgreementFinding PictureAgreement::take(int shot, const PointSamples& samples,
     }
     if (!pair.agrees) {
       disagreeing.push_back(i);
-    } else if (best < 0 || pair.share < finding.other_share) {
+    } else if (best < 0 || pair.share < finding.other_fraction) {
       best = i;
-      finding.other_share = pair.share;
+      finding.other_fraction = pair.share;
     }
   }
   learn_noise(least_rest);
@@ -445,11 +446,11 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
     doubt(i, finding);
   }
   const double rate = std::max(1.0 - kForget, 1.0 / (1.0 + n_settled_++));
-  typical_log_share_ +=
-      rate * (std::log(std::max(finding.other_share, 1e-6)) - typical_log_share_);
+  typical_log_fraction_ +=
+      rate * (std::log(std::max(finding.other_fraction, 1e-6)) - typical_log_fraction_);
   const bool tells_lights_apart =
-      finding.other_share <= kTellsApart ||
-      (n_settled_ >= kFewTakes && typical_log_share_ <= std::log(2.0 * kTellsApart));
+      finding.other_fraction <= kTellsApart ||
+      (n_settled_ >= kFewTakes && typical_log_fraction_ <= std::log(2.0 * kTellsApart));
   for (const int i : look_alikes(own, tells_lights_apart)) {
     // One of the two, or both, showed the other's light.
     const int other = at(i).pattern;
@@ -458,7 +459,7 @@ void PictureAgreement::settle(int own, int best, const std::vector<int>& disagre
         "shots {} and {} have different lights and the same picture{}", at(own).shot,
         at(i).shot, is_new ? ": both are taken again" : "; neither proves its light");
     finding.agrees_with = -1;
-    finding.other_share = 1.0;
+    finding.other_fraction = 1.0;
     if (is_new) {
       doubt_pattern(pattern, finding);
       doubt_pattern(other, finding);

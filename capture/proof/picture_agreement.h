@@ -31,7 +31,7 @@ struct AgreementFinding {
   int agrees_with = -1;
   /// Upper bound, at 5 sigma, of the fraction of the frame's light that comes from the lights
   /// shown before, 0 .. 1; valid where agrees_with is set.
-  double other_share = 1.0;
+  double other_fraction = 1.0;
   std::vector<int> doubted;  ///< shots, possibly this one, to be retaken
   bool is_given_up = false;  ///< accepted although it never agreed with another
   std::string note;          ///< for the log
@@ -114,7 +114,7 @@ class PictureAgreement {
   int n_gains_ = 0;
   std::deque<double> rests_;
   double kappa2_ = 1.0;  ///< factor of the variances: the rig file's noise may be too small
-  double typical_log_share_ = 0.0;  ///< from what pairs say of other lights
+  double typical_log_fraction_ = 0.0;  ///< from what pairs say of other lights
   int n_settled_ = 0;
 };
 

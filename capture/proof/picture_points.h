@@ -45,14 +45,14 @@ inline constexpr double kClippedPoint = -1e9;
 
 /// Relative error of a block not explained by noise.
 inline constexpr double kPointModelTol = 3e-3;
-/// Chi square of a picture that is not dark: 50 sigma.
+/// Chi square from which a picture is not dark: 50 sigma.
 inline constexpr double kLitSquare = 2500.0;
 /// Between the starts of two exposures: the lights were off in between.
 inline constexpr std::int64_t kDarkPauseNs = 1'000'000'000;
 
 /// The square below which this fraction of the points' z^2 lies, relative to that of a normal
 /// z: 1 for noise alone, 0 without points.
-/// @param is_everywhere  nine of ten points, not half of them
+/// @param is_everywhere  nine of ten points instead of half of them
 [[nodiscard]] double robust_square(const PointValues& z2, const PointMask& counts,
                                    bool is_everywhere = false);
 

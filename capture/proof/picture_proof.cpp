@@ -22,11 +22,11 @@ constexpr double kRepeats =
 // suspect; sums of many lights differ less evenly.
 constexpr int kFewDifferences = 3;
 constexpr int kManyDifferences = 32;
-constexpr double kLeastShare = 0.03;  // of another pattern in a mixture
-constexpr double kMostShare = 1.5;    // no mixture has more of a light than all of it
-constexpr double kFits = 4.0;         // mean square of z up to which a prediction fits
-constexpr double kDisagrees = 9.0;    // beyond this: not the picture of the earlier frame
-constexpr int kMoved = 4;             // such frames in a row: the scene has changed
+constexpr double kLeastFraction = 0.03;  // of another pattern in a mixture
+constexpr double kMostFraction = 1.5;    // no mixture contains more than all of a light
+constexpr double kFits = 4.0;            // mean square of z up to which a prediction fits
+constexpr double kDisagrees = 9.0;       // beyond this: not the picture of the earlier frame
+constexpr int kMoved = 4;                // such frames in a row: the scene has changed
 constexpr double kHuber = 2.0;
 constexpr double kKnown = 0.5;        // v of a light beyond which nothing is concluded about it
 constexpr double kDark = 0.1;         // of the predicted light: none
@@ -37,7 +37,7 @@ constexpr double kMostKappa2 = 400.0;
 constexpr double kKappaRate = 0.02;  // of its square, per frame
 
 /// y = b_1 mu + b_2 c by least squares with Huber's weights.
-struct ShareFit {
+struct FractionFit {
   double share = 0.0;  ///< of c
   double sigma = 1.0;  ///< of the fraction; infinite when mu and c are alike
   double gain = 1.0;
@@ -49,10 +49,10 @@ PointValues huber_weights(const PointValues& r, const PointValues& inverse_varia
   return inverse_variance * (kHuber / z.max(kHuber));
 }
 
-ShareFit fit_share(const PointValues& y, const PointValues& mu, const PointValues& c,
-                   const PointValues& inverse_variance, const PointMask& counts,
-                   int n_iterations) {
-  ShareFit fit;
+FractionFit fit_fraction(const PointValues& y, const PointValues& mu, const PointValues& c,
+                         const PointValues& inverse_variance, const PointMask& counts,
+                         int n_iterations) {
+  FractionFit fit;
   PointValues w = inverse_variance;
   double b1 = 1.0;
   double b2 = 0.0;
@@ -198,7 +198,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
     return finding;
   }
   double least = std::numeric_limits<double>::infinity();  // sigma nearer to its own
-  const auto take = [&](int shot, const PointValues& c, const ShareFit& fit, double nearer) {
+  const auto take = [&](int shot, const PointValues& c, const FractionFit& fit, double nearer) {
     least = nearer;
     finding.other = shot;
     finding.discrimination_sigma = 1.0 / fit.sigma;
@@ -207,7 +207,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
   };
   bool is_wrong = false;
   const auto look_at = [&](int shot, const PointValues& c, bool may_mix) {
-    const ShareFit fit = fit_share(y.mean, own.mean, c, inverse_variance, y.is_good, 5);
+    const FractionFit fit = fit_fraction(y.mean, own.mean, c, inverse_variance, y.is_good, 5);
     if (!std::isfinite(fit.sigma)) {
       return;
     }
@@ -216,10 +216,10 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
       own_fit.towards_last = fit.share / fit.sigma * std::sqrt(kappa2);  // of the newest
     }
     // What smoothness predicts is trusted only where the whole picture is off.
-    const bool fits = fit.share < kMostShare && fit.rest <= kFits && fit.rest < 0.8 * rest &&
+    const bool fits = fit.share < kMostFraction && fit.rest <= kFits && fit.rest < 0.8 * rest &&
                       (is_direct || rest > kFits);
     const bool is_mixed =
-        may_mix && fit.share > kLeastShare && fit.share > kNearer * fit.sigma && fits;
+        may_mix && fit.share > kLeastFraction && fit.share > kNearer * fit.sigma && fits;
     const bool is_other = nearer < -kNearer && fits;
     if ((is_mixed || is_other) && (!is_wrong || nearer < least)) {
       is_wrong = true;
@@ -246,7 +246,7 @@ PictureFinding PictureProof::compare(int pattern, const PointSamples& y,
       }
       const PointValues c =
           predictor_->predict(std::vector<DrivenLight>{{k, p.lit[0].second}}).mean;
-      const ShareFit fit = fit_share(y.mean, own.mean, c, inverse_variance, y.is_good, 1);
+      const FractionFit fit = fit_fraction(y.mean, own.mean, c, inverse_variance, y.is_good, 1);
       const double nearer = (0.5 - fit.share) / fit.sigma;
       if (std::isfinite(fit.sigma) && nearer < nearest_by) {
         nearest_by = nearer;

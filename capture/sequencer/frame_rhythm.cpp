@@ -12,30 +12,30 @@ namespace {
 
 constexpr double kLeastToleranceNs = 80e3;
 constexpr double kSigmas = 4.5;
-constexpr double kGuardShare = 1.25;      // what the fit itself may be off by
+constexpr double kGuardFactor = 1.25;     // allowance for the error of the fit itself
 constexpr double kMedianVariance = 1.57;  // pi / 2: of a median, relative to a mean
 constexpr double kSigmaFades = 0.98;      // per frame: a small window may show too little
 constexpr double kSameExposureUs = 5.0;
 constexpr std::size_t kMostPairs = 32 * 31 / 2;
-constexpr unsigned kFramesToPeriod = 8;  // of a full window: it changes by 1e-6 of itself
+constexpr unsigned kFramesToPeriod = 8;  // of a full window: changes by a relative 1e-6
 
 }  // namespace
 
-void FrameRhythm::keep(Stamp stamp) {
+void FrameRhythm::keep(Timestamp stamp) {
   if (n_ == kKept) {
-    std::move(stamps_.begin() + 1, stamps_.end(), stamps_.begin());
+    std::move(timestamps_.begin() + 1, timestamps_.end(), timestamps_.begin());
     --n_;
   }
-  stamps_[n_++] = stamp;
+  timestamps_[n_++] = stamp;
 }
 
 void FrameRhythm::fit() {
-  const Stamp& newest = stamps_[n_ - 1];
+  const Timestamp& newest = timestamps_[n_ - 1];
   std::array<double, kKept> x{};
   std::array<double, kKept> y{};
   for (std::size_t i = 0; i < n_; ++i) {
-    x[i] = -static_cast<double>(newest.sequence - stamps_[i].sequence);
-    y[i] = static_cast<double>(stamps_[i].stamp_ns - newest.stamp_ns);
+    x[i] = -static_cast<double>(newest.sequence - timestamps_[i].sequence);
+    y[i] = static_cast<double>(timestamps_[i].timestamp_ns - newest.timestamp_ns);
   }
   if (n_ >= kFirst && (n_ < kKept || ++n_since_period_ % kFramesToPeriod == 0)) {
     std::array<double, kMostPairs> slopes{};
@@ -68,7 +68,7 @@ void FrameRhythm::fit() {
   period_sigma_ns_ = sigma_ns_ * std::sqrt(12.0 / static_cast<double>(n_)) / span;
 }
 
-FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t stamp_ns,
+FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t timestamp_ns,
                                         double exposure_us) {
   if (std::abs(exposure_us - exposure_us_) > kSameExposureUs) {
     is_exposure_new_ = is_known();
@@ -76,22 +76,22 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
     n_off_ = 0;
     exposure_us_ = exposure_us;
   }
-  Stamp stamp{sequence + slip_, stamp_ns};
+  Timestamp stamp{sequence + slip_, timestamp_ns};
   Verdict verdict;
   if (is_known()) {
-    const Stamp& newest = stamps_[n_ - 1];
+    const Timestamp& newest = timestamps_[n_ - 1];
     const auto ahead = static_cast<double>(stamp.sequence - newest.sequence);
-    const double off =
-        static_cast<double>(stamp_ns - newest.stamp_ns) - (phase_ns_ + period_ns_ * ahead);
+    const double off = static_cast<double>(timestamp_ns - newest.timestamp_ns) -
+                       (phase_ns_ + period_ns_ * ahead);
     // From the middle of the window to the new frame: the lever of the period's error.
     const double reach =
-        ahead + 0.5 * static_cast<double>(newest.sequence - stamps_[0].sequence);
+        ahead + 0.5 * static_cast<double>(newest.sequence - timestamps_[0].sequence);
     const double variance =
         sigma_ns_ * sigma_ns_ * (1.0 + kMedianVariance / static_cast<double>(n_)) +
         reach * reach * period_sigma_ns_ * period_sigma_ns_;
     const double tolerance = std::max(kLeastToleranceNs, kSigmas * std::sqrt(variance));
     verdict.off_ns = static_cast<std::int64_t>(off);
-    verdict.guard_ns = static_cast<std::int64_t>(kGuardShare * tolerance);
+    verdict.guard_ns = static_cast<std::int64_t>(kGuardFactor * tolerance);
     verdict.place = std::abs(off) <= tolerance ? Place::on : Place::off;
     if (is_exposure_new_) {
       // A shift of all timestamps and one wrong timestamp look alike: the first frame only
@@ -114,8 +114,8 @@ FrameRhythm::Verdict FrameRhythm::judge(std::uint64_t sequence, std::int64_t sta
   keep(stamp);
   n_off_ = verdict.place == Place::off ? n_off_ + 1 : 0;
   if (n_off_ == kOffToForget) {
-    std::move(stamps_.begin() + static_cast<std::ptrdiff_t>(n_ - kOffToForget),
-              stamps_.begin() + static_cast<std::ptrdiff_t>(n_), stamps_.begin());
+    std::move(timestamps_.begin() + static_cast<std::ptrdiff_t>(n_ - kOffToForget),
+              timestamps_.begin() + static_cast<std::ptrdiff_t>(n_), timestamps_.begin());
     n_ = kOffToForget;
     n_off_ = 0;
     period_ns_ = period_sigma_ns_ = sigma_ns_ = 0.0;

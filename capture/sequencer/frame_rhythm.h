@@ -20,8 +20,8 @@
 ///
 ///     P = median of (y_j - y_i) / (x_j - x_i)      a = median of (y_i - P x_i)
 ///     sigma = 1.4826 median |y_i - P x_i - a|      off = y - (a + P x)   of the next frame
-///     on the rhythm  <=>  |off| <= tolerance = max(80 us, 4.5 sigma sqrt(1 + what a and P
-///     lack))
+///     on the rhythm  <=>  |off| <= tolerance = max(80 us, 4.5 sigma sqrt(1 + v))
+///     v = variance of a + P x / sigma^2
 ///
 /// Medians hold until 29 % of the timestamps are false (the slope's breakdown point). A true
 /// timestamp with normal jitter is suspected in 7 of 10^6 cases, with uniform jitter never. The
@@ -38,10 +38,9 @@ class FrameRhythm {
   };
   struct Verdict {
     Place place = Place::learning;
-    std::int64_t off_ns = 0;    ///< timestamp less the predicted one
-    std::int64_t guard_ns = 0;  ///< largest timestamp error of a frame on the rhythm
-    bool is_learnt_anew =
-        false;  ///< so many in a row were off that the old rhythm is discarded
+    std::int64_t off_ns = 0;      ///< timestamp less the predicted one
+    std::int64_t guard_ns = 0;    ///< largest timestamp error of a frame on the rhythm
+    bool is_learnt_anew = false;  ///< too many off in a row: old rhythm discarded
   };
 
   /// Frames until a stream's rhythm is known, and until it is known again where a new exposure
@@ -51,7 +50,7 @@ class FrameRhythm {
   static constexpr std::size_t kAgain = 3;
 
   /// The stream's next frame, with a sequence above all earlier ones.
-  [[nodiscard]] Verdict judge(std::uint64_t sequence, std::int64_t stamp_ns,
+  [[nodiscard]] Verdict judge(std::uint64_t sequence, std::int64_t timestamp_ns,
                               double exposure_us);
   /// The stream's numbering restarts; the period is kept.
   void restart() { n_ = 0; }
@@ -63,25 +62,25 @@ class FrameRhythm {
   [[nodiscard]] double sigma_ns() const { return sigma_ns_; }
 
  private:
-  struct Stamp {
+  struct Timestamp {
     std::uint64_t sequence = 0;
-    std::int64_t stamp_ns = 0;
+    std::int64_t timestamp_ns = 0;
   };
   static constexpr std::size_t kKept = 32;
   static constexpr int kOffToForget = 6;  ///< in a row; at 5 % false ones: once in 6e7 frames
 
-  void keep(Stamp stamp);
+  void keep(Timestamp stamp);
   /// Fits period, phase and scatter to the window.
   void fit();
 
-  std::array<Stamp, kKept> stamps_{};  ///< oldest first
+  std::array<Timestamp, kKept> timestamps_{};  ///< oldest first
   std::size_t n_ = 0;
   double period_ns_ = 0.0;        ///< 0: unknown
   double period_sigma_ns_ = 0.0;  ///< standard error of the period
   double phase_ns_ = 0.0;         ///< relative to the newest timestamp: a - y
   double sigma_ns_ = 0.0;         ///< of one timestamp
   double exposure_us_ = 0.0;
-  std::uint64_t slip_ = 0;        ///< periods that the driver lost without counting them
+  std::uint64_t slip_ = 0;        ///< periods lost by the driver without being counted
   int n_off_ = 0;                 ///< in a row
   bool is_exposure_new_ = false;  ///< no frame arrived since it changed
   unsigned n_since_period_ = 0;

@@ -40,7 +40,7 @@ ModelRigConfig random_model_rig(std::uint64_t seed) {
   rig.rise_us = 300.0 * u();
   rig.bus_us = 100.0 + 20000.0 * u() * u();
   rig.commit_us = 200.0 + 60000.0 * u() * u();
-  rig.stamp_jitter_us = 40.0 * u();
+  rig.timestamp_jitter_us = 40.0 * u();
   rig.n_buffers = 3 + static_cast<int>(u() * 8.0);
   set_sync_mode(rig, static_cast<SyncMode>(static_cast<int>(u() * 4.0)));
   rig.faults = {.frame_late = p(0.1),
@@ -314,18 +314,18 @@ void ModelRig::expose(std::uint64_t generation) {
   expose_frame(generation);
 }
 
-std::int64_t ModelRig::stamp_jitter_ns() {
-  std::int64_t jitter_ns = some_ns(config_.stamp_jitter_us);
-  if (config_.stamp_sigma_us > 0.0) {
+std::int64_t ModelRig::timestamp_jitter_ns() {
+  std::int64_t jitter_ns = some_ns(config_.timestamp_jitter_us);
+  if (config_.timestamp_sigma_us > 0.0) {
     const double z = standard_normal(hash_key(config_.seed, 17, ++draws_));
-    jitter_ns += static_cast<std::int64_t>(1e3 * config_.stamp_sigma_us * z);
+    jitter_ns += static_cast<std::int64_t>(1e3 * config_.timestamp_sigma_us * z);
   }
   return jitter_ns;
 }
 
-std::int64_t ModelRig::stamp_lie_ns() {
-  const double late = config_.faults.stamp_late;
-  const double early = config_.faults.stamp_early;
+std::int64_t ModelRig::timestamp_error_ns() {
+  const double late = config_.faults.timestamp_late;
+  const double early = config_.faults.timestamp_early;
   const double u = late + early > 0.0 ? chance() : 1.0;
   if (u >= late + early) {
     return 0;
@@ -348,7 +348,7 @@ void ModelRig::expose_frame(std::uint64_t generation) {
   const std::int64_t read_ns = start_ns + exposure_ns + std::llround(config_.read_us * 1e3);
   schedule_strobes(sequence, end_ns);
   // The timestamp is taken before the frame is delivered.
-  const std::int64_t jitter_ns = stamp_jitter_ns();
+  const std::int64_t jitter_ns = timestamp_jitter_ns();
   at(std::max(end_ns, read_ns) + std::max<std::int64_t>(jitter_ns, 0), [=, this] {
     if (generation != generation_ || !is_streaming_) {
       return;
@@ -362,14 +362,14 @@ void ModelRig::expose_frame(std::uint64_t generation) {
     clean_tag_ = frame.truth.tag;
     clean_latch_ = n_latches_;
     frame.n_clean = n_clean_;
-    const std::int64_t lie_ns = stamp_lie_ns();
-    frame.is_stamp_false = lie_ns != 0;
-    const std::int64_t stamp_ns =
+    const std::int64_t lie_ns = timestamp_error_ns();
+    frame.is_timestamp_false = lie_ns != 0;
+    const std::int64_t timestamp_ns =
         config_.timestamp == TimestampMeaning::start_exposure  ? start_ns
         : config_.timestamp == TimestampMeaning::start_readout ? start_ns + exposure_ns
                                                                : read_ns;
     frame.info = {.sequence = sequence,
-                  .timestamp_ns = stamp_ns + jitter_ns + lie_ns,
+                  .timestamp_ns = timestamp_ns + jitter_ns + lie_ns,
                   .flags = kFrameMonotonic,
                   .exposure_us = exposure_us,
                   .gain_db = 0.0};
@@ -435,12 +435,12 @@ void ModelRig::deliver(const ModelFrame& frame) {
   FrameInfo info = frame.info;
   info.arrival_ns = now_ns_;
   send(event::FrameArrived{id, stream_, info, frame.pixel_hash, true});
-  outcome_.n_false += frame.is_stamp_false ? 1 : 0;
+  outcome_.n_false += frame.is_timestamp_false ? 1 : 0;
   // Triggered: from the shot's own trigger and light, with nothing else against it, and
   // refused.
   const SequencerCounters& after = state_.counters;
   const auto n_faulty = [](const SequencerCounters& c) {
-    return c.frames_damaged + c.frames_out_of_order + c.stamps_ahead + c.duplicates +
+    return c.frames_damaged + c.frames_out_of_order + c.timestamps_ahead + c.duplicates +
            c.wrong_exposure;
   };
   const bool is_triggered =
@@ -448,7 +448,7 @@ void ModelRig::deliver(const ModelFrame& frame) {
   const bool is_refused = is_triggered && is_shots_own && n_faulty(after) == n_faulty(before) &&
                           after.frames_unused > before.frames_unused;
   const bool is_suspected = is_refused || after.off_rhythm > before.off_rhythm;
-  outcome_.n_suspected += !frame.is_stamp_false && is_suspected ? 1 : 0;
+  outcome_.n_suspected += !frame.is_timestamp_false && is_suspected ? 1 : 0;
 }
 
 // ---- disk ----

@@ -31,20 +31,20 @@ struct ModelFaults {
   double frame_damaged = 0.0;
   double light_timeout = 0.0;  ///< no answer; the pattern may or may not be shown
   double light_wrong_echo = 0.0;
-  double light_late = 0.0;    ///< acts 5 to 60 ms after its acknowledgement, shown when it does
-  double light_lying = 0.0;   ///< acts just as late, but is shown at once
-  double stamp_late = 0.0;    ///< the timestamp is 0.1 to 1.9 ms late
-  double stamp_early = 0.0;   ///< or early
-  double strobe_late = 0.0;   ///< a step comes up to two frames late, counted when it does
-  double strobe_lost = 0.0;   ///< the edge at a frame's end never reaches the controller
-  double strobe_false = 0.0;  ///< a spurious edge within a frame
-  double entry_wrong = 0.0;   ///< a table entry holds another shot's pattern
-  double poll_slow = 0.0;     ///< a status takes some frame times (a busy host)
+  double light_late = 0.0;   ///< acts 5 to 60 ms after its acknowledgement, shown when it does
+  double light_lying = 0.0;  ///< acts just as late, but is shown at once
+  double timestamp_late = 0.0;   ///< the timestamp is 0.1 to 1.9 ms late
+  double timestamp_early = 0.0;  ///< or early
+  double strobe_late = 0.0;      ///< a step comes up to two frames late, counted when it does
+  double strobe_lost = 0.0;      ///< the edge at a frame's end never reaches the controller
+  double strobe_false = 0.0;     ///< a spurious edge within a frame
+  double entry_wrong = 0.0;      ///< a table entry holds another shot's pattern
+  double poll_slow = 0.0;        ///< a status takes several frame times (a busy host)
   double trigger_lost = 0.0;
   double check_failed = 0.0;
   double commit_full = 0.0;  ///< the disk is full for a while
   double controller_reboot_rate = 0.0;
-  double interlock_rate = 0.0;   ///< the controller is dark and says "not now" for a while
+  double interlock_rate = 0.0;   ///< the controller is dark and says "not now" for some time
   double lease_lost_rate = 0.0;  ///< the controller goes dark by itself, without rebooting
   double camera_gone_rate = 0.0;
   double pause_rate = 0.0;
@@ -61,11 +61,11 @@ struct ModelRigConfig {
   TimestampMeaning timestamp = TimestampMeaning::end_frame;
   double latch_us = 200.0;  ///< command to change of light
   double rise_us = 50.0;
-  double bus_us = 800.0;          ///< longest answer time
-  double commit_us = 2000.0;      ///< longest
-  double stamp_jitter_us = 20.0;  ///< maximum, uniformly distributed
-  double stamp_sigma_us = 0.0;    ///< rms of additional normal jitter
-  double camera_ppm = 0.0;        ///< how much slower its clock is than the host's
+  double bus_us = 800.0;              ///< longest answer time
+  double commit_us = 2000.0;          ///< longest
+  double timestamp_jitter_us = 20.0;  ///< maximum, uniformly distributed
+  double timestamp_sigma_us = 0.0;    ///< rms of additional normal jitter
+  double camera_ppm = 0.0;            ///< how much slower its clock is than the host's
   int n_buffers = 6;
   SyncMode sync = SyncMode::free_run;
   int strobe_every = 1;
@@ -91,12 +91,12 @@ struct ModelFrame {
   std::int64_t start_ns = 0;  ///< of its exposure
   std::uint64_t pixel_hash = 0;
   int n_clean = 0;  ///< index of this wholly clean frame since the latch, from 0
-  bool is_stamp_false = false;
+  bool is_timestamp_false = false;
 };
 
 struct ModelOutcome {
   bool is_done = false;
-  std::string problem;   ///< the first broken promise; empty: none
+  std::string problem;   ///< the first violated guarantee; empty: none
   double seconds = 0.0;  ///< virtual
   std::uint64_t n_events = 0;
   int n_commits = 0;
@@ -191,8 +191,8 @@ class ModelRig {  // NOLINT(clang-analyzer-optin.performance.Padding): sorted fo
   void start_camera(std::uint64_t generation, std::uint64_t stream, double exposure_us);
   void expose(std::uint64_t generation);
   void expose_frame(std::uint64_t generation);
-  [[nodiscard]] std::int64_t stamp_jitter_ns();
-  [[nodiscard]] std::int64_t stamp_lie_ns();
+  [[nodiscard]] std::int64_t timestamp_jitter_ns();
+  [[nodiscard]] std::int64_t timestamp_error_ns();
   void trigger();
   void deliver(const ModelFrame& frame);
 

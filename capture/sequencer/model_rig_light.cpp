@@ -109,7 +109,7 @@ void ModelRig::fail_job(std::uint64_t job, Errc code, const char* what) {
   });
 }
 
-/// Confirm, then latch; every bus exchange takes time and may go wrong.
+/// Confirms, then latches; every bus exchange takes time and may fail.
 void ModelRig::light_job(std::uint64_t job, std::uint32_t tag,
                          std::optional<ConfirmRequest> confirm) {
   if (now_ns_ < bus_back_ns_ || !is_connected_) {

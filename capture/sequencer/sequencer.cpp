@@ -132,7 +132,7 @@ void Stepper::on(const event::Abort&) {
 void Stepper::on(const event::SafeOff&) {
   if (s_.phase == Phase::finalise || s_.phase == Phase::aborting || s_.phase == Phase::boot ||
       s_.phase == Phase::recover) {
-    darken_always();  // they end by themselves, with the lights off
+    darken_always();  // these end by themselves, with the lights off
     return;
   }
   if (s_.phase != Phase::safe_off) {

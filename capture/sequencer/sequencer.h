@@ -94,9 +94,9 @@ struct SequencerCounters {
   std::uint64_t frames_damaged = 0;  ///< flags, short
   std::uint64_t sequence_gaps = 0;
   std::uint64_t frames_out_of_order = 0;
-  std::uint64_t stamps_ahead = 0;    ///< timestamped after they arrived
-  std::uint64_t off_rhythm = 0;      ///< timestamped off their camera's period
-  std::uint64_t rhythm_unknown = 0;  ///< arrived before the camera's period was known
+  std::uint64_t timestamps_ahead = 0;  ///< timestamped after they arrived
+  std::uint64_t off_rhythm = 0;        ///< timestamped off their camera's period
+  std::uint64_t rhythm_unknown = 0;    ///< arrived before the camera's period was known
   std::uint64_t duplicates = 0;
   std::uint64_t wrong_exposure = 0;
   std::uint64_t checks_failed = 0;
@@ -142,12 +142,12 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   int discarded = 0;
   std::uint64_t duplicates_before = 0;  ///< counters.duplicates when the shot was lit
   /// A usable frame, and how close its timestamp is to its moment.
-  struct Stamped {
+  struct TimestampedFrame {
     event::FrameArrived frame;
     std::int64_t guard_ns = 0;
   };
   /// Frames that came before the latch's read-back was reported; classified once it is.
-  std::vector<Stamped> early;
+  std::vector<TimestampedFrame> early;
   std::set<int> withdrawn;              ///< committed once, and to be retaken
   std::map<int, int> times_doubted;     ///< per shot, since the run was last suspended for it
   std::set<int> doubted;                ///< shots to be retaken once they are committed
@@ -222,7 +222,7 @@ struct SequencerState {  // NOLINT(clang-analyzer-optin.performance.Padding): so
   double exposure_asked_us = 0.0;
   double exposure_read_us = 0.0;
   bool has_sequence = false;
-  bool is_stamp_refused = false;  ///< one from the future was reported in this stream
+  bool is_timestamp_refused = false;  ///< one from the future was reported in this stream
   std::uint64_t last_sequence = 0;
   std::int64_t last_timestamp_ns = 0;
   FrameRhythm rhythm;                             ///< of a free-running camera

@@ -301,7 +301,7 @@ void Stepper::on(const event::StepRead& e) {
   if (e.is_done && b.done_ns == kNever) {
     b.done_ns = e.t_ack_ns;
   }
-  judge_block();
+  decide_block();
 }
 
 void Stepper::on_table_mismatch(std::uint32_t counter, std::uint32_t tag) {
@@ -313,7 +313,7 @@ void Stepper::on_table_mismatch(std::uint32_t counter, std::uint32_t tag) {
 
 void Stepper::take_block_frame(const event::FrameArrived& e) {
   SequencerState::Block& b = s_.block;
-  if (!is_exposed_as_asked(e.info)) {
+  if (!is_exposed_as_requested(e.info)) {
     ++s_.counters.frames_unused;
     drop(e.frame);
     return;
@@ -337,14 +337,14 @@ void Stepper::take_block_frame(const event::FrameArrived& e) {
   if (b.step == SequencerState::Block::Step::exposing && s_.phase == Phase::running) {
     arm_block();
   } else if (b.step == SequencerState::Block::Step::running) {
-    judge_block();
+    decide_block();
     if (b.step == SequencerState::Block::Step::running && is_past && b.waiting.empty()) {
-      end_block("");  // frames come in order: no other one saw the table
+      end_block("");  // frames arrive in order: no other one saw the table
     }
   }
 }
 
-void Stepper::judge_block() {
+void Stepper::decide_block() {
   SequencerState::Block& b = s_.block;
   const std::uint64_t job = b.job;
   const StrobeTiming timing = strobe_timing();

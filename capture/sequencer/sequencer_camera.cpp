@@ -22,7 +22,7 @@ void Stepper::on(const event::CameraStarted& e) {
   s_.is_camera_started = true;
   s_.is_exposure_open = false;
   s_.has_sequence = false;
-  s_.is_stamp_refused = false;
+  s_.is_timestamp_refused = false;
   s_.rhythm = FrameRhythm();
   s_.triggered_ns = kNever;
   s_.n_hashes = 0;
@@ -136,7 +136,7 @@ std::optional<std::int64_t> Stepper::examine(const event::FrameArrived& e) {
   const bool is_forward = is_first || (info.sequence > s_.last_sequence &&
                                        info.timestamp_ns > s_.last_timestamp_ns);
   if (info.timestamp_ns > info.arrival_ns) {
-    refuse_stamp(info);
+    refuse_timestamp(info);
     return std::nullopt;
   }
   if (!is_forward) {
@@ -209,12 +209,12 @@ std::optional<std::int64_t> Stepper::examine_rhythm(const FrameInfo& info) {
 }
 
 /// Reported once per stream: nothing else would explain why no frame is clean.
-void Stepper::refuse_stamp(const FrameInfo& info) {
-  ++s_.counters.stamps_ahead;
-  if (s_.is_stamp_refused) {
+void Stepper::refuse_timestamp(const FrameInfo& info) {
+  ++s_.counters.timestamps_ahead;
+  if (s_.is_timestamp_refused) {
     return;
   }
-  s_.is_stamp_refused = true;
+  s_.is_timestamp_refused = true;
   log("camera",
       fmt::format(
           "frame {} is stamped {:.3f} ms after it came: its clock is not the host's, or its "
@@ -222,7 +222,7 @@ void Stepper::refuse_stamp(const FrameInfo& info) {
           info.sequence, 1e-6 * static_cast<double>(info.timestamp_ns - info.arrival_ns)));
 }
 
-bool Stepper::is_exposed_as_asked(const FrameInfo& info) {
+bool Stepper::is_exposed_as_requested(const FrameInfo& info) {
   const bool is_right =
       !s_.is_exposure_open &&
       std::abs(info.exposure_us - s_.exposure_read_us) <= kExposureTol * s_.exposure_read_us;

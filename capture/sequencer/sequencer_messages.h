@@ -57,7 +57,7 @@ struct ConfirmRequest {
   friend bool operator==(const ConfirmRequest&, const ConfirmRequest&) = default;
 };
 
-// ---- actions: what the world is asked to do ----
+// ---- actions: what the world should do ----
 
 namespace action {
 /// Connect (or connect again), all off, answer LightConnected or LightFault.
@@ -269,7 +269,7 @@ struct CommitFault {
   Errc code = Errc::io;
   std::string what;
 };
-/// Nothing waits for the disk any more.
+/// Nothing is waiting for the disk any more.
 struct DiskGood {};
 struct SessionFinished {};
 }  // namespace event

@@ -59,8 +59,8 @@ void Stepper::on(const event::LightShown& e) {
     s_.trigger_ns = next_trigger_ns();
   }
   // Their timestamps decide, not the order in which two threads reported.
-  for (const SequencerState::Stamped& stamped : std::exchange(s_.early, {})) {
-    judge(stamped);
+  for (const SequencerState::TimestampedFrame& timestamped : std::exchange(s_.early, {})) {
+    judge(timestamped);
   }
 }
 
@@ -72,8 +72,8 @@ void Stepper::on(const event::LightConfirmed& e) {
   s_.awaiting.reset();
   FrameEvidence& evidence = waiting.evidence;
   const CleanVerdict verdict =
-      judge_clean({evidence.t_exposure_start_ns, evidence.t_exposure_end_ns},
-                  evidence.t_stable_ns, e.t_request_ns);
+      assess_clean({evidence.t_exposure_start_ns, evidence.t_exposure_end_ns},
+                   evidence.t_stable_ns, e.t_request_ns);
   evidence.t_next_change_ns = e.t_request_ns;
   evidence.margin_us = verdict.margin_us;
   evidence.temperature_c = e.temperature_c;
@@ -208,8 +208,8 @@ void Stepper::on_shot_timeout() {
   advance(std::nullopt);
 }
 
-void Stepper::judge(const SequencerState::Stamped& stamped) {
-  const event::FrameArrived& e = stamped.frame;
+void Stepper::judge(const SequencerState::TimestampedFrame& timestamped) {
+  const event::FrameArrived& e = timestamped.frame;
   const bool is_collecting = s_.current >= 0 && !s_.awaiting &&
                              (s_.step == ShotStep::settle || s_.step == ShotStep::collect);
   if (is_collecting && t_ >= s_.t_stable_ns) {
@@ -219,7 +219,7 @@ void Stepper::judge(const SequencerState::Stamped& stamped) {
     drop(e.frame);
     return;
   }
-  if (!is_collecting || !is_exposed_as_asked(e.info) || !accept(stamped)) {
+  if (!is_collecting || !is_exposed_as_requested(e.info) || !accept(timestamped)) {
     ++s_.discarded;
     ++s_.counters.frames_unused;
     drop(e.frame);
@@ -254,8 +254,8 @@ std::int64_t Stepper::next_trigger_ns() const {
 }
 
 void Stepper::drop_early() {
-  for (const SequencerState::Stamped& stamped : std::exchange(s_.early, {})) {
-    drop(stamped.frame.frame);
+  for (const SequencerState::TimestampedFrame& timestamped : std::exchange(s_.early, {})) {
+    drop(timestamped.frame.frame);
     ++s_.counters.frames_unused;
   }
 }
@@ -274,8 +274,8 @@ std::int64_t Stepper::earliest_start_ns() const {
   return std::numeric_limits<std::int64_t>::min();
 }
 
-bool Stepper::accept(const SequencerState::Stamped& stamped) {
-  const event::FrameArrived& e = stamped.frame;
+bool Stepper::accept(const SequencerState::TimestampedFrame& timestamped) {
+  const event::FrameArrived& e = timestamped.frame;
   const SequencerPlan& plan = *s_.plan;
   const SequencedShot& shot = shot_of(s_.current);
   const ExposureWindow window = exposure_window({.timestamp_ns = e.info.timestamp_ns,
@@ -285,8 +285,9 @@ bool Stepper::accept(const SequencerState::Stamped& stamped) {
                                                  .skew_us = plan.skew_us});
   // The settle time includes one guard; timestamps that scatter more need more.
   const std::int64_t t_stable_ns =
-      s_.t_stable_ns + std::max<std::int64_t>(stamped.guard_ns - kGuardNs, 0);
-  if (!judge_clean(window, t_stable_ns, t_).is_clean || window.start_ns < earliest_start_ns()) {
+      s_.t_stable_ns + std::max<std::int64_t>(timestamped.guard_ns - kGuardNs, 0);
+  if (!assess_clean(window, t_stable_ns, t_).is_clean ||
+      window.start_ns < earliest_start_ns()) {
     return false;
   }
   FrameEvidence evidence = describe_frame(e, s_.current, window);

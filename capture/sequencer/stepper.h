@@ -27,7 +27,7 @@ inline constexpr std::int64_t kEvidenceRetryNs = 2000 * kMs;
 inline constexpr std::int64_t kHeldRetryNs = 1000 * kMs;
 inline constexpr std::int64_t kWrongLightRetryNs = 2'000 * kMs;
 inline constexpr int kWrongLightsToSuspend = 2;  ///< withdrawals of one shot
-/// An abort is promised within 200 ms; the rest is for the threads and the answer.
+/// An abort is guaranteed within 200 ms; the rest is for the threads and the answer.
 inline constexpr std::int64_t kAbortLimitNs = 150 * kMs;
 /// In addition to the frames: late delivery, a busy host.
 inline constexpr std::int64_t kShotSlackNs = 300 * kMs;
@@ -43,7 +43,7 @@ inline constexpr int kRefusalsToEnd = 4;  ///< a stray answer does not occur fou
 inline constexpr int kFailuresToRotate = 4;       ///< the next shot is tried first
 inline constexpr int kBlocksToSuspend = 6;        ///< in a row, without a proven frame
 inline constexpr int kFailuresToSuspend = 24;     ///< in a row, without a commit
-inline constexpr double kExposureTol = 0.005;     ///< frame against read-back: floats on a wire
+inline constexpr double kExposureTol = 0.005;     ///< frame against read-back: sent as a float
 inline constexpr double kExposureReadTol = 0.05;  ///< read-back against requested: row steps
 inline constexpr int kSpareBuffers = 3;           ///< for frames that are not held
 
@@ -144,7 +144,7 @@ class Stepper {
   void retry(int shot, const std::string& why);
   void on_shot_timeout();
   /// Accepts the frame for the current shot, or returns it.
-  void judge(const SequencerState::Stamped& stamped);
+  void judge(const SequencerState::TimestampedFrame& timestamped);
   /// A frame of the current shot was refused: in the triggered modes no other comes by itself.
   void ask_again(const event::FrameArrived& e);
   /// Light leads: the light has settled, and no open trigger's exposure can be mistaken for the
@@ -157,7 +157,7 @@ class Stepper {
   void note_job_end();
   void drop_early();
   /// Accepts a frame whose timestamp proves a clean exposure; the controller is queried next.
-  bool accept(const SequencerState::Stamped& stamped);
+  bool accept(const SequencerState::TimestampedFrame& timestamped);
   /// What the mode implies for an exposure's start without the timestamp: not before its
   /// trigger.
   [[nodiscard]] std::int64_t earliest_start_ns() const;
@@ -183,8 +183,8 @@ class Stepper {
   [[nodiscard]] std::optional<std::int64_t> examine(const event::FrameArrived& e);
   /// The same for its timestamp among those of its stream.
   [[nodiscard]] std::optional<std::int64_t> examine_rhythm(const FrameInfo& info);
-  void refuse_stamp(const FrameInfo& info);
-  bool is_exposed_as_asked(const FrameInfo& info);
+  void refuse_timestamp(const FrameInfo& info);
+  bool is_exposed_as_requested(const FrameInfo& info);
 
   // sequencer_block.cpp
   /// Arms, extends or ends what the strobe steps; finishes when all is committed.
@@ -197,7 +197,7 @@ class Stepper {
   void extend_block();
   void take_block_frame(const event::FrameArrived& e);
   /// Decides every frame whose readings have arrived; ends a block that is over.
-  void judge_block();
+  void decide_block();
   void take_by_strobe(const event::FrameArrived& e, const ExposureWindow& window,
                       const StrobeProof& proof);
   void decide(int entry);

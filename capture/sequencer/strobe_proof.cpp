@@ -11,7 +11,7 @@ namespace {
 constexpr std::int64_t kShortestGuardNs = 100'000;
 constexpr std::int64_t kLongestGuardNs = 1'000'000;
 
-/// The readings wholly in [begin, end]: their counter, when there is one and they agree.
+/// The readings entirely within [begin, end]: their counter, when there is one and they agree.
 struct Span {
   bool has_reading = false;
   bool is_constant = true;

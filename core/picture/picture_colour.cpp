@@ -36,7 +36,7 @@ constexpr Chromaticities kRec709{0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3
 constexpr Chromaticities kAdobeRgb{0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290};
 constexpr double kAdobeGamma = 563.0 / 256.0;
 
-constexpr const char* kCure = "save the picture as sRGB, with a good profile or none";
+constexpr const char* kHint = "save the picture as sRGB, with a good profile or none";
 
 Curve gamma_curve(double gamma) { return Curve(cmsBuildGamma(nullptr, gamma)); }
 
@@ -252,11 +252,11 @@ PictureColours colours_by(const PictureSource& source, const PictureContent& con
   const bool is_grey = cmsGetColorSpace(profile) == cmsSigGrayData;
   if (is_grey && channels == 3) {
     refuse_picture(source, fmt::format("its colour profile \"{}\" is of grey pictures", name),
-                   kCure);
+                   kHint);
   }
   const std::shared_ptr<const ColourConversion> conversion = conversion_of(profile);
   if (conversion == nullptr) {
-    refuse_picture(source, fmt::format("its colour profile \"{}\" is damaged", name), kCure);
+    refuse_picture(source, fmt::format("its colour profile \"{}\" is damaged", name), kHint);
   }
   const std::optional<Transfer> known = known_as(*conversion, channels);
   // Floats with an sRGB profile are still sRGB codes: a transfer of srgb is for integers.
@@ -272,7 +272,7 @@ PictureColours colours_by(const PictureSource& source, const PictureContent& con
                           const std::string& name) {
   const Profile profile = rgb_profile(primaries, curve.get());
   if (profile == nullptr || !colorants_of(profile.get())) {
-    refuse_picture(source, fmt::format("its colours ({}) span nothing", name), kCure);
+    refuse_picture(source, fmt::format("its colours ({}) span nothing", name), kHint);
   }
   return colours_by(source, content, profile.get(), name);
 }
@@ -281,7 +281,7 @@ Profile open_profile(const PictureSource& source, const std::vector<std::byte>& 
   Profile profile(cmsOpenProfileFromMem(icc.data(), static_cast<cmsUInt32Number>(icc.size())));
   constexpr std::size_t kHeaderBytes = 128;
   if (profile == nullptr || icc.size() < kHeaderBytes) {
-    refuse_picture(source, "its colour profile is damaged", kCure);
+    refuse_picture(source, "its colour profile is damaged", kHint);
   }
   // From the header itself: lcms2 returns its words as an enumeration, whatever their values.
   const auto word_at = [&icc](std::size_t at) {
@@ -294,7 +294,7 @@ Profile open_profile(const PictureSource& source, const std::vector<std::byte>& 
     refuse_picture(
         source,
         fmt::format("its colour profile \"{}\" is not of RGB or grey", name_of(profile.get())),
-        kCure);
+        kHint);
   }
   return profile;
 }
@@ -306,7 +306,7 @@ PictureColours colours_by_png(const PictureSource& source, const PictureContent&
   if (tags.gamma) {
     constexpr double kLeast = 0.01;
     if (*tags.gamma < kLeast || *tags.gamma > 1.0 / kLeast) {
-      refuse_picture(source, fmt::format("its gAMA chunk says {}", *tags.gamma), kCure);
+      refuse_picture(source, fmt::format("its gAMA chunk says {}", *tags.gamma), kHint);
     }
     // Encoders write 1/2.2 for sRGB's curve. The same 5 % as libpng's own equality test.
     constexpr double kUsual = 2.2;
@@ -328,7 +328,7 @@ PictureColours colours_by_png(const PictureSource& source, const PictureContent&
 PictureColours colours_of(const PictureSource& source, const PictureContent& content) {
   const ColourTags& tags = content.tags.colour;
   if (tags.is_icc_damaged) {
-    refuse_picture(source, "its colour profile is damaged", kCure);
+    refuse_picture(source, "its colour profile is damaged", kHint);
   }
   if (!tags.icc.empty()) {
     const Profile profile = open_profile(source, tags.icc);

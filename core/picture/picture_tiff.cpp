@@ -160,7 +160,7 @@ TiffForm form_of(const PictureSource& source, TIFF* tiff) {
 }
 
 void require_readable(const PictureSource& source, TIFF* tiff, TiffForm& form) {
-  constexpr const char* kCure = "convert it to a grey or an RGB picture (sRGB)";
+  constexpr const char* kHint = "convert it to a grey or an RGB picture (sRGB)";
   if (form.photometric != PHOTOMETRIC_MINISBLACK &&
       form.photometric != PHOTOMETRIC_MINISWHITE && form.photometric != PHOTOMETRIC_RGB &&
       !form.is_palette()) {
@@ -170,10 +170,10 @@ void require_readable(const PictureSource& source, TIFF* tiff, TiffForm& form) {
                        : fmt::format("its colours are of a kind that is not read "
                                      "(PhotometricInterpretation {})",
                                      form.photometric),
-                   kCure);
+                   kHint);
   }
   if (form.samples > 64 || (form.channels() == 3 && !form.is_palette() && form.samples < 3)) {
-    refuse_picture(source, fmt::format("{} channels", form.samples), kCure);
+    refuse_picture(source, fmt::format("{} channels", form.samples), kHint);
   }
   const bool is_integer = form.format == SAMPLEFORMAT_UINT || form.format == SAMPLEFORMAT_INT;
   const bool is_good =

@@ -188,8 +188,8 @@ void lights_to_wavelets(int n, std::span<double> x, std::size_t width) {
   }
 }
 
-PatternInverse::PatternInverse(PatternRecipe recipe, std::vector<std::vector<LightDrive>> shots,
-                               int n_lights)
+PatternInverse::PatternInverse(PatternParameters recipe,
+                               std::vector<std::vector<LightDrive>> shots, int n_lights)
     : recipe_(std::move(recipe)), shots_(std::move(shots)), n_lights_(n_lights) {
   HAARLIGHT_EXPECTS(!shots_.empty() && n_lights_ >= 1, "shots and lights");
   for (const auto& shot : shots_) {

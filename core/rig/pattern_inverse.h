@@ -46,7 +46,7 @@ class PatternInverse {
   ///               shots; list: any patterns that separate the lights
   /// @throws ContractViolation  shots that do not match the parameters
   /// @throws Error              list: patterns that cannot separate the lights
-  PatternInverse(PatternRecipe recipe, std::vector<std::vector<LightDrive>> shots,
+  PatternInverse(PatternParameters recipe, std::vector<std::vector<LightDrive>> shots,
                  int n_lights);
 
   [[nodiscard]] int n_lights() const noexcept { return n_lights_; }
@@ -83,7 +83,7 @@ class PatternInverse {
   void shoot(std::span<const double> lights, std::size_t width,
              std::span<double> measured) const;
 
-  [[nodiscard]] const PatternRecipe& recipe() const noexcept { return recipe_; }
+  [[nodiscard]] const PatternParameters& recipe() const noexcept { return recipe_; }
   [[nodiscard]] const std::vector<std::vector<LightDrive>>& shots() const noexcept {
     return shots_;
   }
@@ -110,7 +110,7 @@ class PatternInverse {
   /// (P diag(b) P^T)^-1 at one pixel, for shots that share lights.
   [[nodiscard]] Eigen::MatrixXd gram_inverse(std::span<const double> b) const;
 
-  PatternRecipe recipe_;
+  PatternParameters recipe_;
   std::vector<std::vector<LightDrive>> shots_;
   int n_lights_ = 0;
   double drive_ = 1.0;

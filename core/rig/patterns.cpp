@@ -88,7 +88,7 @@ void append_wavelet(const FaceGrid& face, int index, int offset,
   }
 }
 
-bool wavelets_fit(const PatternRecipe& recipe) {
+bool wavelets_fit(const PatternParameters& recipe) {
   const int n2 = recipe.faces.front().n_lights();
   std::vector<int> sorted = recipe.wavelets;
   std::sort(sorted.begin(), sorted.end());
@@ -108,7 +108,7 @@ bool wavelets_fit(const PatternRecipe& recipe) {
 
 }  // namespace
 
-int PatternRecipe::n_lights() const {
+int PatternParameters::n_lights() const {
   std::int64_t n = 0;
   for (const FaceGrid& face : faces) {
     n += std::int64_t{face.rows} * face.cols;
@@ -116,7 +116,7 @@ int PatternRecipe::n_lights() const {
   return static_cast<int>(std::min<std::int64_t>(n, std::numeric_limits<int>::max()));
 }
 
-bool fits(const PatternRecipe& recipe) {
+bool fits(const PatternParameters& recipe) {
   const bool has_faces =
       !recipe.faces.empty() &&
       std::all_of(recipe.faces.begin(), recipe.faces.end(),
@@ -139,7 +139,7 @@ bool fits(const PatternRecipe& recipe) {
   return false;
 }
 
-std::vector<std::vector<int>> lit_lights(const PatternRecipe& recipe) {
+std::vector<std::vector<int>> lit_lights(const PatternParameters& recipe) {
   HAARLIGHT_EXPECTS(fits(recipe), "a grid that the family of patterns fits");
   std::vector<std::vector<int>> shots;
   if (recipe.family == PatternFamily::haar) {
@@ -235,7 +235,7 @@ std::vector<SBlock> s_blocks(int n_lights) {
 
 PatternMatrix haar_signed(int n) {
   HAARLIGHT_EXPECTS(is_power_of_two(n), "a power of two");
-  PatternRecipe recipe{PatternFamily::haar, {{n, n}}, 0, {}};
+  PatternParameters recipe{PatternFamily::haar, {{n, n}}, 0, {}};
   recipe.wavelets.resize(static_cast<std::size_t>(n) * static_cast<std::size_t>(n));
   std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
   const std::vector<std::vector<int>> shots = lit_lights(recipe);

@@ -44,7 +44,7 @@ struct FaceGrid {
 };
 
 /// The parameters a plan and a session must record for its shots to become single lights.
-struct PatternRecipe {
+struct PatternParameters {
   PatternFamily family = PatternFamily::list;
   std::vector<FaceGrid> faces;  ///< in the lights' order; empty for list and target
   int bin = 0;                  ///< side of a block, for bins
@@ -52,7 +52,7 @@ struct PatternRecipe {
   /// them; each face's mean (index 0 of the face) is always one of them.
   std::vector<int> wavelets;
   [[nodiscard]] int n_lights() const;  ///< of all faces; clamped to INT_MAX
-  friend bool operator==(const PatternRecipe&, const PatternRecipe&) = default;
+  friend bool operator==(const PatternParameters&, const PatternParameters&) = default;
 };
 
 /// The lit lights of every shot, for any family but list and target, in the canonical order
@@ -60,9 +60,9 @@ struct PatternRecipe {
 /// S-matrix rows, then the light left over; for haar the mean, or the positive and the negative
 /// lights, of each wavelet of the list.
 /// @throws ContractViolation  a grid that the family does not fit (see fits())
-[[nodiscard]] std::vector<std::vector<int>> lit_lights(const PatternRecipe& recipe);
+[[nodiscard]] std::vector<std::vector<int>> lit_lights(const PatternParameters& recipe);
 /// True when lit_lights() accepts the parameters.
-[[nodiscard]] bool fits(const PatternRecipe& recipe);
+[[nodiscard]] bool fits(const PatternParameters& recipe);
 
 /// The identity.
 [[nodiscard]] PatternMatrix one_at_a_time(int n_lights);

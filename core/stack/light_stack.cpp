@@ -27,7 +27,7 @@ constexpr std::uint32_t kStackVersion = 1;
 constexpr std::size_t kHeaderBytes = 64;
 constexpr std::size_t kHashBytes = 32;
 constexpr std::size_t kAlign = 4096;
-constexpr const char* kCure =
+constexpr const char* kHint =
     "delete the file: it is a cache, `haarlight develop` makes it again";
 
 struct Head {
@@ -108,16 +108,16 @@ LightStack LightStack::open(const std::filesystem::path& file) {
   Head head;
   if (bytes.size() < kHeaderBytes ||
       std::memcmp(bytes.data(), kMagic, sizeof head.magic) != 0) {
-    throw Error("not a light stack", file.string(), kCure);
+    throw Error("not a light stack", file.string(), kHint);
   }
   std::memcpy(&head, bytes.data(), sizeof head);
   if (head.version != kStackVersion) {
     throw Error(fmt::format("light stack of version {}, this program reads {}", head.version,
                             kStackVersion),
-                file.string(), kCure);
+                file.string(), kHint);
   }
   if (!is_sane(head)) {
-    throw Error("damaged: the header has impossible sizes", file.string(), kCure);
+    throw Error("damaged: the header has impossible sizes", file.string(), kHint);
   }
   StackDims dims;
   dims.width = static_cast<int>(head.width);
@@ -131,7 +131,7 @@ LightStack LightStack::open(const std::filesystem::path& file) {
       __builtin_add_overflow(wanted, offset, &wanted) || bytes.size() != wanted) {
     throw Error(
         fmt::format("{} bytes, not what the header says: cut short or damaged", bytes.size()),
-        file.string(), kCure);
+        file.string(), kHint);
   }
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()),
                               static_cast<std::size_t>(offset));
@@ -139,7 +139,7 @@ LightStack LightStack::open(const std::filesystem::path& file) {
   const std::string hashed = std::string(text.substr(0, sizeof head)) +
                              std::string(text.substr(kHeaderBytes, table_bytes));
   if (content_hash(hashed) != text.substr(sizeof head, kHashBytes)) {
-    throw Error("damaged: the header's checksum does not hold", file.string(), kCure);
+    throw Error("damaged: the header's checksum does not hold", file.string(), kHint);
   }
   return {file, dims, bands.rows, std::move(mapped)};
 }
@@ -182,7 +182,7 @@ void LightStack::check() const {
                                   kHashBytes);
     if (content_hash(std::as_bytes(band(i))) != stored) {
       throw Error(fmt::format("band {} of {} is damaged", i, bands_.n()), path_.string(),
-                  kCure);
+                  kHint);
     }
   }
 }

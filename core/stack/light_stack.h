@@ -51,7 +51,7 @@ class LightStack final : public StackSource {
   /// One light's picture gathered from all bands, (height, width, channels). O(size of the
   /// stack): for many lights use for_each_light_image().
   [[nodiscard]] Image<float> light_image(int k) const;
-  /// Those of lights [first, first + n) in one pass over the stack.
+  /// The pictures of lights [first, first + n) in one pass over the stack.
   [[nodiscard]] std::vector<Image<float>> light_images(int first, int n) const;
 
  private:

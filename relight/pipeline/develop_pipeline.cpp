@@ -66,8 +66,8 @@ DevelopOptions develop_options(const DevelopSessionOptions& options, const Sessi
   how.demosaic = options.demosaic;
   how.radiometry = options.radiometry;
   how.has_standard_error = options.has_standard_error;
-  how.share_evenly = options.plate == "even";
-  if (!how.share_evenly) {
+  how.distribute_evenly = options.plate == "even";
+  if (!how.distribute_evenly) {
     how.plate = sharing_plate(session, PlateChoice::parse(options.plate));
   }
   return how;

@@ -101,7 +101,7 @@ CameraModel view_of(const ShadowOptions& options, const SceneFile& scene, const 
   return camera;
 }
 
-LightWeights drives_of(std::span<const Eigen::Vector3d> weights) {
+LightWeights drive_levels_of(std::span<const Eigen::Vector3d> weights) {
   LightWeights drives(static_cast<Eigen::Index>(weights.size()), 3);
   for (std::size_t k = 0; k < weights.size(); ++k) {
     drives.row(static_cast<Eigen::Index>(k)) = weights[k].transpose();
@@ -149,7 +149,7 @@ Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
     const RigPlate computed(eye, frame.plane, rig_lights(capture.rig), PlateKind::squares);
     plate_scale *= StackVisibility(*capture.plates[0], computed, eye, frame, {}, {}).scale();
   }
-  const RelitPicture relit = relight(capture.basis, drives_of(job.weights));
+  const RelitPicture relit = relight(capture.basis, drive_levels_of(job.weights));
   CompositeOptions composite;
   composite.object = job.options.object;
   composite.scale = scene_scale(plate_scale, capture.stack.dims().channels,
@@ -205,7 +205,7 @@ std::uint64_t write_truth(const ShadowOptions& options, const Image<float>& pict
 
 PictureNotes shadow_notes(const ShadowJob& job, const ReprojectReport& found) {
   PictureNotes notes = notes_of(job.captures.first().basis.header());
-  add_weights(drives_of(job.weights), notes);
+  add_weights(drive_levels_of(job.weights), notes);
   const double asked = shadow_tolerance(job.options).relative_l2;
   if (asked > 0.0) {
     add_error(asked, found.points.reached.relative_l2, notes);

@@ -93,7 +93,7 @@ class WindowSums {
   /// @param shares  as many weights; they add up to 1
   WindowSums(std::span<const WindowSums* const> parts, std::span<const double> shares);
 
-  /// Shares the other's table of the unknown if both are equal.
+  /// Fractions the other's table of the unknown if both are equal.
   void share_unknown(const WindowSums& other);
 
   /// Mean over a rectangle in picture coordinates, pixels taken as squares of constant value:

@@ -55,7 +55,7 @@ struct ReprojectOptions {
   ProgressStyle progress = ProgressStyle::none;
 };
 
-/// What the user of the picture should know. Shares are fractions of lit (receiver, light)
+/// What the user of the picture should know. Fractions are fractions of lit (receiver, light)
 /// pairs, weighted by w E, so that a dark pair does not count.
 struct ReprojectReport {
   std::int64_t n_receivers = 0;

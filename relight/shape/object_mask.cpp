@@ -299,10 +299,10 @@ double gap_of(const std::vector<float>& levels) {
   std::sort(sorted.begin(), sorted.end());
   const std::size_t n = sorted.size();
   const auto bright = double{sorted[n - 1 - n / 20]};
-  constexpr double kDark = 0.1;         // of the bright pixels' level, at most
-  constexpr double kStep = 1.1;         // between thresholds tried
-  constexpr double kBetween = 0.01;     // fraction of pixels within a factor of 1.5 of it
-  constexpr double kLeastShare = 0.02;  // of the picture in each class
+  constexpr double kDark = 0.1;            // of the bright pixels' level, at most
+  constexpr double kStep = 1.1;            // between thresholds tried
+  constexpr double kBetween = 0.01;        // fraction of pixels within a factor of 1.5 of it
+  constexpr double kLeastFraction = 0.02;  // of the picture in each class
   double best = 0.0;
   double fewest = kBetween;
   const auto share_below = [&](double level) {
@@ -316,7 +316,7 @@ double gap_of(const std::vector<float>& levels) {
   for (int step = 0; step < kSteps; ++step, level /= kStep) {
     const double below = share_below(level);
     const double between = share_below(1.5 * level) - share_below(level / 1.5);
-    if (below >= kLeastShare && below <= 1.0 - kLeastShare && between < fewest) {
+    if (below >= kLeastFraction && below <= 1.0 - kLeastFraction && between < fewest) {
       fewest = between;
       best = level;
     }

@@ -15,8 +15,8 @@ namespace {
 
 // 8 sigma keeps false alarms below one in 10^14 normal pixels.
 constexpr double kHotSigmas = 8.0;
-constexpr double kHotShare = 0.01;
-constexpr std::size_t kMostBad = 20;  // one in that many
+constexpr double kHotFraction = 0.01;
+constexpr std::size_t kMostBad = 20;  // one in this many
 
 }  // namespace
 
@@ -29,7 +29,7 @@ void mark_hot(const Image<float>& dark, double range, BadPixelMap& map) {
     value = std::abs(value - median);
   }
   const double sigma = kSigmaPerMad * upper_median(std::span(values));
-  const double limit = median + std::max(kHotSigmas * sigma, kHotShare * range);
+  const double limit = median + std::max(kHotSigmas * sigma, kHotFraction * range);
   for (std::size_t i = 0; i < dark.pixels().size(); ++i) {
     const std::size_t pixel = i / static_cast<std::size_t>(dark.channels());
     if (dark.pixels()[i] > limit && !map.is_bad[pixel]) {

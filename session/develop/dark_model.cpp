@@ -13,7 +13,7 @@ namespace haarlight {
 namespace {
 
 constexpr double kLeastSpread = 0.5;    // steps rms: below it slopes are mere noise
-constexpr double kSameExposure = 1e-3;  // relative: exposures read back differ by a line
+constexpr double kSameExposure = 1e-3;  // relative: read-back exposures differ by a line
 constexpr double kSameGainDb = 0.01;
 constexpr double kLeastSpanC = 0.5;  // of the darks: below it temperature is ignored
 

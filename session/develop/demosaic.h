@@ -12,7 +12,7 @@
 
 namespace haarlight {
 
-/// How a Bayer mosaic becomes three channels.
+/// Conversion of a Bayer mosaic to three channels.
 enum class Demosaic {
   bilinear,    ///< mean of the nearest samples of a colour: exact where the picture is linear
   edge_aware,  ///< green along the smaller gradient, then colour differences [Hamilton97]

@@ -21,7 +21,7 @@ constexpr double kFullLevel = 65535.0;
   throw Error(what, (session.folder() / "session.json").string(), cure);
 }
 
-std::vector<LightDrive> drives_of(const std::vector<LightLevel>& pattern) {
+std::vector<LightDrive> drive_levels_of(const std::vector<LightLevel>& pattern) {
   std::vector<LightDrive> drives;
   drives.reserve(pattern.size());
   for (const LightLevel& level : pattern) {
@@ -31,13 +31,13 @@ std::vector<LightDrive> drives_of(const std::vector<LightLevel>& pattern) {
 }
 
 /// Patterns without parameters: as they are.
-MatchedShots match_any(const Session& session, PatternRecipe recipe,
+MatchedShots match_any(const Session& session, PatternParameters recipe,
                        const std::vector<std::vector<LightLevel>>& patterns) {
   std::vector<std::vector<LightDrive>> shots;
   std::vector<std::size_t> order;
   for (const auto& pattern : patterns) {
     order.push_back(shots.size());
-    shots.push_back(drives_of(pattern));
+    shots.push_back(drive_levels_of(pattern));
   }
   const auto n_lights = static_cast<int>(session.info().lights.size());
   try {
@@ -51,7 +51,7 @@ MatchedShots match_any(const Session& session, PatternRecipe recipe,
 
 MatchedShots match_shots(const Session& session,
                          const std::vector<std::vector<LightLevel>>& patterns) {
-  const PatternRecipe& recipe = session.info().patterns;
+  const PatternParameters& recipe = session.info().patterns;
   const auto n_lights = static_cast<int>(session.info().lights.size());
   constexpr std::size_t kMaxTargets = 8;
   if (recipe.family == PatternFamily::target && patterns.size() > kMaxTargets) {
@@ -100,7 +100,7 @@ MatchedShots match_shots(const Session& session,
     }
     order.push_back(it->second);
     is_used[it->second] = true;
-    shots.push_back(drives_of(patterns[it->second]));
+    shots.push_back(drive_levels_of(patterns[it->second]));
   }
   const auto n_unused = std::count(is_used.begin(), is_used.end(), false);
   if (n_unused > 0) {

@@ -30,7 +30,7 @@ constexpr std::string_view kRecipe =
     "develop 3";  // part of the cache's key: bump when results change
 /// (rows, width, channels) per light -> (channels, rows, width, lights).
 std::vector<float> interleave(const std::vector<Image<float>>& pictures, int skip, int rows) {
-  constexpr std::size_t kBlock = 16;  // lights side by side: a line of the cache
+  constexpr std::size_t kBlock = 16;  // adjacent lights: one cache line
   const auto count_of = [](int n) { return static_cast<std::size_t>(n); };
   const int width = pictures[0].width();
   const int channels = pictures[0].channels();
@@ -175,7 +175,7 @@ Image<float> marks_as_variance(const Image<std::uint8_t>& marks, const Image<flo
   return variance;
 }
 
-/// As interleave(), of few marks: lines without one are passed over.
+/// Like interleave(), for sparse marks: lines without one are skipped.
 std::vector<std::uint8_t> interleave_marks(const StackDims& shape,
                                            const std::vector<Image<std::uint8_t>>& marks,
                                            int skip, int rows) {
@@ -337,7 +337,7 @@ std::string plate_key_of(const Session& session, const DevelopOptions& options) 
   if (!may_need_plate) {
     return {};
   }
-  const std::string without_plate = options.share_evenly ? "even" : "none";
+  const std::string without_plate = options.distribute_evenly ? "even" : "none";
   return options.plate.is_empty() ? without_plate : options.plate.key;
 }
 
@@ -409,7 +409,7 @@ void require_error_known(const Session& session, const Radiometry& radiometry) {
 }
 
 void require_plate(const Session& session, const Job& job, const DevelopOptions& options) {
-  if (!options.plate.is_empty() || options.share_evenly) {
+  if (!options.plate.is_empty() || options.distribute_evenly) {
     return;
   }
   throw Error(

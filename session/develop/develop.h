@@ -33,9 +33,9 @@ struct DevelopOptions {
   std::filesystem::path cache_folder{};
   ProgressStyle progress = ProgressStyle::none;
   /// For bins, target and partial haar captures: clean plate by which a shot's light is
-  /// distributed. Empty: an error for these, unless share_evenly.
+  /// distributed. Empty: an error for these, unless distribute_evenly.
   PlatePixels plate{};
-  bool share_evenly = false;
+  bool distribute_evenly = false;
   RadiometryOptions radiometry{};
   /// Make a second stack of the values' standard errors; -1 where every exposure (of a shot
   /// that the light needs) is clipped. Noise only: does not include what a clean plate

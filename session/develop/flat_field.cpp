@@ -16,7 +16,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr float kDeadShare = 0.02F;  // of the mean: a pixel with less light is dead
+constexpr float kDeadFraction = 0.02F;  // of the mean: a pixel with less light is dead
 constexpr double kMostClipped = 1e-3;
 constexpr int kDegree = 4;
 constexpr int kTerms = (kDegree + 1) * (kDegree + 2) / 2;
@@ -53,7 +53,7 @@ Terms terms_at(const FrameForm& form, int y, int x) {
   return terms;
 }
 
-/// Divides the least-squares polynomial of each colour out.
+/// Divides out the least-squares polynomial of each colour.
 void remove_smooth_part(const FrameForm& form, const BadPixelMap& bad, Image<float>& flat) {
   std::array<Eigen::Matrix<double, kTerms, kTerms>, 3> normal;
   std::array<Terms, 3> right;
@@ -139,7 +139,7 @@ FlatField measure_flat(const Session& session, const std::vector<const FrameReco
   normalise(form, bad, flat);
   for (std::size_t i = 0; i < flat.pixels().size(); ++i) {
     const std::size_t pixel = i / static_cast<std::size_t>(form.channels);
-    if (!(flat.pixels()[i] > kDeadShare) && !bad.is_bad[pixel]) {
+    if (!(flat.pixels()[i] > kDeadFraction) && !bad.is_bad[pixel]) {
       bad.is_bad[pixel] = true;
       ++bad.n_dead;
     }

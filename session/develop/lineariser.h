@@ -10,8 +10,8 @@
 
 namespace haarlight {
 
-/// Linear steps above black, (DN - black), or the sRGB curve undone over the same range. Pure
-/// after construction.
+/// Linear steps above black, (DN - black), or with the sRGB curve inverted over the same range.
+/// Pure after construction.
 class Lineariser {
  public:
   Lineariser(const FrameForm& form, Transfer transfer, const SensorResponse& response);

@@ -13,7 +13,7 @@ namespace haarlight {
 namespace {
 
 constexpr int kMaxPasses = 12;
-constexpr double kConverged = 1e-3;   // of a standard error: far below what noise shows
+constexpr double kConverged = 1e-3;   // of a standard error: far below the noise
 constexpr double kLevelSlack = 0.02;  // of the level: LEDs and exposures are no more accurate
 // The weight of a sample falls linearly from 1 to 0 over this span of sigmas below the clip
 // level. Selecting by a noisy sample biases by slope * sigma^2: 1/20 of its sigma here.

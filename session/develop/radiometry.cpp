@@ -22,7 +22,7 @@ constexpr int kStrip = 64;  // rows of a TIFF's strip, read at once
 // Two exposures are compared where a sample's neighbours predict this signal to noise ratio in
 // the shorter, and less than this fraction of the clip level in the longer.
 constexpr double kComparedSnr = 10.0;
-constexpr double kComparedShare = 0.7;
+constexpr double kComparedFraction = 0.7;
 constexpr double kSureSigmas = 5.0;  // of the levels' ratio: beyond it is not noise
 constexpr double kMovedSigmas = 6.0;
 
@@ -236,7 +236,7 @@ void Radiometry::compare_levels(const StripRow& row, std::vector<LevelPair>& lev
       const double radiance = std::max(signal / per_unit, 0.0);
       const double expected = radiance * shorter.per_unit;
       if (expected > kComparedSnr * std::sqrt(expected + shorter.floor) &&
-          radiance * longer.per_unit < kComparedShare * longer.clip) {
+          radiance * longer.per_unit < kComparedFraction * longer.clip) {
         const double scale = longer.per_unit / shorter.per_unit;
         LevelPair& pair = levels[k];
         pair.sum_longer += longer.electrons;

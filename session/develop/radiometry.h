@@ -99,7 +99,7 @@ class Radiometry {
   /// 0 where the curve is not linear, or channels have gains of their own.
   [[nodiscard]] double step_of(const ScaledFrame& frame) const;
 
-  /// Pixels around a band that inpainting needs, 0 when nothing is bad.
+  /// True when some pixel is bad: inpainting then needs rows around a band.
   [[nodiscard]] bool has_bad_pixels() const { return !bad_.is_empty(); }
   [[nodiscard]] const SensorResponse& response() const { return response_; }
   /// What each step did, as a JSON object.

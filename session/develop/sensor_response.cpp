@@ -14,7 +14,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr double kBlackSlack = 0.001;     // of the range: a black level drifts that much
+constexpr double kBlackSlack = 0.001;     // of the range: a black level drifts this much
 constexpr double kRounding = 1.0 / 12.0;  // variance of rounding to whole numbers, DN^2
 
 /// A black level above the whole picture would make every radiance negative.

@@ -296,7 +296,7 @@ void take_grid(const std::array<int, 2>& grid, std::size_t n_lights, SessionInfo
   info.grid_cols = grid[1];
 }
 
-/// Everything that is known before a picture is written.
+/// Everything known before a picture is written.
 struct Job {
   fs::path lights_from;  ///< for display: the list, or the folder of the pictures
   LightList list;

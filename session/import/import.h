@@ -24,11 +24,11 @@ namespace haarlight {
 /// The position of a neutral patch in every picture.
 struct WhitePatch {
   PixelRectangle patch;               ///< of the whole upright picture
-  std::optional<double> reflectance;  ///< of it; nothing: only its colour counts
+  std::optional<double> reflectance;  ///< of the patch; nothing: only its colour counts
 };
 
 struct ImportOptions {
-  LightPlaces places = LightPlaces::automatic;
+  LightCoordinates places = LightCoordinates::automatic;
   /// The meaning of the numbers in integer pictures; nothing: as the files say (display
   /// pictures are sRGB).
   std::optional<Transfer> transfer{};

@@ -58,8 +58,8 @@ std::vector<double> read_numbers(const std::string& text, std::size_t n, const c
   return numbers;
 }
 
-void read_place(const std::string& text, const char* name, const fs::path& path,
-                SessionLight& light) {
+void read_position(const std::string& text, const char* name, const fs::path& path,
+                   SessionLight& light) {
   const std::vector<double> place = read_numbers(text, 3, name, path);
   light.place = {place[0], place[1], place[2]};
   const double length = light.place.norm();
@@ -77,7 +77,7 @@ SessionLight light_of(const fs::path& path) {
   light.name = path.filename().string();
   if (const std::string* seen = find_note(notes, "haarlightLightFromObject")) {
     light.is_position = true;
-    read_place(*seen, "haarlightLightFromObject", path, light);
+    read_position(*seen, "haarlightLightFromObject", path, light);
     if (const std::string* lobe = find_note(notes, "haarlightLightLobe")) {
       const std::vector<double> n = read_numbers(*lobe, 4, "haarlightLightLobe", path);
       const Eigen::Vector3d axis(n[0], n[1], n[2]);
@@ -92,7 +92,7 @@ SessionLight light_of(const fs::path& path) {
     return light;
   }
   if (const std::string* direction = find_note(notes, "haarlightLightDirection")) {
-    read_place(*direction, "haarlightLightDirection", path, light);
+    read_position(*direction, "haarlightLightDirection", path, light);
     return light;
   }
   if (find_note(notes, "haarlightLightPosition") != nullptr) {

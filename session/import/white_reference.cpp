@@ -13,7 +13,7 @@ namespace haarlight {
 
 namespace {
 
-/// Of a normal distribution its standard deviation, whatever a few lights do.
+/// Standard deviation if normally distributed, robust against a few lights.
 double relative_scatter(const std::vector<double>& values, double median) {
   std::vector<double> distances;
   distances.reserve(values.size());
@@ -34,7 +34,7 @@ std::vector<std::size_t> usable_lights(const std::vector<PatchSample>& patches,
   for (const PatchSample& patch : patches) {
     brightest = patch.is_clipped ? brightest : std::max(brightest, least_of(patch));
   }
-  const double least = kLeastPatchShare * (are_integers ? 1.0 : brightest);
+  const double least = kLeastPatchFraction * (are_integers ? 1.0 : brightest);
   std::vector<std::size_t> used;
   for (std::size_t k = 0; k < patches.size(); ++k) {
     if (patches[k].is_clipped) {

@@ -36,7 +36,7 @@ struct WhiteReference {
   int n_used = 0;
   int n_clipped = 0;
   int n_dark = 0;
-  int furthest = -1;      ///< the light whose colour is furthest off
+  int furthest = -1;      ///< the light whose colour deviates most
   double distance = 0.0;  ///< relative, of its worst channel
 };
 
@@ -48,7 +48,7 @@ struct WhiteTask {
 };
 
 /// The gains of all pictures: for each channel the median over the lights under which no sample
-/// of the patch is clipped and its darkest channel is lit: above kLeastPatchShare of the range,
+/// of the patch is clipped and its darkest channel is lit: above kLeastPatchFraction of the range,
 /// or, for floating-point values, which have none, of the brightest such patch. With a
 /// reflectance they also scale the patch, which lies in the picture's plane, to reflectance *
 /// cos(angle of the light to the view), in the median over the lights above 3 degrees: a white
@@ -61,7 +61,7 @@ struct WhiteTask {
 
 /// Below this 8-bit sRGB is too coarse (a step is 4.5 % of the value), and a patch in shadow is
 /// lit by other light.
-inline constexpr double kLeastPatchShare = 0.02;
+inline constexpr double kLeastPatchFraction = 0.02;
 
 /// "R 1.000, G 1.220 ... under 14 of 16 lights", for display.
 [[nodiscard]] std::string words(const WhiteReference& white, std::size_t n_lights);

@@ -70,7 +70,7 @@ TEST(Advice, TheExposureAndTheDarksEnterAsTheyShould) {
 }
 
 TEST(Advice, SMatrixGainIsTheFormula) {
-  const PatternRecipe recipe{PatternFamily::s_matrix, {{9, 7}}, 0, {}};
+  const PatternParameters recipe{PatternFamily::s_matrix, {{9, 7}}, 0, {}};
   std::vector<std::vector<LightDrive>> shots;
   std::vector<std::vector<LightDrive>> singles;
   for (const auto& lit : lit_lights(recipe)) {

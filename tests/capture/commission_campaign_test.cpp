@@ -226,7 +226,7 @@ TEST(CommissionCampaign, EveryTruthIsFoundOrRefused) {
         if (camera.read_us) {
           // What captures need of the two. Each alone is far less certain, and by the same
           // error.
-          const StampEvidence& e = result.timing.evidence;
+          const TimestampEvidence& e = result.timing.evidence;
           tally.add(
               "latch + read",
               Measured{light.latch_us->value + camera.read_us->value, e.offset_sigma_us, 0},

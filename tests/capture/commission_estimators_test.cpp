@@ -24,13 +24,13 @@ using ::testing::IsEmpty;
 
 TEST(LitShare, IsTheWindowedIntegralOfARamp) {
   // Inside the ramp, past it, and beyond the exposure: by hand from H(u).
-  EXPECT_DOUBLE_EQ(lit_share(-1.0, 100.0, 20.0), 0.0);
-  EXPECT_DOUBLE_EQ(lit_share(10.0, 100.0, 20.0), 100.0 / 40.0 / 100.0);
-  EXPECT_DOUBLE_EQ(lit_share(60.0, 100.0, 20.0), 50.0 / 100.0);
-  EXPECT_DOUBLE_EQ(lit_share(120.0, 100.0, 20.0), 1.0);
-  EXPECT_DOUBLE_EQ(lit_share(50.0, 100.0, 0.0), 0.5);
+  EXPECT_DOUBLE_EQ(lit_fraction(-1.0, 100.0, 20.0), 0.0);
+  EXPECT_DOUBLE_EQ(lit_fraction(10.0, 100.0, 20.0), 100.0 / 40.0 / 100.0);
+  EXPECT_DOUBLE_EQ(lit_fraction(60.0, 100.0, 20.0), 50.0 / 100.0);
+  EXPECT_DOUBLE_EQ(lit_fraction(120.0, 100.0, 20.0), 1.0);
+  EXPECT_DOUBLE_EQ(lit_fraction(50.0, 100.0, 0.0), 0.5);
   // A ramp longer than the exposure.
-  EXPECT_NEAR(lit_share(100.0, 50.0, 200.0), 0.375, 1e-12);
+  EXPECT_NEAR(lit_fraction(100.0, 50.0, 200.0), 0.375, 1e-12);
 }
 
 RC_GTEST_PROP(LitShare, AgreesWithNumericalIntegration, ()) {
@@ -43,7 +43,7 @@ RC_GTEST_PROP(LitShare, AgreesWithNumericalIntegration, ()) {
     const double u = x - e + (i + 0.5) / n * e;
     sum += std::clamp(u / ramp, 0.0, 1.0) / n;
   }
-  RC_ASSERT(std::abs(sum - lit_share(x, e, ramp)) < 1e-3 / ramp + 1e-6);
+  RC_ASSERT(std::abs(sum - lit_fraction(x, e, ramp)) < 1e-3 / ramp + 1e-6);
 }
 
 /// Steps at random phases as the model has them, without noise unless asked.
@@ -66,7 +66,7 @@ std::vector<StepSample> made_steps(const StepModel& truth, int n_steps, int n_ro
         s.row = n_rows > 1 ? static_cast<double>(row) / (n_rows - 1) : 0.0;
         s.after_us = x0 - e + truth.offset_us[j] + slip;
         const double x = x0 + s.row * truth.skew_us;
-        const double share = lit_share(x, e, s.rises ? truth.rise_us : truth.fall_us);
+        const double share = lit_fraction(x, e, s.rises ? truth.rise_us : truth.fall_us);
         s.level = (s.rises ? share : 1.0 - share) +
                   noise * standard_normal(hash_key(3, key, static_cast<std::uint64_t>(row)));
         s.sigma = std::max(noise, 1e-4);
@@ -261,8 +261,8 @@ TEST(ControlPhase, IsNarrowedFromBothSides) {
   EXPECT_FALSE(control_phase({}, 100.0, 1.0));
 }
 
-StampEvidence evidence(double slope, double offset_us, double arrival_us) {
-  StampEvidence e;
+TimestampEvidence evidence(double slope, double offset_us, double arrival_us) {
+  TimestampEvidence e;
   e.slope = slope;
   e.slope_sigma = 0.005;
   e.offset_us = offset_us;
@@ -274,9 +274,9 @@ StampEvidence evidence(double slope, double offset_us, double arrival_us) {
 }
 
 TEST(JudgeStamp, TellsTheThreeMeanings) {
-  StampEvidence e = evidence(0.004, 812.0, 8000.0 + 12200.0);
+  TimestampEvidence e = evidence(0.004, 812.0, 8000.0 + 12200.0);
   e.control = ControlPhase{-10.0, 30.0, 20};
-  auto v = judge_stamp(e);
+  auto v = classify_timestamp(e);
   ASSERT_TRUE(v);
   EXPECT_EQ(v->meaning, TimestampMeaning::start_exposure);
   EXPECT_EQ(v->latch_us.value, 812.0);
@@ -286,14 +286,14 @@ TEST(JudgeStamp, TellsTheThreeMeanings) {
 
   e = evidence(0.998, 812.0, 12200.0);
   e.control = ControlPhase{33300.0, 33350.0, 20};
-  v = judge_stamp(e);
+  v = classify_timestamp(e);
   ASSERT_TRUE(v);
   EXPECT_EQ(v->meaning, TimestampMeaning::start_readout);
   EXPECT_EQ(v->exposure_delay_frames->value, 1.0);
 
   e = evidence(1.002, 12812.0, 200.0);
   e.control = ControlPhase{2 * 33333.0 + 11990.0, 2 * 33333.0 + 12010.0, 20};
-  v = judge_stamp(e);
+  v = classify_timestamp(e);
   ASSERT_TRUE(v);
   EXPECT_EQ(v->meaning, TimestampMeaning::end_frame);
   EXPECT_EQ(v->exposure_delay_frames->value, 2.0);
@@ -305,24 +305,24 @@ TEST(JudgeStamp, TellsTheThreeMeanings) {
 TEST(JudgeStamp, UsesTheSkewOfARollingShutter) {
   // The light's delay is longer than the readout: arrival alone would say "end of frame", but
   // a frame cannot reach the host before its last row.
-  StampEvidence e = evidence(1.0, 20000.0, 15300.0);
+  TimestampEvidence e = evidence(1.0, 20000.0, 15300.0);
   e.skew_us = 15000.0;
-  auto v = judge_stamp(e);
+  auto v = classify_timestamp(e);
   ASSERT_TRUE(v);
   EXPECT_EQ(v->meaning, TimestampMeaning::end_frame);  // both fit; the shorter way is the end's
   e.offset_us = 9000.0;
-  v = judge_stamp(e);
+  v = classify_timestamp(e);
   EXPECT_EQ(v->meaning, TimestampMeaning::start_readout);
   e.offset_us = 30000.0;
   e.arrival_us = 400.0;
-  v = judge_stamp(e);
+  v = classify_timestamp(e);
   EXPECT_EQ(v->meaning, TimestampMeaning::end_frame);
 }
 
 TEST(JudgeStamp, SaysWhenOnlyTheSumIsMeasured) {
-  StampEvidence e = evidence(1.0, 12812.0, 200.0);
+  TimestampEvidence e = evidence(1.0, 12812.0, 200.0);
   e.written_latch_us = 500.0;
-  const auto v = judge_stamp(e);
+  const auto v = classify_timestamp(e);
   ASSERT_TRUE(v);
   EXPECT_FALSE(v->is_divided);
   EXPECT_NEAR(v->latch_us.value + v->read_us->value, 12812.0, 1e-9);
@@ -332,10 +332,10 @@ TEST(JudgeStamp, SaysWhenOnlyTheSumIsMeasured) {
 }
 
 TEST(JudgeStamp, RefusesAStampInTheMiddle) {
-  EXPECT_FALSE(judge_stamp(evidence(0.5, 812.0, 8000.0)));
-  StampEvidence vague = evidence(0.0, 812.0, 8000.0);
+  EXPECT_FALSE(classify_timestamp(evidence(0.5, 812.0, 8000.0)));
+  TimestampEvidence vague = evidence(0.0, 812.0, 8000.0);
   vague.slope_sigma = 0.3;
-  EXPECT_FALSE(judge_stamp(vague));
+  EXPECT_FALSE(classify_timestamp(vague));
 }
 
 // ---- noise ----

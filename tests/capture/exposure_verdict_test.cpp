@@ -66,12 +66,12 @@ TEST(ExposureVerdict, NeedsMoreSigmasOfFewStepsThanOfMany) {
         std::tuple{13, 6.2, ExposureVerdict::open},
         std::tuple{13, 7.0, ExposureVerdict::wrong}}) {
     const double wave = wave_for(1.1, sigmas, n);
-    EXPECT_EQ(judge_exposure(made(1.1, wave, n), kQuestion).kind, kind)
+    EXPECT_EQ(assess_exposure(made(1.1, wave, n), kQuestion).kind, kind)
         << n << " steps, " << sigmas << " sigmas";
   }
   // Within 4 % nothing is said however sure it is; where nothing was seen, nothing is known.
-  EXPECT_EQ(judge_exposure(made(1.03, 0.0, 60), kQuestion).kind, ExposureVerdict::as_said);
-  EXPECT_EQ(judge_exposure({}, kQuestion).kind, ExposureVerdict::as_said);
+  EXPECT_EQ(assess_exposure(made(1.03, 0.0, 60), kQuestion).kind, ExposureVerdict::as_said);
+  EXPECT_EQ(assess_exposure({}, kQuestion).kind, ExposureVerdict::as_said);
 }
 
 /// What commissioning must not do with a fact that it cannot measure: pass it over.

@@ -54,18 +54,18 @@ TEST(FrameOrder, AStreamBegunAnewContinuesAfterAGapWithoutAComplaint) {
 TEST(FrameOrder, AStampOfThePastTheFutureOrLongAgoIsAJumpAndIsForgotten) {
   FrameOrder order(kPatienceNs);
   const std::int64_t t = 1'000'000'000'000;
-  EXPECT_FALSE(order.judge(0, t, t + 1).is_stamp_jump);
-  EXPECT_TRUE(order.judge(1, t, t + kFrameNs).is_stamp_jump);      // the same again
-  EXPECT_TRUE(order.judge(2, t - 1, t + kFrameNs).is_stamp_jump);  // back
-  EXPECT_TRUE(order.judge(3, t + 1'000'000'000, t + kFrameNs).is_stamp_jump);
-  EXPECT_TRUE(order.judge(4, t + 1, t + kPatienceNs + 2).is_stamp_jump);
-  EXPECT_FALSE(order.judge(5, t + kFrameNs, t + kFrameNs).is_stamp_jump);
+  EXPECT_FALSE(order.judge(0, t, t + 1).is_timestamp_jump);
+  EXPECT_TRUE(order.judge(1, t, t + kFrameNs).is_timestamp_jump);      // the same again
+  EXPECT_TRUE(order.judge(2, t - 1, t + kFrameNs).is_timestamp_jump);  // back
+  EXPECT_TRUE(order.judge(3, t + 1'000'000'000, t + kFrameNs).is_timestamp_jump);
+  EXPECT_TRUE(order.judge(4, t + 1, t + kPatienceNs + 2).is_timestamp_jump);
+  EXPECT_FALSE(order.judge(5, t + kFrameNs, t + kFrameNs).is_timestamp_jump);
 }
 
 TEST(FrameOrder, AStampIsNeverLaterThanItsFramesArrival) {
   const std::int64_t t = 1'000'000'000'000;
-  EXPECT_FALSE(FrameOrder(kPatienceNs).judge(0, t, t).is_stamp_jump);
-  EXPECT_TRUE(FrameOrder(kPatienceNs).judge(0, t + 1, t).is_stamp_jump);
+  EXPECT_FALSE(FrameOrder(kPatienceNs).judge(0, t, t).is_timestamp_jump);
+  EXPECT_TRUE(FrameOrder(kPatienceNs).judge(0, t + 1, t).is_timestamp_jump);
 }
 
 RC_GTEST_PROP(FrameOrder, SequencesGrowAndTellEveryGapWhateverTheDriverCounts,
@@ -84,7 +84,7 @@ RC_GTEST_PROP(FrameOrder, SequencesGrowAndTellEveryGapWhateverTheDriverCounts,
     const bool is_forward = step > 0 && step < 0x8000'0000U;
     RC_ASSERT(verdict.is_restart == !is_forward);
     RC_ASSERT(verdict.sequence - last == (is_forward ? step : 2U));
-    RC_ASSERT(!verdict.is_stamp_jump);
+    RC_ASSERT(!verdict.is_timestamp_jump);
     last = verdict.sequence;
   }
 }

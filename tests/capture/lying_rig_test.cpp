@@ -34,7 +34,7 @@ struct Tally {
     sum.n_late += outcome.n_late;
     const SequencerCounters& c = outcome.counters;
     sum.counters.frames += c.frames;
-    sum.counters.stamps_ahead += c.stamps_ahead;
+    sum.counters.timestamps_ahead += c.timestamps_ahead;
     sum.counters.off_rhythm += c.off_rhythm;
     sum.counters.rhythm_unknown += c.rhythm_unknown;
     sum.counters.frames_out_of_order += c.frames_out_of_order;
@@ -52,7 +52,7 @@ struct Tally {
         "out "
         "of order, {} seen before, {} not confirmed, {} unproven by the strobe, {} other tags; "
         "{} true stamps refused ({:.4f} % of the frames); {} retries\n",
-        what, c.frames, sum.n_commits, sum.n_wrong, sum.n_late, sum.n_false, c.stamps_ahead,
+        what, c.frames, sum.n_commits, sum.n_wrong, sum.n_late, sum.n_false, c.timestamps_ahead,
         c.off_rhythm, c.rhythm_unknown, c.frames_out_of_order, c.duplicates, c.confirms_failed,
         c.strobe_unproven, c.table_mismatches, sum.n_suspected, needless_percent(), c.retries);
   }
@@ -99,7 +99,7 @@ Tally run_rigs(std::uint64_t seed, std::uint64_t n, int max_shots, Change change
 
 /// Of real cameras: up to 50 us of normal jitter, a clock up to 50 ppm off.
 void give_jitter(ModelRigConfig& config) {
-  config.stamp_sigma_us = 50.0 * uniform_unit(hash_key(config.seed, 31));
+  config.timestamp_sigma_us = 50.0 * uniform_unit(hash_key(config.seed, 31));
   config.camera_ppm = 100.0 * uniform_unit(hash_key(config.seed, 32)) - 50.0;
 }
 
@@ -119,8 +119,8 @@ TEST_P(LyingRig, AnHonestReadBackAndFalseStampsCommitNoWrongFrame) {
                  give_jitter(config);
                  config.counts_wrong = true;
                  config.faults.light_late = share_between(config, 0.04, 0.2);
-                 config.faults.stamp_late = 0.025;
-                 config.faults.stamp_early = 0.025;
+                 config.faults.timestamp_late = 0.025;
+                 config.faults.timestamp_early = 0.025;
                });
   tally.tell(fmt::format("{}, {}", to_string(sync), to_string(meaning)));
   EXPECT_EQ(tally.sum.n_wrong, 0);
@@ -155,8 +155,8 @@ TEST(LyingRig, AFrameOfALatchThatWasGivenUpIsNotTakenForTheNextOnes) {
                                    config.faults.light_timeout = 0.05;
                                    config.faults.trigger_lost = 0.1;
                                    config.faults.light_late = 0.2;
-                                   config.faults.stamp_late = 0.5;
-                                   config.faults.stamp_early = 0.1;
+                                   config.faults.timestamp_late = 0.5;
+                                   config.faults.timestamp_early = 0.1;
                                  });
     tally.tell(fmt::format("{}, latches given up", to_string(sync)));
     EXPECT_EQ(tally.sum.n_wrong, 0);

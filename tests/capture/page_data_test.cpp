@@ -162,7 +162,7 @@ TEST(PreviewCodes, ASingleSaturatedPixelShowsInItsBlock) {
       EXPECT_EQ(codes(y, x) == kCodeSaturated, y == 1 && x == 2) << y << ' ' << x;
     }
   }
-  EXPECT_DOUBLE_EQ(saturated_share_of(codes.view()), 1.0 / 12.0);
+  EXPECT_DOUBLE_EQ(saturated_fraction_of(codes.view()), 1.0 / 12.0);
 }
 
 TEST(PreviewCodes, ABlockIsBlackOnlyWhenAllOfItIs) {

@@ -88,7 +88,7 @@ class PatternRig : public ::testing::Test {
     const LightStack stack = develop(session, options);
     std::vector<double> lights;
     const CameraSpec& camera = wanted_.cameras.front();
-    // Shares of the range a second, back to the transport's units.
+    // Fractions of the range a second, back to the transport's units.
     const double unit = camera.exposure_us * 1e-6 *
                         (std::pow(2.0, camera.bits) - 1.0 - camera.noise.black_dn) *
                         camera.noise.gain_e_per_dn / (0.5 * camera.noise.full_well_e) *

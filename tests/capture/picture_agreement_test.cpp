@@ -109,8 +109,8 @@ TEST(PictureAgreement, AnHonestRunAgreesAndSaysHowMuchOfAnotherLightCouldHide) {
     EXPECT_EQ(found.agrees_with, lab.light(shot)) << found.note;
     // Pictures 0.35 apart at each of 64 points, 0.005 of noise in a pair: 5 sigma is a
     // hundredth, times what the two directions have in common.
-    EXPECT_LT(found.other_share, 0.1);
-    EXPECT_GT(found.other_share, 0.003);
+    EXPECT_LT(found.other_fraction, 0.1);
+    EXPECT_GT(found.other_fraction, 0.003);
     EXPECT_THAT(found.doubted, IsEmpty()) << found.note;
   }
 }
@@ -122,7 +122,7 @@ TEST(PictureAgreement, AClippedPointOfThePictureBeforeDoesNotCount) {
     double share = 0.0;
     for (int shot = 0; shot < 2 * kLights; ++shot) {
       const AgreementFinding found = lab.shoot(shot);
-      share = lab.light(shot) == 5 ? found.other_share : share;
+      share = lab.light(shot) == 5 ? found.other_fraction : share;
     }
     return share;
   };
@@ -172,7 +172,7 @@ TEST(PictureAgreement, TheSameMixtureInBothPassesIsFound) {
     const AgreementFinding found =
         lab.shoot(shot, shot > 0 ? 0.08 : 0.0, shot > 0 ? lab.light(shot - 1) : -1);
     n_doubted += static_cast<int>(found.doubted.size());
-    n_agreed += found.agrees_with >= 0 && found.other_share < 0.08 ? 1 : 0;
+    n_agreed += found.agrees_with >= 0 && found.other_fraction < 0.08 ? 1 : 0;
   }
   EXPECT_GE(n_doubted, kLights - 1);
   EXPECT_EQ(n_agreed, 0);
@@ -226,8 +226,9 @@ TEST(PictureAgreement, MoreNoiseThanTheRigFileSaysWidensWhatIsStatedAndStopsNoth
       const AgreementFinding found = lab.shoot(shot);
       // 24 pairs tell of it.
       n_doubted_late += shot > 3 * kLights ? static_cast<int>(found.doubted.size()) : 0;
-      least = shot > 3 * kLights && found.agrees_with >= 0 ? std::min(least, found.other_share)
-                                                           : least;
+      least = shot > 3 * kLights && found.agrees_with >= 0
+                  ? std::min(least, found.other_fraction)
+                  : least;
     }
     return least;
   };

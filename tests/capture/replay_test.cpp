@@ -70,14 +70,14 @@ int replay(ReplayCamera& camera, const Rig& rig, const Plan& plan, std::int64_t 
   const auto period_ns = static_cast<std::int64_t>(1e9 / rig.cameras.front().fps);
   std::uint64_t id = 0;
   for (std::int64_t k = FrameRhythm::kFirst; k > 0; --k) {
-    const std::int64_t stamp_ns = first.timestamp_ns - delay_ns - k * period_ns;
+    const std::int64_t timestamp_ns = first.timestamp_ns - delay_ns - k * period_ns;
     const FrameInfo info{.sequence = first.sequence + 100 - static_cast<std::uint64_t>(k),
-                         .timestamp_ns = stamp_ns,
-                         .arrival_ns = stamp_ns,
+                         .timestamp_ns = timestamp_ns,
+                         .arrival_ns = timestamp_ns,
                          .flags = kFrameMonotonic,
                          .exposure_us = first.exposure_read_us};
     ++id;
-    send(stamp_ns, event::FrameArrived{id, state.stream, info, id, true});
+    send(timestamp_ns, event::FrameArrived{id, state.stream, info, id, true});
   }
   EXPECT_EQ(state.phase, Phase::running);
   int n_good = 0;

@@ -174,12 +174,12 @@ std::shared_ptr<const SequencerPlan> two_shots() {
 }
 
 /// Of a camera with a period of 0.1 ms, so that every stamp of a single step lies on it.
-event::FrameArrived frame_at(std::uint64_t frame, std::int64_t stamp_ns) {
+event::FrameArrived frame_at(std::uint64_t frame, std::int64_t timestamp_ns) {
   return {.frame = frame,
           .stream = 1,
-          .info = {.sequence = static_cast<std::uint64_t>(100 + stamp_ns / 100'000),
-                   .timestamp_ns = stamp_ns,
-                   .arrival_ns = stamp_ns + 10'000,
+          .info = {.sequence = static_cast<std::uint64_t>(100 + timestamp_ns / 100'000),
+                   .timestamp_ns = timestamp_ns,
+                   .arrival_ns = timestamp_ns + 10'000,
                    .flags = kFrameMonotonic,
                    .exposure_us = 1000.0},
           .pixel_hash = frame * 1000 + 1};
@@ -196,7 +196,7 @@ Driver devices_there(std::shared_ptr<const SequencerPlan> plan = two_shots()) {
   return d;
 }
 
-/// `n` frames of a stream, the last one stamped `last_ns`.
+/// `n` frames of a stream, the last one timestamped `last_ns`.
 void send_frames(Driver& d, std::size_t n, std::int64_t last_ns) {
   for (std::size_t k = n; k-- > 0;) {
     event::FrameArrived frame =
@@ -586,7 +586,7 @@ TEST(Sequencer, AStampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
   event::FrameArrived early = frame_at(1, 3'700'000);
   early.info.arrival_ns = early.info.timestamp_ns - 3'000'000;
   d.send(early);
-  EXPECT_EQ(d.state.counters.stamps_ahead, 1U);
+  EXPECT_EQ(d.state.counters.timestamps_ahead, 1U);
   EXPECT_EQ(d.state.current, 0);
   const auto* line = d.find<action::LogEvent>();
   ASSERT_NE(line, nullptr);
@@ -595,7 +595,7 @@ TEST(Sequencer, AStampLaterThanItsArrivalIsNotTakenAndToldOfOnceAStream) {
   early.info.arrival_ns = early.info.timestamp_ns - 1;
   d.send(early);
   EXPECT_EQ(d.find<action::LogEvent>(), nullptr);
-  EXPECT_EQ(d.state.counters.stamps_ahead, 2U);
+  EXPECT_EQ(d.state.counters.timestamps_ahead, 2U);
   d.send(frame_at(3, 3'900'000));
   EXPECT_EQ(d.state.current, 1) << "taken";
 }

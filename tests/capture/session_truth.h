@@ -26,8 +26,8 @@ inline void expect_true_session(const std::filesystem::path& folder) {
     const int active = session.info().form.height;
     const std::vector<std::byte> rows =
         read_frame_tiff_rows(file.bytes(), header, active, header.height, frame.file);
-    const auto tag = decode_tag_rows({reinterpret_cast<const std::uint16_t*>(rows.data()),
-                                      header.height - active, header.width, 1});
+    const auto tag = decode_metadata_rows({reinterpret_cast<const std::uint16_t*>(rows.data()),
+                                           header.height - active, header.width, 1});
     ASSERT_TRUE(tag.has_value()) << frame.file;
     EXPECT_FALSE(tag->is_mixed) << frame.file;
     EXPECT_EQ(tag->tag, kFirstTag + static_cast<std::uint32_t>(frame.shot)) << frame.file;

@@ -107,8 +107,8 @@ class Soak : public ::testing::TestWithParam<SyncMode> {
                       {.seed = 7,
                        .faults = faults,
                        .n_buffers = 24,
-                       .strobe_lost_share = 0.01,
-                       .strobe_false_share = 0.01,
+                       .strobe_lost_probability = 0.01,
+                       .strobe_false_probability = 0.01,
                        .own_folder = folder_.path()});
     const Rig& rig = served.rig();
     DiskStorage storage;

@@ -29,7 +29,7 @@ TEST(TagRows, BlocksAreAsLargeAsTheRowsAllow) {
 
 TEST(TagRows, FirstBlocksSpellTheSyncWord) {
   Image<std::uint16_t> rows(8, 64, 1);
-  encode_tag_rows(rows.view(), {.tag = 7}, 100, 900);
+  encode_metadata_rows(rows.view(), {.tag = 7}, 100, 900);
   const int expected[] = {900, 100, 900, 900, 100, 100, 900, 100};  // 0xB2
   for (int i = 0; i < 8; ++i) {
     EXPECT_EQ(rows(0, 2 * i), expected[i]) << "block " << i;
@@ -40,9 +40,9 @@ TEST(TagRows, FirstBlocksSpellTheSyncWord) {
 RC_GTEST_PROP(TagRows, ReadBackWhatWasWrittenUnderNoise,
               (std::uint32_t tag, bool is_mixed, std::uint64_t seed)) {
   Image<std::uint16_t> rows(8, 64, 1);
-  encode_tag_rows(rows.view(), {.tag = tag, .is_mixed = is_mixed}, 256, 12000);
+  encode_metadata_rows(rows.view(), {.tag = tag, .is_mixed = is_mixed}, 256, 12000);
   add_noise(rows, (12000.0 - 256.0) / 6.0, seed);
-  const auto read = decode_tag_rows(rows.view());
+  const auto read = decode_metadata_rows(rows.view());
   RC_ASSERT(read.has_value());
   RC_ASSERT((*read == FrameTag{.tag = tag, .is_mixed = is_mixed}));
 }
@@ -50,21 +50,21 @@ RC_GTEST_PROP(TagRows, ReadBackWhatWasWrittenUnderNoise,
 RC_GTEST_PROP(TagRows, AFlippedBlockIsNeverReadAsAnotherTag, (std::uint32_t tag)) {
   const int flipped = *rc::gen::inRange(0, 96);
   Image<std::uint16_t> rows(8, 64, 1);
-  encode_tag_rows(rows.view(), {.tag = tag}, 0, 1000);
+  encode_metadata_rows(rows.view(), {.tag = tag}, 0, 1000);
   for (int y = 0; y < 2; ++y) {
     for (int x = 0; x < 2; ++x) {
       std::uint16_t& word = rows((flipped / 32) * 2 + y, (flipped % 32) * 2 + x);
       word = word == 0 ? 1000 : 0;
     }
   }
-  RC_ASSERT(!decode_tag_rows(rows.view()).has_value());
+  RC_ASSERT(!decode_metadata_rows(rows.view()).has_value());
 }
 
 TEST(TagRows, NoiseAloneHasNoTag) {
   for (std::uint64_t seed = 0; seed < 1000; ++seed) {
     Image<std::uint16_t> rows(8, 64, 1);
     add_noise(rows, 500.0, seed);
-    EXPECT_FALSE(decode_tag_rows(rows.view()).has_value()) << "seed " << seed;
+    EXPECT_FALSE(decode_metadata_rows(rows.view()).has_value()) << "seed " << seed;
   }
 }
 

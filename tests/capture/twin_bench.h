@@ -167,7 +167,7 @@ class TwinBench {
       auto copy = std::make_shared<Image<std::uint16_t>>(words_);
       FrameInfo info;
       info.sequence = frame.sequence;
-      info.timestamp_ns = sensor.stamp_ns(frame.exposure);
+      info.timestamp_ns = sensor.timestamp_ns(frame.exposure);
       info.arrival_ns = bench_.now_;
       info.flags = kFrameMonotonic;
       info.exposure_us = frame.exposure.exposure_us / bench_.stretch_;
@@ -195,13 +195,13 @@ class TwinBench {
 
     void begin_frame() {
       const CameraSpec& is = bench_.truth_rig_.cameras[0];
-      asked_us_.push_back(exposure_us_);
-      if (static_cast<int>(asked_us_.size()) > is.exposure_delay_frames + 1) {
-        asked_us_.pop_front();
+      requested_us_.push_back(exposure_us_);
+      if (static_cast<int>(requested_us_.size()) > is.exposure_delay_frames + 1) {
+        requested_us_.pop_front();
       }
       Running frame;
       frame.sequence = sequence_++;
-      frame.exposure = {next_start_ns_, bench_.stretch_ * asked_us_.front(), 0.0};
+      frame.exposure = {next_start_ns_, bench_.stretch_ * requested_us_.front(), 0.0};
       const double late = bench_.chance(34);
       frame.arrival_ns = bench_.sensor_.read_out_ns(frame.exposure) + 200'000 +
                          static_cast<std::int64_t>(1e3 * (late < 0.97 ? 300.0 * late : 5000.0));
@@ -217,7 +217,7 @@ class TwinBench {
     double exposure_us_ = 0.0;
     std::int64_t next_start_ns_ = 0;
     std::uint64_t sequence_ = 0;
-    std::deque<double> asked_us_;
+    std::deque<double> requested_us_;
     std::deque<Running> running_;
     Image<std::uint16_t> words_;
   };

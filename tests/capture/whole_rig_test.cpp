@@ -398,8 +398,8 @@ TEST_F(WholeRig, ALightThatDoesNotFitOneFrameStepsAtEverySecondStrobe) {
 
 TEST_F(WholeRig, LostAndFalseStrobesAndLostFramesCostFramesAndPairNoneWrongly) {
   wanted_.sync = SyncMode::camera_leads;
-  options_.strobe_lost_share = 0.1;
-  options_.strobe_false_share = 0.1;
+  options_.strobe_lost_probability = 0.1;
+  options_.strobe_false_probability = 0.1;
   FaultScript faults;
   faults.frames = {.drop_share = 0.02, .duplicate_share = 0.02, .jitter_us = 20.0};
   capture(faults);

@@ -27,7 +27,7 @@ std::vector<double> random_values(std::size_t n, std::uint64_t seed) {
   return values;
 }
 
-std::vector<std::vector<LightDrive>> shots_of(const PatternRecipe& recipe, double drive) {
+std::vector<std::vector<LightDrive>> shots_of(const PatternParameters& recipe, double drive) {
   std::vector<std::vector<LightDrive>> shots;
   for (const std::vector<int>& lights : lit_lights(recipe)) {
     shots.emplace_back();
@@ -38,12 +38,13 @@ std::vector<std::vector<LightDrive>> shots_of(const PatternRecipe& recipe, doubl
   return shots;
 }
 
-PatternInverse inverse_of(const PatternRecipe& recipe, double drive = 1.0) {
+PatternInverse inverse_of(const PatternParameters& recipe, double drive = 1.0) {
   return {recipe, shots_of(recipe, drive), recipe.n_lights()};
 }
 
-PatternRecipe recipe_of(PatternFamily family, std::vector<FaceGrid> faces, int bin = 0) {
-  PatternRecipe recipe{family, std::move(faces), bin, {}};
+PatternParameters parameters_of(PatternFamily family, std::vector<FaceGrid> faces,
+                                int bin = 0) {
+  PatternParameters recipe{family, std::move(faces), bin, {}};
   if (family == PatternFamily::haar) {
     recipe.wavelets.resize(static_cast<std::size_t>(recipe.n_lights()));
     std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
@@ -130,14 +131,14 @@ TEST(PatternInverse, TheFastSMatrixIsExactOnWholeNumbers) {
 }
 
 TEST(PatternInverse, CompleteFamiliesGiveEveryLightBack) {
-  for (const PatternRecipe& recipe :
-       {recipe_of(PatternFamily::one_at_a_time, {{3, 5}}),
-        recipe_of(PatternFamily::bins, {{4, 6}, {2, 3}}, 1),
-        recipe_of(PatternFamily::s_matrix, {{8, 8}}),
-        recipe_of(PatternFamily::s_matrix, {{4, 4}, {4, 4}, {4, 4}}),
-        recipe_of(PatternFamily::s_matrix, {{5, 5}, {3, 2}, {1, 1}}),
-        recipe_of(PatternFamily::haar, {{8, 8}}),
-        recipe_of(PatternFamily::haar, {{4, 4}, {4, 4}})}) {
+  for (const PatternParameters& recipe :
+       {parameters_of(PatternFamily::one_at_a_time, {{3, 5}}),
+        parameters_of(PatternFamily::bins, {{4, 6}, {2, 3}}, 1),
+        parameters_of(PatternFamily::s_matrix, {{8, 8}}),
+        parameters_of(PatternFamily::s_matrix, {{4, 4}, {4, 4}, {4, 4}}),
+        parameters_of(PatternFamily::s_matrix, {{5, 5}, {3, 2}, {1, 1}}),
+        parameters_of(PatternFamily::haar, {{8, 8}}),
+        parameters_of(PatternFamily::haar, {{4, 4}, {4, 4}})}) {
     const PatternInverse inverse = inverse_of(recipe, 0.75);
     EXPECT_FALSE(inverse.needs_plate());
     const std::vector<double> lights =
@@ -149,7 +150,7 @@ TEST(PatternInverse, CompleteFamiliesGiveEveryLightBack) {
 }
 
 TEST(PatternInverse, BinsAreExactWhereTheObjectIsThePlateTimesAGain) {
-  const PatternRecipe recipe = recipe_of(PatternFamily::bins, {{8, 8}}, 4);
+  const PatternParameters recipe = parameters_of(PatternFamily::bins, {{8, 8}}, 4);
   const PatternInverse inverse = inverse_of(recipe);
   EXPECT_TRUE(inverse.needs_plate());
   const std::vector<double> plate = random_values(64, 2);
@@ -161,7 +162,7 @@ TEST(PatternInverse, BinsAreExactWhereTheObjectIsThePlateTimesAGain) {
 }
 
 TEST(PatternInverse, BinsKeepEveryShot) {
-  const PatternInverse inverse = inverse_of(recipe_of(PatternFamily::bins, {{8, 8}}, 2));
+  const PatternInverse inverse = inverse_of(parameters_of(PatternFamily::bins, {{8, 8}}, 2));
   const std::vector<double> plate = random_values(128, 2);
   const std::vector<double> lights = random_values(128, 4);
   const std::vector<double> back = there_and_back(inverse, lights, 2, plate);
@@ -173,7 +174,7 @@ TEST(PatternInverse, BinsKeepEveryShot) {
 }
 
 TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsSharedEvenly) {
-  const PatternInverse inverse = inverse_of(recipe_of(PatternFamily::bins, {{4, 4}}, 2));
+  const PatternInverse inverse = inverse_of(parameters_of(PatternFamily::bins, {{4, 4}}, 2));
   const std::vector<double> back =
       there_and_back(inverse, random_values(16, 4), 1, std::vector<double>(16, 0.0));
   EXPECT_EQ(back[0], back[1]);
@@ -181,7 +182,7 @@ TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsSharedEvenly) {
 }
 
 TEST(PatternInverse, ATargetShotGivesItsLightingBackExactly) {
-  PatternRecipe recipe;
+  PatternParameters recipe;
   recipe.family = PatternFamily::target;
   std::vector<std::vector<LightDrive>> shots(3);
   for (std::size_t c = 0; c < 3; ++c) {
@@ -203,7 +204,7 @@ TEST(PatternInverse, ATargetShotGivesItsLightingBackExactly) {
 }
 
 TEST(PatternInverse, EqualColoursOfATargetDoNotBlowUp) {
-  PatternRecipe recipe;
+  PatternParameters recipe;
   recipe.family = PatternFamily::target;
   const std::vector<LightDrive> shot{{0, 1.0}, {1, 0.5}, {2, 0.25}};
   const PatternInverse inverse(recipe, {shot, shot}, 3);
@@ -216,7 +217,7 @@ TEST(PatternInverse, EqualColoursOfATargetDoNotBlowUp) {
 }
 
 TEST(PatternInverse, SomeWaveletsAreTheTruncatedSeriesAndThePlateFillsTheRest) {
-  PatternRecipe recipe{PatternFamily::haar, {{8, 8}}, 0, {0, 1, 8, 9, 18}};
+  PatternParameters recipe{PatternFamily::haar, {{8, 8}}, 0, {0, 1, 8, 9, 18}};
   const PatternInverse inverse = inverse_of(recipe);
   EXPECT_EQ(inverse.n_shots(), 9);
   const std::vector<double> lights = random_values(64, 6);
@@ -240,16 +241,19 @@ TEST(PatternInverse, SomeWaveletsAreTheTruncatedSeriesAndThePlateFillsTheRest) {
 
 /// Every family, and whether it is given a plate.
 std::vector<std::pair<PatternInverse, bool>> all_families() {
-  PatternRecipe target;
+  PatternParameters target;
   target.family = PatternFamily::target;
   std::vector<std::pair<PatternInverse, bool>> cases;
   const std::vector<FaceGrid> faces{{4, 4}, {4, 4}};
-  cases.emplace_back(inverse_of(recipe_of(PatternFamily::one_at_a_time, faces), 0.5), false);
-  cases.emplace_back(inverse_of(recipe_of(PatternFamily::bins, faces, 2)), true);
-  cases.emplace_back(inverse_of(recipe_of(PatternFamily::s_matrix, faces), 0.5), false);
-  cases.emplace_back(inverse_of(recipe_of(PatternFamily::s_matrix, {{5, 5}, {1, 7}})), false);
+  cases.emplace_back(inverse_of(parameters_of(PatternFamily::one_at_a_time, faces), 0.5),
+                     false);
+  cases.emplace_back(inverse_of(parameters_of(PatternFamily::bins, faces, 2)), true);
+  cases.emplace_back(inverse_of(parameters_of(PatternFamily::s_matrix, faces), 0.5), false);
+  cases.emplace_back(inverse_of(parameters_of(PatternFamily::s_matrix, {{5, 5}, {1, 7}})),
+                     false);
   cases.emplace_back(
-      inverse_of(PatternRecipe{PatternFamily::haar, faces, 0, {0, 1, 7, 16, 30}}, 0.9), true);
+      inverse_of(PatternParameters{PatternFamily::haar, faces, 0, {0, 1, 7, 16, 30}}, 0.9),
+      true);
   cases.emplace_back(
       PatternInverse(target, {{{0, 1.0}, {3, 0.2}, {9, 0.4}}, {{1, 0.7}, {3, 1.0}}}, 32), true);
   cases.emplace_back(
@@ -279,10 +283,10 @@ TEST(PatternInverse, ShotWeightsAreTheAdjoint) {
 TEST(PatternInverse, VariancesAreTheSquaredRowsOfTheInverse) {
   auto cases = all_families();
   const std::vector<FaceGrid> faces{{4, 4}, {4, 4}};
-  cases.emplace_back(inverse_of(recipe_of(PatternFamily::haar, faces), 0.7), false);
+  cases.emplace_back(inverse_of(parameters_of(PatternFamily::haar, faces), 0.7), false);
   cases.emplace_back(
-      inverse_of(PatternRecipe{PatternFamily::haar, faces, 0, {0, 1, 7, 16, 30}}), false);
-  cases.emplace_back(inverse_of(recipe_of(PatternFamily::bins, faces, 4)), false);
+      inverse_of(PatternParameters{PatternFamily::haar, faces, 0, {0, 1, 7, 16, 30}}), false);
+  cases.emplace_back(inverse_of(parameters_of(PatternFamily::bins, faces, 4)), false);
   constexpr std::size_t kPixels = 3;
   for (const auto& [inverse, has_plate] : cases) {
     const auto n = static_cast<std::size_t>(inverse.n_lights());
@@ -315,7 +319,7 @@ TEST(PatternInverse, VariancesAreTheSquaredRowsOfTheInverse) {
 
 TEST(PatternInverse, SMatrixNoiseIsTheWeighingDesigns) {
   // One light's variance for read noise 1: sum of squares of a row of S^-1 = 4 n/(n + 1)^2.
-  const PatternInverse inverse = inverse_of(recipe_of(PatternFamily::s_matrix, {{9, 7}}));
+  const PatternInverse inverse = inverse_of(parameters_of(PatternFamily::s_matrix, {{9, 7}}));
   std::vector<double> w(63, 0.0);
   w[17] = 1.0;
   std::vector<double> a(63);
@@ -325,7 +329,7 @@ TEST(PatternInverse, SMatrixNoiseIsTheWeighingDesigns) {
 }
 
 TEST(PatternInverse, RefusesOtherShotsThanTheRecipes) {
-  const PatternRecipe recipe = recipe_of(PatternFamily::s_matrix, {{4, 4}});
+  const PatternParameters recipe = parameters_of(PatternFamily::s_matrix, {{4, 4}});
   std::vector<std::vector<LightDrive>> shots = shots_of(recipe, 1.0);
   std::swap(shots[0], shots[1]);
   EXPECT_THROW(PatternInverse(recipe, shots, 16), ContractViolation);
@@ -335,7 +339,7 @@ TEST(PatternInverse, RefusesOtherShotsThanTheRecipes) {
 RC_GTEST_PROP(PatternInverse, IsLinear, ()) {
   const auto seed = *rc::gen::arbitrary<std::uint16_t>();
   const PatternInverse inverse =
-      inverse_of(PatternRecipe{PatternFamily::haar, {{4, 4}}, 0, {0, 3, 5, 12}});
+      inverse_of(PatternParameters{PatternFamily::haar, {{4, 4}}, 0, {0, 3, 5, 12}});
   const auto m = static_cast<std::size_t>(inverse.n_shots());
   const std::vector<double> plate = random_values(16, 1);
   const std::vector<double> x = random_values(m, seed);

@@ -117,7 +117,7 @@ TEST(PlaneIrradiance, KeepsTheErrorAskedFor) {
         EXPECT_LT(value, 1e-199);
         continue;
       }
-      // Places 1000 mm off are good to 1e-13 mm: both sides of the reference's parts, an eighth
+      // Positions 1000 mm off are good to 1e-13 mm: both sides of the reference's parts, an eighth
       // of the light's, and how far the point lies before the light, are differences of such.
       const double h = light.emits.dot(point - light.centre);
       const double rounding = 1e-12 * (1.0 + 4.0 / std::min(light.width_mm, light.height_mm) +

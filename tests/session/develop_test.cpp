@@ -193,7 +193,7 @@ TEST(Develop, DemultiplexesAnSMatrix) {
 }
 
 /// Light shots of a recipe at one exposure, in an order of its own.
-SessionInfo recipe_info(const PatternRecipe& recipe, double exposure_us) {
+SessionInfo recipe_info(const PatternParameters& recipe, double exposure_us) {
   SessionInfo info = make_info(9, 7, recipe.n_lights());
   info.patterns = recipe;
   std::vector<std::vector<int>> shots = lit_lights(recipe);
@@ -209,14 +209,14 @@ SessionInfo recipe_info(const PatternRecipe& recipe, double exposure_us) {
 }
 
 TEST(Develop, UndoesARecipeInWhateverOrderItWasShot) {
-  PatternRecipe haar{PatternFamily::haar, {{4, 4}}, 0, {}};
+  PatternParameters haar{PatternFamily::haar, {{4, 4}}, 0, {}};
   for (int i = 0; i < 16; ++i) {
     haar.wavelets.push_back(i);
   }
-  for (const PatternRecipe& recipe :
-       {PatternRecipe{PatternFamily::s_matrix, {{4, 4}}, 0, {}},
-        PatternRecipe{PatternFamily::s_matrix, {{3, 3}, {2, 2}}, 0, {}}, haar,
-        PatternRecipe{PatternFamily::bins, {{4, 4}}, 1, {}}}) {
+  for (const PatternParameters& recipe :
+       {PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}},
+        PatternParameters{PatternFamily::s_matrix, {{3, 3}, {2, 2}}, 0, {}}, haar,
+        PatternParameters{PatternFamily::bins, {{4, 4}}, 1, {}}}) {
     TemporaryFolder folder;
     SessionInfo info = recipe_info(recipe, 1000.0);
     info.lights[3].relative_power = 1.25;
@@ -231,7 +231,7 @@ TEST(Develop, UndoesARecipeInWhateverOrderItWasShot) {
 TEST(Develop, SharesABlocksLightOutByThePlate) {
   TemporaryFolder folder;
   const SessionInfo info =
-      recipe_info(PatternRecipe{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
+      recipe_info(PatternParameters{PatternFamily::bins, {{4, 4}}, 2, {}}, 2000.0);
   const Session session = make(folder.path() / "s", info);
   DevelopOptions options;
   EXPECT_THROW((void)develop(session, options), Error) << "no plate";
@@ -248,7 +248,7 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
   // One block's rounding, at half drive and 2 ms, goes to four lights by their shares.
   EXPECT_LE(worst_error(develop(session, options)), 2.0 * 0.5 / kRange / 0.002);
   // Shared out alike the blocks' sums are still right.
-  const LightStack even = develop(session, {.share_evenly = true});
+  const LightStack even = develop(session, {.distribute_evenly = true});
   EXPECT_EQ(even.light_image(0)(3, 3), even.light_image(5)(3, 3));
   EXPECT_NEAR(4.0 * even.light_image(0)(3, 3),
               truth(0, 3, 3) + truth(1, 3, 3) + truth(4, 3, 3) + truth(5, 3, 3), 0.3);
@@ -257,7 +257,7 @@ TEST(Develop, SharesABlocksLightOutByThePlate) {
 TEST(Develop, NamesAMissingPatternOfARecipe) {
   TemporaryFolder folder;
   SessionInfo info =
-      recipe_info(PatternRecipe{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);
+      recipe_info(PatternParameters{PatternFamily::s_matrix, {{4, 4}}, 0, {}}, 1000.0);
   info.shots.pop_back();
   const Session session = make(folder.path() / "s", info);
   try {

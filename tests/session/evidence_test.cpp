@@ -26,20 +26,20 @@ TEST(CleanRule, WindowFollowsFromTheMeaningOfTheStamp) {
 
 TEST(CleanRule, BordersAreCleanAndOneNanosecondOutsideIsNot) {
   const ExposureWindow window{100, 200};
-  EXPECT_TRUE(judge_clean(window, 100, 200).is_clean);
-  EXPECT_EQ(judge_clean(window, 100, 200).margin_us, 0.0);
-  EXPECT_FALSE(judge_clean(window, 101, 200).is_clean);
-  EXPECT_FALSE(judge_clean(window, 100, 199).is_clean);
-  EXPECT_DOUBLE_EQ(judge_clean(window, 101, 200).margin_us, -0.001);
-  EXPECT_TRUE(judge_clean(window, 0, kNoNextChange).is_clean);
-  EXPECT_DOUBLE_EQ(judge_clean(window, 0, kNoNextChange).margin_us, 0.1);
+  EXPECT_TRUE(assess_clean(window, 100, 200).is_clean);
+  EXPECT_EQ(assess_clean(window, 100, 200).margin_us, 0.0);
+  EXPECT_FALSE(assess_clean(window, 101, 200).is_clean);
+  EXPECT_FALSE(assess_clean(window, 100, 199).is_clean);
+  EXPECT_DOUBLE_EQ(assess_clean(window, 101, 200).margin_us, -0.001);
+  EXPECT_TRUE(assess_clean(window, 0, kNoNextChange).is_clean);
+  EXPECT_DOUBLE_EQ(assess_clean(window, 0, kNoNextChange).margin_us, 0.1);
 }
 
 RC_GTEST_PROP(CleanRule, IsCleanExactlyWhenTheMarginIsNotNegative,
               (std::int32_t start, std::uint16_t length, std::int32_t stable,
                std::int32_t next)) {
   const ExposureWindow window{start, std::int64_t{start} + length};
-  const CleanVerdict verdict = judge_clean(window, stable, next);
+  const CleanVerdict verdict = assess_clean(window, stable, next);
   RC_ASSERT(verdict.is_clean == (verdict.margin_us >= 0.0));
 }
 

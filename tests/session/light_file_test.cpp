@@ -41,11 +41,12 @@ TEST(Lp, ReadsNamesWithSpacesCommentsBlankLinesAndCrlf) {
 
 TEST(Lp, ScalesDirectionsToUnitLengthAndKeepsPositions) {
   EXPECT_DOUBLE_EQ(parse_lp("1\na 0 0 1.05\n", "a.lp").lights[0].place.z(), 1.0);
-  const LightList positions = parse_lp("1\na 10 0 500\n", "a.lp", LightPlaces::positions);
+  const LightList positions = parse_lp("1\na 10 0 500\n", "a.lp", LightCoordinates::positions);
   EXPECT_TRUE(positions.lights[0].is_position);
   EXPECT_DOUBLE_EQ(positions.lights[0].place.z(), 500.0);
   EXPECT_DOUBLE_EQ(
-      parse_lp("1\na 0 0 500\n", "a.lp", LightPlaces::directions).lights[0].place.z(), 1.0);
+      parse_lp("1\na 0 0 500\n", "a.lp", LightCoordinates::directions).lights[0].place.z(),
+      1.0);
 }
 
 std::string list_of(int n, const std::string& most, const std::string& others, int n_others) {
@@ -65,9 +66,9 @@ TEST(Lp, DirectionsOfAnotherLengthAreTold) {
   EXPECT_THAT(list.disagreements, testing::ElementsAre(testing::AllOf(
                                       HasSubstr("a.lp:13: (0.48, 0, 0.64) has length 0.8"),
                                       HasSubstr("9 of 20"), HasSubstr("mistyped?"))));
-  EXPECT_THAT(parse_lp(shorter, "a.lp", LightPlaces::directions).disagreements,
+  EXPECT_THAT(parse_lp(shorter, "a.lp", LightCoordinates::directions).disagreements,
               testing::IsEmpty());
-  EXPECT_TRUE(parse_lp(shorter, "a.lp", LightPlaces::positions).lights[0].is_position);
+  EXPECT_TRUE(parse_lp(shorter, "a.lp", LightCoordinates::positions).lights[0].is_position);
   // One in ten of any length is mistyped, more may be a list of places.
   EXPECT_THAT(parse_lp(list_of(20, "0.6 0 0.8", "6 0 8", 2), "a.lp").disagreements,
               testing::ElementsAre(HasSubstr("a.lp:20: (6, 0, 8) has length 10, as 2 of 20")));

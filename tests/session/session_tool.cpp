@@ -80,7 +80,7 @@ FrameEvidence evidence_of(const Rig& rig, const SessionInfo& info, int shot,
   e.t_exposure_start_ns = window.start_ns;
   e.t_exposure_end_ns = window.end_ns;
   e.t_next_change_ns = e.timestamp_ns + 1'000'000;
-  e.margin_us = judge_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
+  e.margin_us = assess_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
   e.sequence = static_cast<std::uint64_t>(now / 10'000'000);
   e.temperature_c = 31.25;
   now = e.t_next_change_ns + 20'000'000;
@@ -211,7 +211,7 @@ void make_import(const fs::path& folder, Random& random) {
   }
   write_file_atomically(from / "list.lp", list);
   ImportOptions options;
-  options.places = LightPlaces::positions;
+  options.places = LightCoordinates::positions;
   if (has_dark) {
     options.match.dark = {std::string("dark.") + ending};
   }

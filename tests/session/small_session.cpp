@@ -96,7 +96,7 @@ FrameEvidence small_evidence(const SessionInfo& info, int shot, int attempt,
   e.t_exposure_start_ns = window.start_ns;
   e.t_exposure_end_ns = window.end_ns;
   e.t_next_change_ns = t0 + 50 * kMillisecond;
-  e.margin_us = judge_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
+  e.margin_us = assess_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
   e.sequence = static_cast<std::uint64_t>(shot) * 8U + static_cast<std::uint64_t>(attempt);
   const ImageView<const std::uint16_t> active(stored.data(), info.form.height, info.form.width,
                                               info.form.channels, stored.row_stride());

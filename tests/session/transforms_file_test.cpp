@@ -13,11 +13,13 @@ namespace {
 
 using testing::HasSubstr;
 
-LightList parse(const std::string& text, LightPlaces places = LightPlaces::automatic) {
+LightList parse(const std::string& text,
+                LightCoordinates places = LightCoordinates::automatic) {
   return parse_transforms(JsonValue::parse(text, "t.json"), places);
 }
 
-std::string refusal(const std::string& text, LightPlaces places = LightPlaces::automatic) {
+std::string refusal(const std::string& text,
+                    LightCoordinates places = LightCoordinates::automatic) {
   try {
     (void)parse(text, places);
   } catch (const Error& error) {
@@ -86,9 +88,9 @@ TEST(Transforms, ReadsBackWhatItWrote) {
 TEST(Transforms, AsksForTheUnitWhereTheFileNamesNone) {
   const std::string text = frames(frame("a.png", "[0, 0, 2]"), "");
   EXPECT_THAT(refusal(text), HasSubstr("a unit that the file does not name"));
-  EXPECT_DOUBLE_EQ(parse(text, LightPlaces::positions).lights[0].place.z(), 2.0);
-  EXPECT_DOUBLE_EQ(parse(text, LightPlaces::directions).lights[0].place.z(), 1.0);
-  EXPECT_FALSE(parse(text, LightPlaces::directions).lights[0].is_position);
+  EXPECT_DOUBLE_EQ(parse(text, LightCoordinates::positions).lights[0].place.z(), 2.0);
+  EXPECT_DOUBLE_EQ(parse(text, LightCoordinates::directions).lights[0].place.z(), 1.0);
+  EXPECT_FALSE(parse(text, LightCoordinates::directions).lights[0].is_position);
 }
 
 TEST(Transforms, TakesIntensitiesAndNamesWithoutEnding) {

@@ -75,7 +75,7 @@ class CameraServerTest : public ::testing::Test {
   }
 
   static std::optional<FrameTag> tag_of(const ClientFrame& frame) {
-    return decode_tag_rows({frame.words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
+    return decode_metadata_rows({frame.words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
   }
 
   /// The first frame that is clean and shows `tag`.

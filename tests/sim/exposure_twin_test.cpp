@@ -122,14 +122,14 @@ class ExposureTwin : public ::testing::Test {
     e.exposure_read_us = shot.exposure_us;
     e.gain_db = spec.gain_db;
     e.read_us = spec.read_us;
-    e.timestamp_ns = camera.stamp_ns(exposure);
+    e.timestamp_ns = camera.timestamp_ns(exposure);
     e.timestamp_meaning = spec.timestamp;
     const ExposureWindow window = exposure_window(
         {e.timestamp_ns, e.timestamp_meaning, e.exposure_read_us, e.read_us, e.skew_us});
     e.t_exposure_start_ns = window.start_ns;
     e.t_exposure_end_ns = window.end_ns;
     e.t_next_change_ns = window.end_ns + 1'000'000;
-    e.margin_us = judge_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
+    e.margin_us = assess_clean(window, e.t_stable_ns, e.t_next_change_ns).margin_us;
     e.sequence = static_cast<std::uint64_t>(shot.index);
     const ImageView<const std::uint16_t> active(words.pixels().data(), spec.active_rows,
                                                 spec.frame_width, 1);

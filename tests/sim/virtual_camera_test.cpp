@@ -118,11 +118,11 @@ TEST_F(VirtualCameraTest, TimestampsMeanWhatTheRigFileSays) {
   CameraSpec spec = test_camera();
   const Exposure exposure{1'000'000'000, 2000.0, 0.0};
   spec.timestamp = TimestampMeaning::start_exposure;
-  EXPECT_EQ(VirtualCamera(spec, controller_, transport_).stamp_ns(exposure), 1'000'000'000);
+  EXPECT_EQ(VirtualCamera(spec, controller_, transport_).timestamp_ns(exposure), 1'000'000'000);
   spec.timestamp = TimestampMeaning::start_readout;
-  EXPECT_EQ(VirtualCamera(spec, controller_, transport_).stamp_ns(exposure), 1'002'000'000);
+  EXPECT_EQ(VirtualCamera(spec, controller_, transport_).timestamp_ns(exposure), 1'002'000'000);
   spec.timestamp = TimestampMeaning::end_frame;
-  EXPECT_EQ(VirtualCamera(spec, controller_, transport_).stamp_ns(exposure), 1'004'500'000);
+  EXPECT_EQ(VirtualCamera(spec, controller_, transport_).timestamp_ns(exposure), 1'004'500'000);
 }
 
 TEST_F(VirtualCameraTest, TheTagTellsWhatWasLitAndWhetherItChanged) {
@@ -149,7 +149,7 @@ TEST_F(VirtualCameraTest, TheTagTellsWhatWasLitAndWhetherItChanged) {
 TEST_F(VirtualCameraTest, TagRowsAreReadable) {
   const LightHistory history{{state(0, 0xdeadbeef, {{0, 65535}})}, true};
   const auto words = take(test_camera(), history, {1'000'000'000, 2000.0, 0.0});
-  const auto tag = decode_tag_rows({&words(48, 0), 8, 64, 1});
+  const auto tag = decode_metadata_rows({&words(48, 0), 8, 64, 1});
   ASSERT_TRUE(tag);
   EXPECT_EQ(*tag, (FrameTag{0xdeadbeef, false}));
 }

@@ -39,7 +39,8 @@ TEST(VirtualRig, ServesCameraAndControllerAtItsOwnAddresses) {
   client.send(RemoteMessage::start);
   const auto frame = client.next();
   ASSERT_TRUE(frame);
-  const auto tag = decode_tag_rows({frame->words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
+  const auto tag =
+      decode_metadata_rows({frame->words.data() + std::ptrdiff_t{48} * 64, 8, 64, 1});
   ASSERT_TRUE(tag);
   EXPECT_EQ(*tag, (FrameTag{0, false}));  // dark since the start
 }

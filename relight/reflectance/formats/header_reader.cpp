@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kLongestWord = 64;
 constexpr std::size_t kLongestLine = 4096;
-constexpr std::string_view kCure = "copy the file again, or make it again with its program";
+constexpr std::string_view kHint = "copy the file again, or make it again with its program";
 
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
 
@@ -30,7 +30,7 @@ void HeaderReader::refuse_at(std::size_t offset, const std::string& what,
 }
 
 void HeaderReader::refuse(const std::string& what) const {
-  refuse_at(word_, what, std::string(kCure));
+  refuse_at(word_, what, std::string(kHint));
 }
 
 std::string_view HeaderReader::line() {

@@ -135,8 +135,8 @@ TEST_F(V4l2CameraTest, FlagsShortBuffersAndForeignClocksAreInTheEvidence) {
     has_pixels.push_back(!frame->pixels().is_empty());
   }
   EXPECT_THAT(flags, ElementsAre(kFrameMonotonic | kFrameError, kFrameMonotonic | kFrameShort,
-                                 0U, kFrameMonotonic | kFrameStampedAtStart,
-                                 kFrameMonotonic | kFrameStampJump | kFrameError,
+                                 0U, kFrameMonotonic | kFrameTimestampedAtStart,
+                                 kFrameMonotonic | kFrameTimestampJump | kFrameError,
                                  kFrameMonotonic | kFrameSequenceRestart | kFrameError,
                                  kFrameMonotonic));
   EXPECT_THAT(has_pixels, ElementsAre(true, false, true, true, true, true, true));
@@ -176,7 +176,7 @@ TEST_F(V4l2CameraTest, HeldFramesCostMemoryAndTheRestIsAGapThatIsSeen) {
     held.push_back(*next());
   }
   EXPECT_EQ(camera_.next(in(20ms)).error().code, Errc::timeout);
-  EXPECT_GT(camera_.counters().unhoused, 0U);
+  EXPECT_GT(camera_.counters().pool_exhausted, 0U);
   const std::uint64_t last = held.back().info().sequence;
   held.clear();
   EXPECT_GT(next()->info().sequence, last + 1);
@@ -528,7 +528,7 @@ TEST(V4l2Names, AControlIsCalledAsV4l2CtlCallsIt) {
   EXPECT_EQ(control_key("Gain"), "gain");
 }
 
-TEST(V4l2Places, AMachineWithoutCamerasSaysSo) {
+TEST(V4l2Paths, AMachineWithoutCamerasSaysSo) {
   const testing::V4l2Machine machine;
   V4l2Camera camera(machine.places());
   const auto setup = camera.start(machine.spec(0));

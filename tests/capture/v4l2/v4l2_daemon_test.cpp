@@ -56,8 +56,8 @@ class V4l2Daemon : public testing::DaemonBench {
         }
       }
       const ImageView<std::uint16_t> tag_rows(&words(rows, 0), job.height - rows, job.width, 1);
-      encode_tag_rows(tag_rows, {.tag = tag.value_or(0), .is_mixed = !tag.has_value()}, 256,
-                      12000);
+      encode_metadata_rows(tag_rows, {.tag = tag.value_or(0), .is_mixed = !tag.has_value()},
+                           256, 12000);
       for (int y = 0; y < job.height; ++y) {
         const auto row = std::as_const(words).view().row(y);
         std::memcpy(job.bytes.data() + static_cast<std::size_t>(y) * job.stride, row.data(),

@@ -30,7 +30,7 @@ struct Outcome {
 
 /// A small capture: every kind of call that the daemon makes. Ends at the first fault.
 Outcome capture(V4l2Camera& camera, const CameraSpec& spec, const std::string& node,
-                const V4l2Places& places) {
+                const V4l2Paths& places) {
   Outcome outcome;
   const auto note = [&](const Fault& fault) {
     outcome.is_fault = true;

@@ -21,7 +21,7 @@ struct Held {
 };
 
 Held held_out(const fs::path& folder) {
-  const LightList list = read_light_file(folder / "dirs.lp", LightPlaces::directions);
+  const LightList list = read_light_file(folder / "dirs.lp", LightCoordinates::directions);
   std::vector<fs::path> pictures;
   std::vector<int> kept;
   std::vector<int> held;

@@ -61,7 +61,7 @@ TEST(NearLight, LightsInThePictureAreThoseOfTheTransformsFile) {
   const std::string text =
       format_transforms(rig.cameras.front().model, rig.object_centre, info.lights, names);
   const LightList list =
-      parse_transforms(JsonValue::parse(text, "transforms.json"), LightPlaces::automatic);
+      parse_transforms(JsonValue::parse(text, "transforms.json"), LightCoordinates::automatic);
   ASSERT_EQ(seen.size(), list.lights.size());
   for (std::size_t k = 0; k < seen.size(); ++k) {
     // Of hundreds of mm, two turns in double precision apart.

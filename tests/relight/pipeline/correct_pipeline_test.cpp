@@ -37,8 +37,8 @@ double stencil(const Vector3d& light, const Vector3d& point) {
 class CorrectPipeline : public ::testing::Test {
  protected:
   CorrectPipeline() {
-    testing::write_session(folder_ / "plane.session", kPlaces, LightPlaces::positions, kSize,
-                           [](const Vector3d& light, int y, int x) {
+    testing::write_session(folder_ / "plane.session", kPlaces, LightCoordinates::positions,
+                           kSize, [](const Vector3d& light, int y, int x) {
                              return 3000.0 * stencil(light, point_of(y, x));
                            });
     options_.session = folder_ / "plane.session";
@@ -95,7 +95,7 @@ TEST_F(CorrectPipeline, AFolderThatIsThereAndLightsWithoutPlacesAreRefused) {
   EXPECT_THROW((void)correct_fall_off(options_), Error);
   options_.out = folder_ / "other";
   testing::write_session(folder_ / "far.session", {Vector3d::UnitZ(), {0.6, 0.0, 0.8}},
-                         LightPlaces::directions, kSize,
+                         LightCoordinates::directions, kSize,
                          [](const Vector3d& light, int /*y*/, int x) { return light.z() + x; });
   options_.session = folder_ / "far.session";
   EXPECT_THROW((void)correct_fall_off(options_), Error);

@@ -65,7 +65,7 @@ inline void write_capture(const std::filesystem::path& folder,
 
 /// A session of such a folder of .exr: linear floats.
 inline void write_session(const std::filesystem::path& folder,
-                          const std::vector<Eigen::Vector3d>& places, LightPlaces meant,
+                          const std::vector<Eigen::Vector3d>& places, LightCoordinates meant,
                           PictureSize size, const PixelOfLight& value) {
   const TemporaryFolder pictures;
   write_capture(pictures.path(), places, size, ".exr", value);

@@ -29,7 +29,7 @@ class ShapePipeline : public ::testing::Test {
  protected:
   ShapePipeline() {
     testing::write_session(folder_ / "plane.session", testing::spiral_directions(kLights, 0.6),
-                           LightPlaces::directions, kSize,
+                           LightCoordinates::directions, kSize,
                            [](const Vector3d& light, int /*y*/, int /*x*/) {
                              return kAlbedo * kNormal.dot(light);
                            });

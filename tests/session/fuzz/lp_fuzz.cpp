@@ -10,10 +10,11 @@
 #include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  using haarlight::LightPlaces;
+  using haarlight::LightCoordinates;
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  for (const LightPlaces places :
-       {LightPlaces::automatic, LightPlaces::directions, LightPlaces::positions}) {
+  for (const LightCoordinates places :
+       {LightCoordinates::automatic, LightCoordinates::directions,
+        LightCoordinates::positions}) {
     try {
       const haarlight::LightList list = haarlight::parse_lp(text, "a.lp", places);
       for (const haarlight::SessionLight& light : list.lights) {
