@@ -150,7 +150,7 @@ std::string zsh_value(const CompletedOption& option) {
   if (!option.words.empty()) {
     action = fmt::format("({})", fmt::join(option.words, " "));
     if (option.is_file) {
-      action = fmt::format("_alternative \"w:word:{}\" \"f:file:_files\"", action);
+      action = fmt::format("{{compadd -- {}; _files}}", fmt::join(option.words, " "));
     }
   }
   return fmt::format(":{}:{}", zsh_text(option.value), action);
@@ -166,9 +166,13 @@ std::string zsh_function(const CompletedCommand& command, const std::string& pat
     out += "  )\n  local curcontext=$curcontext state line\n";
   }
   out += command.verbs.empty() ? "  _arguments -s" : "  _arguments -C";
+  int n_positional = 0;
   for (const CompletedOption& option : command.options) {
     if (option.names.empty()) {
-      out += fmt::format(" \\\n    {}", quoted("*" + zsh_value(option)));
+      ++n_positional;
+      const std::string place =
+          option.value.ends_with("...") ? "*" : std::to_string(n_positional);
+      out += fmt::format(" \\\n    {}", quoted(place + zsh_value(option)));
       continue;
     }
     for (const std::string& word : option.names) {

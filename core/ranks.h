@@ -13,7 +13,7 @@ class Ranks {
  public:
   Ranks();
   /// Leaves the job; the others may continue.
-  ~Ranks();
+  ~Ranks();  // NOLINT(performance-trivially-destructible): with MPI it is not
   Ranks(const Ranks&) = delete;
   Ranks& operator=(const Ranks&) = delete;
 

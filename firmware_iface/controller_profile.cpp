@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "core/config_table.h"
+#include "core/error.h"
 #include "core/files.h"
 #include "firmware_iface/register_map.h"
 
@@ -174,6 +175,24 @@ std::filesystem::path find_controller_profile(const std::string& name,
     }
   }
   return {};
+}
+
+void require_profile(const Rig& rig) {
+  if (rig.controller.profile == "haarlight") {
+    return;
+  }
+  const std::filesystem::path file = find_controller_profile(rig.controller.profile, rig.file);
+  if (file.empty()) {
+    throw Error(fmt::format("controller profile \"{}\": no such file", rig.controller.profile),
+                rig.file.string(),
+                "put it beside the rig file or in profiles/, or correct profile =");
+  }
+  const ControllerProfile profile = read_controller_profile(file);
+  if (rig.n_lights() > profile.channels) {
+    throw Error(fmt::format("{} lights, but a {} has {} channels", rig.n_lights(), profile.name,
+                            profile.channels),
+                rig.file.string(), "correct the faces, or choose another profile");
+  }
 }
 
 }  // namespace haarlight

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "core/rig/rig.h"
+
 /// @file
 /// Another vendor's Modbus registers, as described in a profile file
 /// (docs/reference/controllers.md): which function and address sets the level of channel k,
@@ -75,5 +77,9 @@ struct ControllerProfile {
 /// searched for in `profiles/` next to it and one folder up. Empty: not found.
 [[nodiscard]] std::filesystem::path find_controller_profile(
     const std::string& name, const std::filesystem::path& rig_file);
+
+/// Reads the profile that a rig's controller needs, as the daemon will.
+/// @throws Error  not there, not readable, fewer channels than the rig has lights
+void require_profile(const Rig& rig);
 
 }  // namespace haarlight

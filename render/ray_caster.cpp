@@ -8,7 +8,11 @@
 #include <string>
 
 #include <Eigen/Geometry>
+#ifdef HAARLIGHT_EMBREE4
+#include <embree4/rtcore.h>
+#else
 #include <embree3/rtcore.h>
+#endif
 
 #include "core/error.h"
 
@@ -17,6 +21,29 @@ namespace haarlight {
 namespace {
 
 using Eigen::Vector3d;
+
+// Embree 4 asks the same questions by other words.
+#ifdef HAARLIGHT_EMBREE4
+void ask_intersect(RTCScene scene, RTCRayHit& ray) { rtcIntersect1(scene, &ray); }
+void ask_occluded(const int* valid, RTCScene scene, RTCRay16& rays) {
+  RTCOccludedArguments arguments;
+  rtcInitOccludedArguments(&arguments);
+  arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+  rtcOccluded16(valid, scene, &rays, &arguments);
+}
+#else
+void ask_intersect(RTCScene scene, RTCRayHit& ray) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(scene, &context, &ray);
+}
+void ask_occluded(const int* valid, RTCScene scene, RTCRay16& rays) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  rtcOccluded16(valid, scene, &context, &rays);
+}
+#endif
 
 struct DeviceRelease {
   void operator()(RTCDevice device) const noexcept { rtcReleaseDevice(device); }
@@ -127,8 +154,6 @@ double RayCaster::ray_offset_mm() const noexcept { return impl_->offset_mm; }
 
 std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& direction,
                                         double min_distance_mm) const {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
   RTCRayHit ray{};
   const Vector3d from = origin - impl_->middle;
   ray.ray.org_x = static_cast<float>(from.x());
@@ -141,7 +166,7 @@ std::optional<Hit> RayCaster::intersect(const Vector3d& origin, const Vector3d& 
   ray.ray.tfar = std::numeric_limits<float>::infinity();
   ray.ray.mask = ~0U;
   ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  rtcIntersect1(impl_->scene.get(), &context, &ray);
+  ask_intersect(impl_->scene.get(), ray);
   if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
     return std::nullopt;
   }
@@ -194,9 +219,6 @@ bool RayCaster::is_blocked(const Vector3d& from, const Vector3d& to) const {
 void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
                             std::span<std::uint8_t> blocked) const {
   HAARLIGHT_EXPECTS(to.size() == blocked.size(), "one answer a target");
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) std::array<int, kPacket> valid{};
   alignas(64) RTCRay16 rays;
   const Vector3d origin = from - impl_->middle;
@@ -220,7 +242,7 @@ void RayCaster::are_blocked(const Vector3d& from, std::span<const Vector3d> to,
       rays.id[i] = 0;
       rays.flags[i] = 0;
     }
-    rtcOccluded16(valid.data(), impl_->scene.get(), &context, &rays);
+    ask_occluded(valid.data(), impl_->scene.get(), rays);
     for (std::size_t i = 0; i < n; ++i) {
       // Embree marks a blocked ray by tfar = -infinity.
       blocked[begin + i] = valid.at(i) != 0 && rays.tfar[i] < 0.0F ? 1 : 0;

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "render/rig_lights.h"
 
+#include <fmt/format.h>
+
+#include "core/error.h"
+
 namespace haarlight {
 
 SquareLight square_light(const LightElement& element) {
@@ -46,6 +50,30 @@ std::vector<int> lights_off_plane(const Rig& rig, const ShadowPlane& plane) {
     }
   }
   return off;
+}
+
+std::string require_lit_planes(const Rig& rig) {
+  std::string warnings;
+  for (const ShadowPlane& plane : rig.planes) {
+    const std::vector<int> off = lights_off_plane(rig, plane);
+    if (off.empty()) {
+      continue;
+    }
+    const auto n_off = static_cast<int>(off.size());
+    if (n_off == rig.n_lights()) {
+      throw Error(fmt::format("no light reaches the plane \"{}\": all lie in or behind it, or "
+                              "shine away from it",
+                              plane.id),
+                  rig.file.string(),
+                  "correct centre and emits of the faces, or n and d of the plane");
+    }
+    warnings += fmt::format(
+        "\n  warning: {} of {} lights (the first: {}) do not reach the plane \"{}\": they lie "
+        "in or behind it, or shine away from it\n  cure: nothing, if that is meant; else "
+        "correct centre and emits of their face",
+        n_off, rig.n_lights(), off.front(), plane.id);
+  }
+  return warnings;
 }
 
 }  // namespace haarlight

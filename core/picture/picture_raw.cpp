@@ -54,8 +54,17 @@ void set_fixed_development(libraw_output_params_t& params) {
   params.gamm[0] = params.gamm[1] = 1.0;
   params.half_size = 0;
   params.user_qual = 3;  // adaptive homogeneity-directed demosaicing
-  params.max_raw_memory_mb = static_cast<unsigned>(picture_memory() >> 20U);
 }
+
+// libraw 0.21 has the limit elsewhere, and says nothing when memory lacks anyway.
+#if LIBRAW_VERSION >= LIBRAW_MAKE_VERSION(0, 21, 0)
+constexpr unsigned kSilent = LIBRAW_OPTIONS_NO_DATAERR_CALLBACK;
+unsigned& most_memory_mb(libraw_data_t& data) { return data.rawparams.max_raw_memory_mb; }
+#else
+constexpr unsigned kSilent =
+    LIBRAW_OPIONS_NO_DATAERR_CALLBACK | LIBRAW_OPIONS_NO_MEMERR_CALLBACK;
+unsigned& most_memory_mb(libraw_data_t& data) { return data.params.max_raw_memory_mb; }
+#endif
 
 constexpr unsigned kWhite = 65535;
 
@@ -91,10 +100,10 @@ void require(const PictureSource& source, int code) {
 }  // namespace
 
 PictureContent read_raw(const PictureSource& source, PictureWish wish) {
-  const auto raw = std::make_unique<LibRaw>(LIBRAW_OPIONS_NO_DATAERR_CALLBACK |
-                                            LIBRAW_OPIONS_NO_MEMERR_CALLBACK);
+  const auto raw = std::make_unique<LibRaw>(kSilent);
   libraw_data_t& data = raw->imgdata;
   set_fixed_development(data.params);
+  most_memory_mb(data) = static_cast<unsigned>(picture_memory() >> 20U);
   // libraw only reads it.
   require(source,
           raw->open_buffer(const_cast<std::byte*>(source.bytes.data()), source.bytes.size()));

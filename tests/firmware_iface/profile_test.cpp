@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/error.h"
 #include "firmware_iface/controller_profile.h"
 #include "firmware_iface/light_array.h"
 #include "tests/firmware_iface/vendor_device.h"
@@ -266,6 +267,13 @@ TEST(ProfileLightArray, OurOwnMapFitsPartlyIntoAProfile) {
   EXPECT_FALSE(profile.has_levels());
   EXPECT_EQ(profile.channel.per_request, registers::kMaxCoilsWritten);
   EXPECT_FALSE(profile.latch.front().is_kept);
+}
+
+TEST(Profile, IsRequiredOfARigThatNamesOne) {
+  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
+  require_profile(rig);  // our own controller needs none
+  rig.controller.profile = "no-such-profile";
+  EXPECT_THROW(require_profile(rig), Error);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/error.h"
 #include "core/rig/rig.h"
 
 namespace haarlight {
@@ -32,6 +33,14 @@ TEST(RigLights, KnowsTheLightsThatReachThePlane) {
   wall.v = Eigen::Vector3d::UnitZ();
   wall.emits = -Eigen::Vector3d::UnitX();
   EXPECT_EQ(n_off(), 32U);
+  EXPECT_NE(require_lit_planes(rig).find("warning: 32 of 64 lights"), std::string::npos);
+}
+
+TEST(RigLights, RefuseAPlaneThatNoneReaches) {
+  Rig rig = read_rig(HAARLIGHT_SOURCE_DIR "/configs/rigs/small8.toml");
+  EXPECT_EQ(require_lit_planes(rig), "");
+  rig.faces.front().emits = -rig.faces.front().emits;
+  EXPECT_THROW((void)require_lit_planes(rig), Error);
 }
 
 }  // namespace

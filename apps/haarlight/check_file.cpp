@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "apps/haarlight/check_file.h"
+
+#include <fmt/format.h>
+
+#include "apps/haarlight/lighting_reader.h"
+#include "capture/plan/plan.h"
+#include "core/files.h"
+#include "core/rig/measured_rig.h"
+#include "core/text_limits.h"
+#include "firmware_iface/controller_profile.h"
+#include "relight/basis/basis_check.h"
+#include "render/light/cubemap.h"
+#include "render/rig_lights.h"
+#include "render/scene.h"
+#include "sim/fault_script.h"
+
+namespace haarlight {
+
+namespace {
+
+std::string describe(const Rig& rig) {
+  return fmt::format("{} lights on {} faces, {} planes, {} cameras", rig.n_lights(),
+                     rig.faces.size(), rig.planes.size(), rig.cameras.size());
+}
+
+/// Alone a plan is held to the ranges of its keys; after a rig also to its lights and power.
+std::string check_plan(const std::string& file, FileKind kind, const std::optional<Rig>& rig) {
+  if (rig) {
+    const Plan plan = load_plan(file, *rig, read_lighting);
+    return fmt::format("{} shots, fits the rig \"{}\"", plan.shots.size(), rig->name);
+  }
+  if (kind == FileKind::shot_list) {
+    const Plan plan = plan_from_json(read_file(file, std::uintmax_t{1} << 30U), file);
+    return fmt::format("{} shots for {} lights", plan.shots.size(), plan.n_lights);
+  }
+  const PlanSettings settings = read_plan_file(file);
+  return fmt::format("patterns {}, order {}; name the rig first to hold it to its lights",
+                     to_string(settings.patterns), to_string(settings.order));
+}
+
+std::string describe(const SceneFile& file) {
+  std::size_t n_triangles = 0;
+  for (const Mesh& mesh : file.scene.meshes) {
+    n_triangles += mesh.triangles.size();
+  }
+  return fmt::format("{} meshes, {} triangles, {} materials, {}", file.scene.meshes.size(),
+                     n_triangles, file.scene.materials.size(),
+                     file.has_camera ? "a camera" : "no camera");
+}
+
+}  // namespace
+
+std::string check_file(const std::string& file, FileKind kind, std::optional<Rig>& rig) {
+  switch (kind) {
+    case FileKind::rig:
+      rig = read_rig(file);
+      require_profile(*rig);
+      return describe(*rig) + require_lit_planes(*rig);
+    case FileKind::measured: {
+      const MeasuredRig measured = parse_measured(read_file(file, kMaxTomlBytes), file);
+      const MeasuredGap gap = find_gap(measured);
+      return fmt::format("of {}; name its rig to hold it to that{}", measured.date,
+                         gap.problem.empty() ? ""
+                                             : fmt::format("\n  warning: {}\n  cure: {}",
+                                                           gap.problem, gap.cure));
+    }
+    case FileKind::profile: {
+      const ControllerProfile profile = read_controller_profile(file);
+      return fmt::format("{}, {} channels", profile.name, profile.channels);
+    }
+    case FileKind::plan:
+    case FileKind::shot_list:
+      return check_plan(file, kind, rig);
+    case FileKind::scene:
+      return describe(read_scene(file));
+    case FileKind::faults: {
+      const FaultScript script = read_fault_script(file);
+      return fmt::format("{} faults of the bus, {} restarts", script.bus.size(),
+                         script.restarts.size());
+    }
+    case FileKind::environment: {
+      const Environment environment = Environment::read(file);
+      return fmt::format("{}, {} rows of {} texels, {}", to_string(environment.layout()),
+                         environment.n_rows(), environment.row_texels(),
+                         environment.is_colour() ? "colour" : "grey");
+    }
+    case FileKind::basis: {
+      const BasisFile basis = BasisFile::open(file);
+      check_basis(basis);
+      const StackDims& dims = basis.header().dims;
+      return fmt::format("{} x {} pixels, {} lights, relative error {:.3g}", dims.width,
+                         dims.height, dims.n_lights, basis.header().reached.relative_l2);
+    }
+  }
+  throw_contract_violation("FileKind", "a known kind", __FILE__, __LINE__);
+}
+
+}  // namespace haarlight

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "apps/haarlight/file_kind.h"
+#include "core/rig/rig.h"
+
+/// @file
+/// One input file of any room, read as the programs read it.
+
+namespace haarlight {
+
+/// @param rig  the last good rig, to which a plan is held; set by a rig file
+/// @return  what is in it, for a person
+/// @throws Error  every problem in it
+[[nodiscard]] std::string check_file(const std::string& file, FileKind kind,
+                                     std::optional<Rig>& rig);
+
+}  // namespace haarlight

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <vector>
+
+#include "core/rig/rig.h"
+#include "session/develop/demultiplex.h"
+
+/// @file
+/// Parts of the computed clean plate, for predictions that need no picture.
+
+namespace haarlight {
+
+/// At most `max_pixels` pixels, spread evenly over the first camera's picture of the first plane.
+/// @return  (n_pixels, n_lights)
+/// @throws Error  as ComputedPlate
+[[nodiscard]] std::vector<float> sample_plate(const Rig& rig, int max_pixels);
+
+/// The plate for shared light as develop() will use it, by rows; empty where the rig has no plane
+/// or no camera of this size.
+[[nodiscard]] PlatePixels computed_pixels(const Rig& rig, int width, int height);
+
+}  // namespace haarlight
