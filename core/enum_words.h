@@ -11,10 +11,11 @@
 #include "core/error.h"
 
 /// @file
-/// The words of an enum in files, messages and options: one table a type, beside the enum.
+/// The words of an enum in files, messages and options: one table per type, next to the enum.
 ///
 ///     enum class Shutter { rolling, global };
-///     inline constexpr auto kShutterWords = std::to_array<std::string_view>({"rolling", "global"});
+///     inline constexpr auto kShutterWords =
+///         std::to_array<std::string_view>({"rolling", "global"});
 ///     constexpr std::span<const std::string_view> words_of(Shutter) { return kShutterWords; }
 ///
 ///     to_string(Shutter::global)            // "global"
@@ -45,7 +46,7 @@ template <EnumWithWords Enum>
   return {words.begin(), words.end()};
 }
 
-/// The value of a word; nothing where no value has it.
+/// The value of a word; nothing if no value has it.
 template <EnumWithWords Enum>
 [[nodiscard]] std::optional<Enum> value_of(std::string_view word) {
   const std::span<const std::string_view> words = words_of(Enum{});

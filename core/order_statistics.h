@@ -17,7 +17,7 @@ namespace haarlight {
 /// sigma / median |x - m| of a normal distribution: 1 / Phi^-1(3/4).
 inline constexpr double kSigmaPerMad = 1.4826;
 
-/// The value that stands at `rank` (from 0) once the values are sorted. Reorders.
+/// The value at `rank` (from 0) of the sorted values. Reorders.
 /// @throws ContractViolation  unless rank < n
 template <class T>
 [[nodiscard]] T value_of_rank(std::span<T> reordered, std::size_t rank) {
@@ -27,7 +27,7 @@ template <class T>
   return *at;
 }
 
-/// The value of rank floor(q (n - 1)): one of the values, never between two. Reorders.
+/// The value of rank floor(q (n - 1)): one of the values, never interpolated. Reorders.
 /// @param q  0..1; 0 is the least value, 1 the greatest
 /// @throws ContractViolation  where there is no value
 template <class T>
@@ -42,7 +42,7 @@ template <class T>
   return quantile(std::span(values), q);
 }
 
-/// The value of rank n / 2: of an even number the greater of the two in the middle. Reorders.
+/// The value of rank n / 2: for even n the greater of the two in the middle. Reorders.
 /// @throws ContractViolation  where there is no value
 template <class T>
 [[nodiscard]] T upper_median(std::span<T> reordered) {
@@ -53,7 +53,7 @@ template <class T>
   return upper_median(std::span(values));
 }
 
-/// The median: of an even number the mean of the two in the middle. Reorders.
+/// The median: for even n the mean of the two in the middle. Reorders.
 /// @throws ContractViolation  where there is no value
 [[nodiscard]] inline double median(std::span<double> reordered) {
   const double upper = upper_median(reordered);

@@ -64,7 +64,7 @@ class Axis {
     }
   }
 
-  /// Whether the axis has a place for a value.
+  /// Whether the axis can show a value.
   [[nodiscard]] bool has(double value) const {
     return std::isfinite(value) && (!is_log_ || value > 0.0) &&
            (!is_given_ || (on_axis(value) >= low_ && on_axis(value) <= high_));
@@ -106,7 +106,7 @@ class Axis {
     }
     return found;
   }
-  /// Some five round numbers.
+  /// About five round numbers.
   [[nodiscard]] std::vector<double> steps() const {
     const double decade = std::pow(10.0, std::floor(std::log10((high_ - low_) / 5.0)));
     const double parts = (high_ - low_) / 5.0 / decade;

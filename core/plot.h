@@ -8,8 +8,8 @@
 
 /// @file
 /// Figures as SVG: panels side by side with one legend, axes logarithmic or linear. Colours
-/// that people with any colour vision tell apart [Okabe08], a mark of its own for each series
-/// beside the colour, readable on paper and on a dark page (the ground is drawn).
+/// that readers with any colour vision can distinguish [Okabe08], plus a marker per series;
+/// readable on paper and on a dark page (the background is drawn).
 
 namespace haarlight {
 
@@ -21,10 +21,10 @@ enum class PlotStyle {
 
 struct PlotSeries {
   std::string name;
-  /// Left out: what is not finite, beyond the panel's range, or on a logarithmic axis not above
-  /// 0.
+  /// Left out: values not finite, beyond the panel's range, or not above 0 on a logarithmic
+  /// axis.
   std::vector<std::pair<double, double>> points;
-  /// Series of one look share colour and mark in every panel, and a line of the legend.
+  /// Series of one look share colour and marker in every panel, and one line of the legend.
   int look = 0;
   bool is_dashed = false;
   PlotStyle style = PlotStyle::marked_line;

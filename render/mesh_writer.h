@@ -8,7 +8,8 @@
 #include <vector>
 
 /// @file
-/// Writes a textured surface as PLY or OBJ. read_ply and read_obj (render/scene.h) read it back.
+/// Writes a textured surface as PLY or OBJ; read_ply and read_obj (render/scene.h) read it
+/// back.
 
 namespace haarlight {
 
@@ -16,7 +17,7 @@ namespace haarlight {
 struct SurfaceMesh {
   std::vector<std::array<float, 3>> vertices;        ///< mm
   std::vector<std::array<float, 3>> normals;         ///< (n_vertices)
-  std::vector<std::array<float, 2>> uv;              ///< texture place, v up, 0..1
+  std::vector<std::array<float, 2>> uv;              ///< texture coordinates, v up, 0..1
   std::vector<std::array<std::uint8_t, 3>> colours;  ///< sRGB
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
@@ -25,7 +26,7 @@ struct SurfaceMesh {
 /// @throws Error  no triangles, unwritable
 void write_ply(const SurfaceMesh& mesh, const std::filesystem::path& file);
 
-/// OBJ and, beside it, an .mtl of the same name that names `texture` (relative to it).
+/// OBJ and, next to it, an .mtl of the same name that references `texture` (relative to it).
 /// @throws Error  no triangles, unwritable
 void write_obj(const SurfaceMesh& mesh, const std::filesystem::path& file,
                const std::string& texture);

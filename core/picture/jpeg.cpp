@@ -63,7 +63,7 @@ bool is_done(JumpError& error, const Call& call) {
   return true;
 }
 
-/// Its size is one that its bytes can hold.
+/// Opens a JPEG whose size its bytes can actually hold.
 JpegDecoder open_sound(std::string_view source) {
   JpegDecoder decoder(std::as_bytes(std::span(source)));
   const auto width = static_cast<std::uint64_t>(decoder.width());

@@ -12,13 +12,13 @@
 #include <string_view>
 
 /// @file
-/// JPEG in memory, grey or R, G, B: the one place that knows libjpeg. Decoding takes nothing on
-/// trust: what libjpeg only warns of, and then makes up, is damage here.
+/// JPEG in memory, grey or R, G, B: the only user of libjpeg. Decoding trusts nothing: what
+/// libjpeg only warns about, and then invents, is damage here.
 
 namespace haarlight {
 
-/// What libjpeg has to say of a picture that it cannot decode. Who called adds which file it is
-/// and what to do.
+/// libjpeg's message about a picture that it cannot decode. The caller adds the file's name and
+/// a hint.
 class JpegDamage : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -43,17 +43,17 @@ class JpegDecoder {
   [[nodiscard]] bool has_multiple_scans() const;
 
   /// Before the first row. @param channels  1 (grey) or 3 (R, G, B) to decode to
-  /// @throws JpegDamage  also beyond 100 scans: encoders write some 10, and each costs time for
-  ///                     every pixel
+  /// @throws JpegDamage  also beyond 100 scans: encoders write about 10, and each costs time
+  ///                     for every pixel
   void start(int channels);
   [[nodiscard]] int next_row() const;
   /// @param row  (width, channels) samples
   void read(std::span<std::uint8_t> row);
-  /// Passes over rows without colour conversion.
+  /// Skips rows without colour conversion.
   void skip(int n_rows);
-  /// After the last row: what follows it. @throws JpegDamage
+  /// After the last row: reads what follows it. @throws JpegDamage
   void finish();
-  /// Of the source, from its end.
+  /// Bytes of the source not yet consumed.
   [[nodiscard]] std::size_t n_bytes_left() const;
 
  private:
@@ -94,7 +94,7 @@ struct JpegSteps {
 [[nodiscard]] std::string encode_jpeg(JpegShape shape, const JpegSteps& steps,
                                       const std::string& where, const GiveRow& give);
 
-/// For the eye.
+/// Settings for viewing.
 struct JpegQuality {
   int channels = 3;  ///< 1 (grey) or 3 (R, G, B, stored as YCbCr, colours at full size)
   int quality = 90;  ///< 1 to 100

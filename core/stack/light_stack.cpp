@@ -71,7 +71,7 @@ bool is_sane(const Head& head) {
 
 /// Distributes one row of one channel to the lights' pictures.
 /// @param values  (width, n_lights) from the first picture's light on In blocks: a cache line
-/// of 16 lights is read once, and each picture gets whole lines.
+///                of 16 lights is read once, and each picture gets whole lines.
 void scatter_row(std::span<const float> values, std::size_t n_lights, int y, int c,
                  std::vector<Image<float>>& images) {
   constexpr std::size_t kLights = 16;

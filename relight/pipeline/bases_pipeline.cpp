@@ -20,7 +20,7 @@ namespace haarlight {
 
 namespace {
 
-/// A session or basis file opened, and what keeps alive what the study reads.
+/// An opened session or basis file, and the owners of what the study reads.
 struct OpenCapture {
   std::optional<Session> session;
   std::optional<BasisFile> basis;
@@ -38,7 +38,7 @@ StudyLight place_of(bool is_position, const Eigen::Vector3d& place, double power
   return light;
 }
 
-/// What a session's or a file's rig says of the lights, where it has one that speaks for them.
+/// Takes the lights from a session's or file's rig, if it has one that describes them.
 void take_rig(OpenCapture& capture) {
   const StackDims dims = capture.source->dims();
   if (!capture.rig || capture.rig->n_lights() != dims.n_lights) {
@@ -144,7 +144,7 @@ OpenCapture open_capture(const BasesOptions& bases) {
   return capture;
 }
 
-/// The command with what changes its results, as a person would type it.
+/// The command with all options that affect its results, as a user would type it.
 std::string command_line(const BasesOptions& bases, const BasisStudyOptions& options) {
   std::string line = fmt::format(
       "haarlight bases {} -o {} --tiles {} --sh-order {} --pca-rank {}", bases.input,

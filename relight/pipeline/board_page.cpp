@@ -11,7 +11,7 @@ namespace haarlight {
 
 namespace {
 
-/// A picture's corners as dots, with their misses as lines a hundred times as long.
+/// A picture's corners as dots, with their residuals as lines a hundred times as long.
 std::string misses_svg(const CameraModel& camera, const std::vector<Eigen::Vector2d>& corners,
                        const std::vector<Eigen::Vector2d>& misses) {
   constexpr double kLonger = 100.0;

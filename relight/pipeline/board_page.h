@@ -9,7 +9,7 @@
 #include "core/rig/camera_model.h"
 
 /// @file
-/// A page with every corner of a chessboard's pictures and how far a fit misses it.
+/// A page with every corner of a chessboard's pictures and its residual in a fit.
 
 namespace haarlight {
 

@@ -233,7 +233,7 @@ CameraBoardSummary calibrate_camera(const BoardOptions& options) {
 }
 
 PlaneBoardSummary calibrate_plane(const BoardOptions& options) {
-  // The lens as calibrated, the camera's place as written.
+  // The lens as calibrated, the camera's pose as written.
   const Rig rig = read_rig(options.rig);
   const Rig written = read_rig_as_written(options.rig);
   const CameraSpec& camera = camera_of(rig, options.camera);

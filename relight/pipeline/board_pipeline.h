@@ -12,17 +12,17 @@
 
 /// @file
 /// A rig's lens and its shadow plane from pictures of a printed chessboard: found, fitted
-/// (core/picture/chessboard.h), shown on a page with every corner's miss, and kept in
-/// NAME.measured.toml beside the rig file.
+/// (core/picture/chessboard.h), shown on a page with every corner's residual, and kept in
+/// NAME.measured.toml next to the rig file.
 
 namespace haarlight {
 
 struct BoardOptions {
   std::string rig;                    ///< the rig file
   std::vector<std::string> pictures;  ///< of that camera, neither cut nor scaled
-  Chessboard board{9, 6, 20.0};       ///< 3 to 100 inner corners a side
+  Chessboard board{9, 6, 20.0};       ///< 3 to 100 inner corners per side
   std::string camera;                 ///< id; empty: the first
-  std::string page;  ///< empty: NAME.camera.html or NAME.plane.html beside the rig file
+  std::string page;  ///< empty: NAME.camera.html or NAME.plane.html next to the rig file
   PipelineSettings settings;
 };
 
@@ -31,7 +31,7 @@ struct CameraBoardSummary {
   int n_views = 0;  ///< pictures that show the whole board
   std::string page;
   std::uint64_t bytes = 0;          ///< of the measured file
-  std::vector<PipelineNote> notes;  ///< all that was told
+  std::vector<PipelineNote> notes;  ///< all messages
 };
 
 struct PlaneBoardSummary {
@@ -49,12 +49,12 @@ struct PlaneBoardSummary {
 ///                exists
 [[nodiscard]] CameraBoardSummary calibrate_camera(const BoardOptions& options);
 
-/// The first plane, from one or more pictures of a board that lies on it; the lens as it is
-/// known, the camera's place as written.
+/// The first plane, from one or more pictures of a board that lies on it; the lens as currently
+/// known, the camera's pose as written.
 /// @throws Error  the same; a rig without a plane; a camera that sees the plane's back
 [[nodiscard]] PlaneBoardSummary calibrate_plane(const BoardOptions& options);
 
-/// What was reached.
+/// The achieved values.
 void add_to_report(const CameraBoardSummary& summary, Report& report);
 void add_to_report(const PlaneBoardSummary& summary, Report& report);
 

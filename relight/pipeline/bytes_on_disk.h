@@ -5,11 +5,11 @@
 #include <filesystem>
 
 /// @file
-/// How large results are.
+/// Sizes of results.
 
 namespace haarlight {
 
-/// Of a file, or of all files of a folder and its folders, bytes.
+/// Bytes of a file, or of all files in a folder and its subfolders.
 [[nodiscard]] std::uintmax_t bytes_on_disk(const std::filesystem::path& path);
 
 }  // namespace haarlight

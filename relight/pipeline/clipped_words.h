@@ -8,16 +8,16 @@
 #include "relight/basis/relight.h"
 
 /// @file
-/// What a command says of values that were clipped in every exposure: they are lower bounds,
-/// and no error that is stated covers what they lack. Empty words where nothing was clipped.
+/// A command's message about values that were clipped in every exposure: they are lower bounds,
+/// and no stated error covers what they lack. Empty if nothing was clipped.
 
 namespace haarlight {
 
-/// Of a whole basis file, for a line of its own.
+/// For a whole basis file, as a line of its own.
 [[nodiscard]] std::string clipped_words(const BasisHeader& header);
 void report_clipped(const BasisHeader& header, Report& report);
 
-/// Of one picture.
+/// Clipping in one picture.
 struct PictureClipping {
   double share = 0.0;  ///< of the values under the lights in use
   /// Were the clipped values truly up to 1 + f times as bright, the picture's relative error is

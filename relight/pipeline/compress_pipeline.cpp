@@ -17,7 +17,7 @@ namespace haarlight {
 
 namespace {
 
-/// The error that was asked for, or what stands for it.
+/// The requested error, or its default.
 void choose_error(const CompressCaptureOptions& options, const Session& session,
                   const PlateChoice& plate, const CompressOptions& how,
                   CompressCaptureSummary& summary) {
@@ -43,7 +43,7 @@ void choose_error(const CompressCaptureOptions& options, const Session& session,
   summary.asked_reason = fmt::format("{:g} times the capture's noise", kNoiseTarget);
 }
 
-/// The basis that was asked for, or the one that the lights allow.
+/// The requested basis, or the one that the lights allow.
 BasisKind choose_basis(const CompressCaptureOptions& options, const Session& session,
                        PipelineNotes& notes) {
   constexpr std::string_view kNoGrid =

@@ -11,14 +11,14 @@
 #include "relight/pipeline/pipeline_settings.h"
 
 /// @file
-/// From a session to a basis file: which basis its lights allow, which error its noise is worth,
-/// and the compression itself (relight/basis/compress_session.h).
+/// From a session to a basis file: which basis its lights allow, which error its noise
+/// warrants, and the compression itself (relight/basis/compress_session.h).
 
 namespace haarlight {
 
 /// Which basis over the lights.
 enum class BasisChoice {
-  automatic,  ///< Haar where the lights form grids, else direct; the latter is told
+  automatic,  ///< Haar where the lights form grids, else direct, which is reported
   haar,       ///< an Error where they form none
   direct,     ///< the lights themselves
 };
@@ -27,8 +27,8 @@ enum class BasisChoice {
 struct CompressCaptureOptions {
   std::string session;
   std::string output;
-  /// Relative L2 error of the whole stack, in [0, 1]; 0 is exact. Nothing: kNoiseTarget times the
-  /// capture's noise, or 0.01 where nobody measured it.
+  /// Relative L2 error of the whole stack, in [0, 1]; 0 is exact. Nothing: kNoiseTarget times
+  /// the capture's noise, or 0.01 where it was not measured.
   std::optional<double> max_error;
   std::optional<double> worst_pixel;  ///< bound on every pixel's own error; nothing: none
   bool is_integer = false;            ///< every value as whole steps of the camera, exactly
@@ -42,17 +42,17 @@ struct CompressCaptureOptions {
 struct CompressCaptureSummary {
   CompressSummary compressed;
   double relative_l2_asked = 0.0;   ///< infinite for whole steps
-  std::string asked_reason;         ///< where that comes from, for a person
-  std::optional<double> noise;      ///< of the capture, where it was measured and asked
-  std::vector<PipelineNote> notes;  ///< all that was told
+  std::string asked_reason;         ///< the reason for it, for the user
+  std::optional<double> noise;      ///< of the capture, if measured and requested
+  std::vector<PipelineNote> notes;  ///< all messages
 };
 
-/// Killed, it goes on where it was when it is called again.
-/// @throws Error  a session that cannot be read, a plate that does not fit, lights without grids
-///                for Haar, an output that exists; as compress_session()
+/// If killed, it resumes where it stopped when called again.
+/// @throws Error  a session that cannot be read, a clean plate that does not fit, lights
+///                without grids for Haar, an output that exists; as compress_session()
 [[nodiscard]] CompressCaptureSummary compress_capture(const CompressCaptureOptions& options);
 
-/// What was asked and reached.
+/// What was requested and achieved.
 void add_to_report(const CompressCaptureOptions& options, const CompressCaptureSummary& summary,
                    Report& report);
 

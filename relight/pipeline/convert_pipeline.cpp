@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kCompared = 25;       ///< directions at which IN and OUT are compared
-constexpr double kOtherTurn = 1.0;  ///< none of those that a refit took
+constexpr double kOtherTurn = 1.0;  ///< none of those used by a refit
 
 [[noreturn]] void refuse_options(const std::string& what, const std::string& cure) {
   throw Error(what, "the options", cure, ExitCode::usage);
@@ -33,7 +33,7 @@ std::string name_of(const ReflectanceModel& model) {
                      model.planes.height());
 }
 
-/// What OUT shall hold; basis and terms as IN where nothing else was asked and OUT can.
+/// What OUT is to hold; basis and terms as in IN unless requested otherwise or OUT cannot.
 RefitTarget choose_target(const ConvertOptions& options, ReflectanceFormat format,
                           const ReflectanceModel& model) {
   RefitTarget target;
@@ -72,7 +72,7 @@ RefitTarget choose_target(const ConvertOptions& options, ReflectanceFormat forma
   return target;
 }
 
-/// True where OUT can hold IN as it is, but for scales and JPEG.
+/// True if OUT can hold IN unchanged, except for scales and JPEG.
 bool keeps(const ConvertOptions& options, ReflectanceFormat format,
            const ReflectanceModel& model, const RefitTarget& target) {
   if (!can_hold(format, model)) {
@@ -148,7 +148,7 @@ void convert_lights(const ConvertOptions& options, ConvertSummary& summary,
   notes.add(NoteKind::result, fmt::format("{}: {} lights", options.output, list.lights.size()));
 }
 
-/// What the written file holds, and how far its pictures are from IN's.
+/// What the written file holds, and the difference of its pictures from IN's.
 void judge_written(const ConvertOptions& options, const ReflectanceModel& model,
                    const ReflectanceModel& written, ConvertSummary& summary,
                    PipelineNotes& notes) {
@@ -189,7 +189,7 @@ void convert_model(const ConvertOptions& options, const ReflectanceReading& read
   } else {
     write_reflectance(options.output, model, writing);
   }
-  // From the file itself: what was lost to bytes, JPEG and the other basis together.
+  // From the file itself: the total loss to bytes, JPEG and the other basis.
   const HshOrder4 order4 = summary.is_refitted ? HshOrder4::exact : reading.order4;
   const ReflectanceModel written =
       read_reflectance(options.output, {.order4 = order4, .most_bytes = reading.most_bytes});

@@ -15,19 +15,19 @@
 #include "relight/reflectance/formats/reflectance_file.h"
 
 /// @file
-/// Pictures that can be relit from one program's format to another's, refitted where the other
-/// holds them in another basis, and measured from the written file; one picture of them under a
-/// light; and lists of lights. What is made follows from the output's name.
+/// Converts relightable pictures between formats, refitted where the target uses another basis,
+/// and measured from the written file; or renders one picture of them under a light; or
+/// converts lists of lights. The output's name decides.
 
 namespace haarlight {
 
 struct ConvertOptions {
   std::string input;   ///< .ptm, .rti, folder with Relight's info.json; .lp, .dome
-  std::string output;  ///< .ptm, .rti, no ending for a web folder; .lp, .dome; a picture
-  Transfer transfer = Transfer::srgb;  ///< what IN's colours are coded with
+  std::string output;  ///< .ptm, .rti, no extension for a web folder; .lp, .dome; a picture
+  Transfer transfer = Transfer::srgb;  ///< transfer of IN's colours
   HshOrder4 order4 = HshOrder4::exact;
-  std::optional<ReflectanceBasis> basis;  ///< of a web folder; nothing: as IN
-  std::optional<int> terms;               ///< of hsh: 4, 9 or 16; nothing: as IN, else 9
+  std::optional<ReflectanceBasis> basis;  ///< for a web folder; nothing: as IN
+  std::optional<int> terms;               ///< for hsh: 4, 9 or 16; nothing: as IN, else 9
   /// Write one picture, lit from here: x right, y up, z to the camera; any length but 0.
   std::optional<Eigen::Vector3d> light;
   bool is_jpeg = false;           ///< the .ptm with JPEG pictures
@@ -44,16 +44,16 @@ struct ConvertSummary {
   ReflectanceBasis basis = ReflectanceBasis::ptm;  ///< model: as written
   int n_terms = 0;
   bool is_refitted = false;
-  PictureDifference difference;  ///< model: of IN's and OUT's pictures under 25 lights
+  PictureDifference difference;  ///< model: between IN's and OUT's pictures under 25 lights
   std::uint64_t bytes = 0;
-  std::vector<PipelineNote> notes;  ///< all that was told
+  std::vector<PipelineNote> notes;  ///< all messages
 };
 
 /// @throws Error(usage)  options that the format cannot hold
 /// @throws Error  an input that cannot be read, an output that exists
 [[nodiscard]] ConvertSummary convert_reflectance(const ConvertOptions& options);
 
-/// What was asked and reached.
+/// What was requested and achieved.
 void add_to_report(const ConvertOptions& options, const ConvertSummary& summary,
                    Report& report);
 

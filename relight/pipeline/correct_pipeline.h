@@ -16,18 +16,18 @@
 namespace haarlight {
 
 struct CorrectOptions {
-  std::filesystem::path session;  ///< with lights whose places are known
+  std::filesystem::path session;  ///< with lights of known positions
   std::filesystem::path out;      ///< folder to write
   FallOff fall_off = FallOff::plane;
-  std::optional<Transfer> transfer{};  ///< stands in for a curve that is not known
-  double width_mm = 0.0;               ///< of an import: what the picture shows; 0: not known
+  std::optional<Transfer> transfer{};  ///< used for an unknown curve
+  double width_mm = 0.0;               ///< of an import: width shown by the picture; 0: unknown
   std::optional<double> height_mm{};   ///< mean height of the object above the rig's plane
   PipelineSettings settings{};
 };
 
 struct CorrectSummary {
   int n_lights = 0;
-  /// Of any pixel under any light, of what the middle of the picture has under it; 1 where none is
+  /// Least light of any pixel under any light, relative to the picture's middle; 1 if none is
   /// weaker.
   double least_fall_off = 1.0;
   std::uint64_t bytes = 0;  ///< of the pictures written

@@ -32,7 +32,7 @@ std::string_view word_of(Demosaic demosaic) {
   return "?";
 }
 
-/// One EXR a light; with standard errors light_0000.error.exr beside it.
+/// One EXR per light; with standard errors light_0000.error.exr next to it.
 std::uint64_t write_pictures(const Session& session, const LightStack& stack,
                              const std::string& ending, const fs::path& folder,
                              const PipelineSettings& settings) {
@@ -46,7 +46,7 @@ std::uint64_t write_pictures(const Session& session, const LightStack& stack,
         const fs::path file = folder / fmt::format("light_{:04}{}.exr", k, ending);
         PictureNotes notes = notes_of(session.info());
         add_light(session.info(), k, notes);
-        if (ending.empty()) {  // standard errors are no light's picture
+        if (ending.empty()) {  // standard errors are not a light's picture
           add_seen_light(session.info(), seen, k, notes);
         }
         write_image(file, picture.view(), 1.0, notes);

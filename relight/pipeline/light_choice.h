@@ -7,7 +7,7 @@
 #include "render/light/cubemap.h"
 
 /// @file
-/// What lights a picture: an environment, or lights named one by one.
+/// The lighting of a picture: an environment, or lights named one by one.
 
 namespace haarlight {
 
@@ -17,7 +17,7 @@ struct LightChoice {
   double rotate_deg = 0.0;  ///< of the environment about z, counter-clockwise from above
 };
 
-/// The environment, turned.
+/// The environment, rotated.
 /// @throws Error  as Environment::read
 [[nodiscard]] Environment read_environment(const LightChoice& choice);
 

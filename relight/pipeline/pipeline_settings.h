@@ -10,19 +10,19 @@
 #include "core/progress.h"
 
 /// @file
-/// What every pipeline is given beside its own options, and how it tells what it found worth
-/// saying: pipelines print nothing but their progress.
+/// Settings common to all pipelines, and how they report messages: pipelines print nothing but
+/// their progress.
 
 namespace haarlight {
 
 enum class NoteKind {
   result,   ///< a line of what was found, as it is found
   note,     ///< worth knowing; nothing is wrong
-  caution,  ///< bounds what the results say
-  warning,  ///< the input contradicts itself, or holds less than it seems to
+  caution,  ///< limits the validity of the results
+  warning,  ///< the input contradicts itself, or contains less than it seems to
 };
 
-/// One thing said, for people: one line or several, without a line break at its end.
+/// One message to the user: one line or several, without a trailing line break.
 struct PipelineNote {
   NoteKind kind = NoteKind::note;
   std::string text;
@@ -35,8 +35,8 @@ struct PipelineSettings {
   std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
   ProgressStyle progress = ProgressStyle::none;
   bool overwrites = false;  ///< an output that exists
-  /// Called with each note when it is known, on the caller's thread; empty: summaries alone
-  /// hold them.
+  /// Called with each note when it is known, on the caller's thread; empty: only summaries hold
+  /// them.
   TellNote tell{};
 };
 

@@ -85,7 +85,7 @@ LightWeights read_weights(const RelightPictureOptions& options, RelightSummary& 
   return weights_from_words(options.light.lights, summary.basis.dims.n_lights);
 }
 
-/// What the picture is beside the stack itself.
+/// The picture's error against the stack itself.
 Achieved compare_with_session(const RelightPictureOptions& options, const LightWeights& weights,
                               const Image<float>& picture) {
   DevelopOptions develop_options;
@@ -130,7 +130,7 @@ std::string channel_words(const std::vector<double>& bounds) {
              : fmt::format("  of each channel alone at most {:.3g}\n", fmt::join(bounds, ", "));
 }
 
-/// Says so when the error that was asked for cannot be promised.
+/// Reports if the requested error cannot be guaranteed.
 void judge(const RelightPictureOptions& options, RelightSummary& summary,
            PipelineNotes& notes) {
   summary.is_error_kept = !options.max_error || summary.relative_l2_bound <= *options.max_error;
@@ -153,7 +153,7 @@ void count_picture(const RelitPicture& relit, RelightSummary& summary) {
   summary.method = relit.method;
 }
 
-/// Writes one picture with what it says of itself.
+/// Writes one picture with its metadata.
 void write_relit(const std::filesystem::path& name, const RelitPicture& relit,
                  const LightWeights& weights, const RelightPictureOptions& options,
                  RelightSummary& summary) {
@@ -173,7 +173,7 @@ std::filesystem::path frame_name(const std::filesystem::path& output, int frame)
   return name;
 }
 
-/// Pictures of several turns in one reading of the data. A quantised file is unpacked into
+/// Pictures of several rotations in one pass over the data. A quantised file is unpacked into
 /// memory once; an exact one is read for each batch, so that nothing is lost.
 class FrameRelighter {
  public:
@@ -194,7 +194,7 @@ class FrameRelighter {
   std::optional<PreparedBasis> prepared_;
 };
 
-/// Every frame's weights; the worst frame's shares go into the summary.
+/// Every frame's weights; the worst frame's fractions go into the summary.
 std::vector<LightWeights> frame_weights(const RelightPictureOptions& options,
                                         RelightSummary& summary, PipelineNotes& notes) {
   const Environment still = read_environment(options.light);

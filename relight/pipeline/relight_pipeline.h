@@ -15,9 +15,9 @@
 #include "relight/pipeline/pipeline_settings.h"
 
 /// @file
-/// From a basis file to a picture under an environment, chosen lights or a list of drives, with
-/// a bound on its error; or to an animation, the environment turning once. Method:
-/// relight/basis/relight.h, docs/numerics/relight.md.
+/// From a basis file to a picture under an environment, chosen lights or a list of light
+/// weights, with a bound on its error; or to an animation, the environment turning once.
+/// Method: relight/basis/relight.h, docs/numerics/relight.md.
 
 namespace haarlight {
 
@@ -25,7 +25,7 @@ struct RelightPictureOptions {
   std::string basis;
   std::string output;  ///< picture: .exr linear, .png for display; of frames OUT-0000 ...
   LightChoice light;
-  std::string weights;              ///< JSON list of every light's drive; empty: none
+  std::string weights;              ///< JSON list of every light's weight; empty: none
   std::optional<double> max_error;  ///< fewest terms whose relative L2 error is bounded by it
   std::optional<int> terms;         ///< nothing: all
   TermOrder order = TermOrder::transport;
@@ -51,9 +51,9 @@ struct RelightSummary {
   std::string method;            ///< of frames
   double exposure = 1.0;
   std::optional<Achieved> against;  ///< the session
-  bool is_error_kept = true;        ///< the bound is at most max_error, where that was asked
+  bool is_error_kept = true;        ///< the bound is at most max_error, if that was requested
   std::uint64_t bytes = 0;          ///< of the pictures
-  std::vector<PipelineNote> notes;  ///< all that was told
+  std::vector<PipelineNote> notes;  ///< all messages
 };
 
 /// One picture, or options.frames.
@@ -61,7 +61,7 @@ struct RelightSummary {
 /// @throws Error  inputs that cannot be read or do not belong together, outputs that exist
 [[nodiscard]] RelightSummary relight_picture(const RelightPictureOptions& options);
 
-/// What was asked and reached.
+/// What was requested and achieved.
 void add_to_report(const RelightPictureOptions& options, const RelightSummary& summary,
                    Report& report);
 

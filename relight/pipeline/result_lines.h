@@ -11,10 +11,10 @@
 
 namespace haarlight {
 
-/// Tells whole lines as one result; nothing where there are none.
+/// Reports whole lines as one result; nothing if there are none.
 inline void tell_lines(std::string lines, PipelineNotes& notes) {
   if (!lines.empty()) {
-    lines.pop_back();  // a note has no line break at its end
+    lines.pop_back();  // a note has no trailing line break
     notes.add(NoteKind::result, std::move(lines));
   }
 }

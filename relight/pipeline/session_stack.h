@@ -15,14 +15,15 @@
 namespace haarlight {
 
 /// The settings' memory and progress, the session's own clean plate.
-/// @param unknown_as  stands in for the unknown curve of a camera's YUYV or NV12; nothing:
-///                    such a session is refused
+/// @param unknown_as  used for the unknown curve of a camera's YUYV or NV12; nothing: such a
+///                    session is refused
 [[nodiscard]] DevelopOptions develop_options(const Session& session,
                                              const PipelineSettings& settings,
                                              std::optional<Transfer> unknown_as);
 
-/// Where each light's values end, as develop has them, (n_lights), or (channels, n_lights)
-/// where channels have gains; empty where pictures are no integers, or the session is a rig's.
+/// The level at which each light's values clip, as in develop, (n_lights), or (channels,
+/// n_lights) where channels have gains; empty if pictures are not integers, or the session is a
+/// rig's.
 [[nodiscard]] std::vector<float> clip_levels(const Session& session);
 
 }  // namespace haarlight

@@ -47,7 +47,7 @@ std::vector<std::size_t> find_planes(const Rig& rig, const std::vector<std::stri
   return found;
 }
 
-/// Heights over another plane, where it is parallel to the one they were given over.
+/// Heights over another plane, if parallel to the one over which they were given.
 std::optional<HeightRange> over_plane(const std::optional<HeightRange>& object,
                                       const PlaneFrame& given, const PlaneFrame& other) {
   constexpr double kParallel = 1e-6;

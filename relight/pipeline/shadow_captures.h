@@ -18,7 +18,7 @@
 #include "render/scene.h"
 
 /// @file
-/// The captures of one object that a shadow is made from: basis files, their rigs, and the
+/// The captures of one object from which a shadow is computed: basis files, their rigs, and the
 /// shadow pictures of their planes.
 
 namespace haarlight {
@@ -42,7 +42,7 @@ struct ShadowCapture {
   std::vector<std::unique_ptr<StackVisibility>> shadows;  ///< the same
 };
 
-/// All captures, the first one's lights being everyone's.
+/// All captures; the first one's lights apply to all.
 class ShadowCaptures {
  public:
   /// Opens `options.basis` and `options.also`.
@@ -51,10 +51,10 @@ class ShadowCaptures {
 
   [[nodiscard]] const ShadowCapture& first() const { return *captures_[0]; }
   [[nodiscard]] const Rig& rig() const { return first().rig; }
-  /// The plane that heights are given over.
+  /// The plane over which heights are given.
   [[nodiscard]] const PlaneFrame& frame() const { return first().frames[first().chosen[0]]; }
 
-  /// Opens a captured plate and the mask.
+  /// Opens a captured clean plate and the mask.
   /// @throws Error  one that does not fit
   void read_plate_and_mask();
   /// Prepares the shadow pictures of these lights. The planes refer to this object.
@@ -69,7 +69,7 @@ class ShadowCaptures {
   Image<std::uint8_t> mask_;
 };
 
-/// True where the plate is a file, not made from the rig.
+/// True if the clean plate is a file, not computed from the rig.
 [[nodiscard]] bool is_plate_captured(const ShadowOptions& options);
 
 }  // namespace haarlight

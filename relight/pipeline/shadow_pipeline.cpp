@@ -30,7 +30,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Before anything is read.
+/// Called before anything is read.
 void check_options(const ShadowOptions& options) {
   for (const std::string& file :
        {options.output, options.spread, options.truth, options.difference}) {
@@ -84,7 +84,7 @@ std::vector<Eigen::Vector3d> read_weights(const ShadowOptions& options, const Ri
   return colours;
 }
 
-/// The scene's camera, or the capture's own where the scene has none; resized when asked.
+/// The scene's camera, or the capture's own where the scene has none; resized on request.
 CameraModel view_of(const ShadowOptions& options, const SceneFile& scene, const Rig& rig) {
   CameraModel camera =
       scene.has_camera && !options.with_object ? scene.camera : rig.cameras[0].model;
@@ -109,7 +109,7 @@ LightWeights drive_levels_of(std::span<const Eigen::Vector3d> weights) {
   return drives;
 }
 
-/// What all steps share: the inputs, read.
+/// Common to all steps: the inputs, as read.
 struct ShadowJob {
   const ShadowOptions& options;
   const ShadowCaptures& captures;
@@ -120,8 +120,8 @@ struct ShadowJob {
   std::span<const Eigen::Vector3d> weights;
 };
 
-/// Where the camera sees the object: what shows any of the planes is not the object; what one
-/// plate does not see may be.
+/// Where the camera sees the object: pixels that show any of the planes are not the object;
+/// those that one plate does not see may be.
 Image<std::uint8_t> object_pixels(const ShadowCapture& capture) {
   Image<std::uint8_t> shows_object = capture.shadows[0]->shows_object();
   for (const auto& shadow : capture.shadows) {
@@ -136,14 +136,14 @@ Image<std::uint8_t> object_pixels(const ShadowCapture& capture) {
   return shows_object;
 }
 
-/// Lays the relit object over the scene. @return  where it is drawn
+/// Composites the relit object over the scene. @return  where it is drawn
 Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
                                ShadowSummary& summary) {
   const ShadowCapture& capture = job.captures.first();
   const CameraModel& eye = capture.rig.cameras[0].model;
   const PlaneFrame& frame = job.captures.frame();
   const SquareLight one = rig_lights(capture.rig)[0];
-  // To the scale of a computed plate; a captured one stands in between.
+  // To the scale of a computed clean plate, by way of a captured one.
   double plate_scale = capture.shadows[0]->scale();
   if (is_plate_captured(job.options)) {
     const RigPlate computed(eye, frame.plane, rig_lights(capture.rig), PlateKind::squares);
@@ -213,7 +213,7 @@ PictureNotes shadow_notes(const ShadowJob& job, const ReprojectReport& found) {
   return notes;
 }
 
-/// Draws the object, judges, and writes every picture.
+/// Draws the object, compares with the truth, and writes every picture.
 void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
                      ShadowSummary& summary, PipelineNotes& told) {
   const ShadowOptions& options = job.options;
@@ -266,7 +266,7 @@ ShadowSummary cast_shadow(const ShadowOptions& options) {
   ShadowCaptures captures(options);
   const std::vector<Eigen::Vector3d> weights = read_weights(options, captures.rig(), summary);
   const SceneFile scene = read_scene(options.scene);
-  Scene object;  // read before anything is written, as every input
+  Scene object;  // read before anything is written, like every input
   if (!options.truth_object.empty()) {
     object = read_scene(options.truth_object).scene;
     remove_plane_triangles(object, captures.frame());

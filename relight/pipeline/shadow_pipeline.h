@@ -17,14 +17,14 @@
 
 /// @file
 /// From basis files to a picture: the captured object's shadow on another scene, under an
-/// environment or chosen lights, with the object itself over it and the ray-traced truth beside
-/// it where they are asked for. Method: relight/shadow/reproject.h, docs/numerics/shadow.md.
+/// environment or chosen lights, with the object itself over it and the ray-traced truth next
+/// to it on request. Method: relight/shadow/reproject.h, docs/numerics/shadow.md.
 
 namespace haarlight {
 
 struct ShadowOptions {
   std::string basis;   ///< of the object on the shadow plane, with its rig
-  std::string scene;   ///< receives the shadow; its camera sees the picture where it has one
+  std::string scene;   ///< receives the shadow; its camera, if any, takes the picture
   std::string output;  ///< picture: .exr linear, .png for display
   LightChoice light;
   WindowRule window = WindowRule::corrected;
@@ -32,19 +32,19 @@ struct ShadowOptions {
   std::vector<std::string> planes;     ///< ids of the rig's; empty: all
   std::vector<std::string> also;       ///< further captures, the plane moved between them
   std::optional<double> max_error;     ///< relative L2 of the irradiance, in [0, 1]
-  std::optional<double> worst_point;   ///< of the irradiance, as a share of the brightest
-  bool with_object = false;            ///< lay the relit object over the scene
+  std::optional<double> worst_point;   ///< of the irradiance, as a fraction of the brightest
+  bool with_object = false;            ///< composite the relit object over the scene
   std::optional<double> plane_albedo;  ///< of the captured plane, (0, 1]; with_object needs it
   std::string plate = "computed";      ///< or falloff, or a .hlb file
-  std::string mask;                    ///< picture, white where the plane is seen; empty: found
-  std::vector<int> size;               ///< width, height; empty: the camera's
-  int subpixels = 2;                   ///< n x n samples a pixel
-  bool has_own_shadows = true;         ///< those that the scene casts on itself
-  std::optional<double> exposure;      ///< default: unshadowed 99.5th percentile white for .png
-  std::string spread;                  ///< picture of the bounds' half distance; empty: none
-  std::string truth_object;            ///< scene of the object itself; goes with `truth`
-  std::string truth;                   ///< ray-traced picture; empty: none
-  std::string difference;              ///< picture, four times brighter; empty: none
+  std::string mask;             ///< picture, white where the plane is visible; empty: detected
+  std::vector<int> size;        ///< width, height; empty: the camera's
+  int subpixels = 2;            ///< n x n samples per pixel
+  bool has_own_shadows = true;  ///< those that the scene casts on itself
+  std::optional<double> exposure;  ///< default: unshadowed 99.5th percentile white for .png
+  std::string spread;              ///< picture of the bounds' half distance; empty: none
+  std::string truth_object;        ///< scene of the object itself; goes with `truth`
+  std::string truth;               ///< ray-traced picture; empty: none
+  std::string difference;          ///< picture, four times brighter; empty: none
   PipelineSettings settings;
 };
 
@@ -54,14 +54,14 @@ struct ShadowPlate {
   double known_share = 0.0;  ///< of the plane picture
 };
 
-/// The object that was laid over the scene.
+/// The object composited over the scene.
 struct ShadowObject {
   std::int64_t n_drawn = 0;   ///< pixels
   std::int64_t n_hidden = 0;  ///< pixels behind the scene
   double scale = 0.0;         ///< from the capture's values to the scene's radiance
 };
 
-/// How far the picture is from the ray-traced one.
+/// The picture's error against the ray-traced one.
 struct ShadowAgreement {
   Achieved reached;
   std::optional<ShadowError> shadow;  ///< of the shadow alone
@@ -71,14 +71,14 @@ struct ShadowAgreement {
 struct ShadowSummary {
   ReprojectReport reprojected;
   std::size_t n_planes = 0;
-  std::vector<ShadowPlate> plates;      ///< one a plane; empty where no light burns
+  std::vector<ShadowPlate> plates;      ///< one per plane; empty if no light is on
   std::optional<double> missing_share;  ///< of an environment, where the rig has no lights
   std::string layout;                   ///< of the environment; empty: none
   double exposure = 1.0;
   std::optional<ShadowObject> object;
   std::optional<ShadowAgreement> truth;
   std::uint64_t bytes = 0;          ///< of all pictures
-  std::vector<PipelineNote> notes;  ///< all that was told
+  std::vector<PipelineNote> notes;  ///< all messages
 };
 
 /// Reads everything, then writes the pictures.
@@ -86,10 +86,10 @@ struct ShadowSummary {
 /// @throws Error  inputs that cannot be read or do not belong together, outputs that exist
 [[nodiscard]] ShadowSummary cast_shadow(const ShadowOptions& options);
 
-/// Of the irradiance, as max_error and worst_point ask for it; 0: exact.
+/// Tolerance of the irradiance, from max_error and worst_point; 0: exact.
 [[nodiscard]] Tolerance shadow_tolerance(const ShadowOptions& options);
 
-/// What was asked and reached.
+/// What was requested and achieved.
 void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, Report& report);
 
 }  // namespace haarlight

@@ -6,11 +6,11 @@
 #include "relight/pipeline/shadow_pipeline.h"
 
 /// @file
-/// What cast_shadow() tells a person, in whole lines.
+/// Messages of cast_shadow() to the user, in whole lines.
 
 namespace haarlight {
 
-/// Of the reprojection: lights, receivers, its error, and what its reader should know.
+/// On the reprojection: lights, receivers, its error, and what the user should know.
 [[nodiscard]] std::string shadow_words(const ShadowOptions& options,
                                        const ShadowSummary& summary);
 [[nodiscard]] std::string object_words(const ShadowObject& object);

@@ -7,14 +7,14 @@
 #include "relight/shadow/rig_predict.h"
 
 /// @file
-/// A rig's prediction as lines for a person, as JSON and in a report. Pure.
+/// A rig's prediction as lines for the user, as JSON and in a report. Pure.
 
 namespace haarlight {
 
 /// @param strip_mm  PredictOptions::strip_mm of the prediction
 [[nodiscard]] std::string prediction_text(const RigPrediction& prediction, double strip_mm);
 [[nodiscard]] std::string prediction_json(const RigPrediction& prediction);
-/// What was asked, and of the first plane what was reached.
+/// What was requested and, for the first plane, achieved.
 void add_to_report(const PredictOptions& options, const RigPrediction& prediction,
                    Report& report);
 

@@ -17,7 +17,7 @@ namespace haarlight {
 namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
-constexpr double kLeastWander = 0.01;  // of the radius: what does not move is no light
+constexpr double kLeastWander = 0.01;  // of the radius: what does not move is not a light
 constexpr double kLeastSeen = 0.5;     // of a ball's outline: a ball before a wall shows more
 
 /// The camera that saw the balls, at the origin; nothing: far away, straight ahead.

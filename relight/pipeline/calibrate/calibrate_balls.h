@@ -5,14 +5,14 @@
 #include "relight/pipeline/calibrate/light_pictures.h"
 
 /// @file
-/// Lights from mirror balls, found or masked: far lights' directions from one ball, near lights'
-/// places from several.
+/// Lights from mirror balls, found or masked: far lights' directions from one ball, near
+/// lights' positions from several.
 
 namespace haarlight {
 
-/// @param findings  balls and, of near lights, the scene: filled
-/// @throws Error  no ball, or other ones than were asked for; options that do not suffice; a
-///                mask that does not fit; highlights that do not move
+/// @param findings  balls and, for near lights, the scene: filled in
+/// @throws Error  no ball, or a different number than requested; insufficient options; a mask
+///                that does not fit; highlights that do not move
 [[nodiscard]] FoundLights find_by_balls(const CalibratePipelineOptions& options,
                                         const LightPictures& pictures, BallFindings& findings,
                                         PipelineNotes& notes);

@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMostChi2 = 2.0;  // beyond, more than noise is left
+constexpr double kMostChi2 = 2.0;  // beyond, the residual is more than noise
 
 /// Heights of the blocks from their normals, mean 0; parallel projection.
 std::vector<Vector3d> blocks_of_normals(const TargetSamples& samples,
@@ -61,9 +61,9 @@ double bent_range_mm(const Alternation& found) {
 FoundLights find_by_bent_sheet(const CalibratePipelineOptions& options, const ReadSheet& sheet,
                                const LightPictures& pictures, SheetFindings& findings,
                                PipelineNotes& notes) {
-  // From where a flat sheet would have the lights.
+  // Starts from the lights found for a flat sheet.
   FreeLightOptions first = free_light_options(options);
-  // A free exponent and free axes bend with the sheet: both stay as given.
+  // A free exponent and free axes would adapt to the bend: both stay as given.
   first.aim_sigma_deg = 0.0;
   first.lights.lobe = Lobe::given;
   first.lights.sheet = {};

@@ -4,13 +4,13 @@
 #include "relight/pipeline/calibrate/sheet_parts.h"
 
 /// @file
-/// Lights from a sheet that is not flat: its shape and the lights in turn.
+/// Lights from a sheet that is not flat: its shape and the lights by alternation.
 
 namespace haarlight {
 
-/// From where a flat sheet would have the lights. No standard errors: lights can hide a bend in
+/// Starts from the lights found for a flat sheet. No standard errors: lights can hide a bend in
 /// the noise.
-/// @param findings  the alternation: filled
+/// @param findings  the alternation: filled in
 [[nodiscard]] FoundLights find_by_bent_sheet(const CalibratePipelineOptions& options,
                                              const ReadSheet& sheet,
                                              const LightPictures& pictures,

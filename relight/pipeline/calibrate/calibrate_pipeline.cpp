@@ -68,7 +68,7 @@ LightPictures open_pictures(const CalibratePipelineOptions& options) {
   return LightPictures::open(pictures, options.settings);
 }
 
-/// What the lights are found by, into its place of the summary.
+/// Finds the lights by the chosen method; stores its findings in the summary.
 FoundLights find_lights(CalibrateMethod method, const CalibratePipelineOptions& options,
                         const LightPictures& pictures, CalibrateSummary& summary,
                         PipelineNotes& notes) {

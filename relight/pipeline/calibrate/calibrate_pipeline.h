@@ -19,24 +19,24 @@
 #include "relight/pipeline/pipeline_settings.h"
 
 /// @file
-/// Where lights are and how strong, from pictures of a flat sheet or of mirror balls. What
-/// `haarlight calibrate` does, for programs that link it. Which way to take, and how exact it
-/// is: docs/reference/calibration.md.
+/// Positions and powers of lights, from pictures of a flat sheet or of mirror balls. What
+/// `haarlight calibrate` does, for programs that link it. Which method to choose, and its
+/// accuracy: docs/reference/calibration.md.
 
 namespace haarlight {
 
 enum class LightTarget {
-  ball,   ///< mirror balls: directions from one, places from several
-  sheet,  ///< a matte sheet: places and powers of free lights, of an array, or of a rig's faces
+  ball,   ///< mirror balls: directions from one, positions from several
+  sheet,  ///< a matte sheet: positions, powers of free lights, an array, or a rig's faces
 };
 
-/// Of mirror balls.
+/// Options for mirror balls.
 struct BallTargetOptions {
   /// White on one ball each, black around it; empty: balls are looked for.
   std::vector<std::filesystem::path> masks{};
   int n_balls = 1;                  ///< to look for
   std::vector<double> radius_mm{};  ///< one for all, or one for each mask; empty: far lights
-  /// How far an outline as a whole may be off: a standard deviation of its middle and radius.
+  /// Uncertainty of an outline as a whole: standard deviation of its centre and radius.
   double edge_px = 0.5;
 };
 
@@ -47,32 +47,32 @@ struct LightGrid {
   double pitch_mm = 0.0;  ///< from light to light
 };
 
-/// Of a sheet.
+/// Options for a sheet.
 struct SheetTargetOptions {
-  /// What of it counts, mm right and up of the picture's middle, of a rig along its plane's u
+  /// The part used, mm right and up from the picture's middle, for a rig along its plane's u
   /// and v; nothing: nine tenths of the picture.
   std::optional<SheetRegion> region{};
   Aim aim = Aim::centre;
-  double aim_deg = 3.0;   ///< how far a light is off its aim, a standard deviation
-  double tilt_deg = 1.0;  ///< how far the camera may be from straight above, likewise
+  double aim_deg = 3.0;   ///< aiming error of a light, a standard deviation
+  double tilt_deg = 1.0;  ///< the camera's deviation from straight above, likewise
   double led_mm = 0.0;    ///< side of the lights' emitters
   Lobe lobe = Lobe::free;
-  double mu = 1.0;      ///< the lobes' exponent: where Lobe::free begins, or as given
-  double bow_mm = 1.0;  ///< how far the sheet may be bowed, a standard deviation; 0: it is flat
-  int samples = 32;     ///< about so many blocks along its longer side
-  bool is_bent = false;  ///< its shape is found in turn with the lights
+  double mu = 1.0;       ///< lobe exponent: start of Lobe::free, or as given
+  double bow_mm = 1.0;   ///< bow of the sheet, a standard deviation; 0: it is flat
+  int samples = 32;      ///< approximate number of blocks along its longer side
+  bool is_bent = false;  ///< its shape is found by alternation with the lights
   std::optional<LightGrid> grid{};
   double thickness_mm = 0.0;     ///< of a rig: over the plane
-  std::filesystem::path page{};  ///< of a rig file: the page with figures; empty: beside it
+  std::filesystem::path page{};  ///< of a rig file: the page with figures; empty: next to it
 };
 
 struct CalibratePipelineOptions {
   std::filesystem::path input;  ///< a session's folder, or a folder with one picture per light
   std::filesystem::path out;    ///< folder; or one list: .json, .lp, .csv
-  std::optional<LightTarget> target{};  ///< nothing: what the input and the options say
+  std::optional<LightTarget> target{};  ///< nothing: from the input and the options
   std::vector<std::string> exclude{};   ///< pictures whose names contain one of these
   std::optional<Transfer> transfer{};   ///< of integer pictures; nothing: as the file says
-  // The camera: two of the three tell it; 0: not given.
+  // The camera: two of the three determine it; 0: not given.
   double width_mm = 0.0;   ///< what the picture shows across, on the sheet
   double camera_mm = 0.0;  ///< from the lens to the sheet, or to what the balls lie on
   double focal_px = 0.0;
@@ -84,21 +84,21 @@ struct CalibratePipelineOptions {
   PipelineSettings settings{};
 };
 
-/// What balls told beside the lights.
+/// Findings from balls besides the lights.
 struct BallFindings {
   std::vector<MeasuredBall> balls;
-  // Of near lights.
+  // For near lights.
   std::optional<double> camera_mm{};  ///< the camera over the plane that the balls lie on
   std::optional<double> width_mm{};   ///< the picture's, there
-  std::optional<double> ray_chi2{};   ///< a degree of freedom: 1 where rays meet as they should
+  std::optional<double> ray_chi2{};   ///< per degree of freedom: 1 if rays meet as expected
 };
 
-/// What a sheet told beside the lights.
+/// Findings from a sheet besides the lights.
 struct SheetFindings {
   double block_noise = 0.0;  ///< relative, of a block
   int block_rows = 0;
   int block_cols = 0;
-  std::optional<double> array_start_rms_mm{};  ///< of free lights about the array's layout
+  std::optional<double> array_start_rms_mm{};  ///< of free lights against the array's layout
   std::optional<LightCalibration> flat{};      ///< of a sheet that is flat
   std::optional<Alternation> bent{};           ///< of one that is not
 };
@@ -118,7 +118,7 @@ struct CalibrateSummary {
 };
 
 /// Finds the lights and writes their lists.
-/// @throws Error(usage)  options that contradict each other or the input, or do not suffice
+/// @throws Error(usage)  options that contradict each other or the input, or are insufficient
 /// @throws Error  not one light was found; an output that exists; as what opens pictures and
 ///                sessions, and as the calibrations
 [[nodiscard]] CalibrateSummary calibrate_capture_lights(

@@ -11,7 +11,7 @@ namespace haarlight {
 /// Each face as a rigid array (rig_lights_pipeline.h). With options.rig its measured values and
 /// its page are written too.
 /// @param session  with a rig
-/// @param summary  of the faces: filled
+/// @param summary  of the faces: filled in
 /// @throws Error  as calibrate_rig_lights
 [[nodiscard]] FoundLights find_by_rig(const CalibratePipelineOptions& options,
                                       const Session& session, RigLightsSummary& summary,

@@ -91,8 +91,8 @@ RigidArray array_of(const CalibratePipelineOptions& options, int n_pictures) {
   return array;
 }
 
-/// Where free lights have the array, the better of both hands' poses: a grid may be counted as
-/// seen from its back. @return  the pose, and the rms of what is left, mm
+/// The array's pose from free lights, the better of both handednesses: a grid may be numbered
+/// as seen from its back. @return  the pose, and the rms residual, mm
 std::pair<Eigen::Isometry3d, double> place_array(const RigidArray& array,
                                                  const LightCalibration& free) {
   const auto n = static_cast<Eigen::Index>(array.places_mm.size());
@@ -114,7 +114,7 @@ std::pair<Eigen::Isometry3d, double> place_array(const RigidArray& array,
   return {pose, rms};
 }
 
-/// From where free lights have the array.
+/// The array's start from free lights.
 Eigen::Isometry3d array_start(const CalibratePipelineOptions& options, const RigidArray& array,
                               const TargetSamples& samples, SheetFindings& findings) {
   FreeLightOptions first = free_light_options(options);
@@ -139,7 +139,7 @@ std::string array_text(const LightCalibration& found) {
 
 using FitSamples = std::function<LightCalibration(const TargetSamples& samples)>;
 
-/// The camera's tilt is not in the pictures: two fits more tell what it would do.
+/// The pictures do not determine the camera's tilt: two more fits yield its effect.
 void add_tilt(const CalibratePipelineOptions& options, const LightPictures& pictures,
               const ReadSheet& sheet, const FitSamples& fit, LightCalibration& found) {
   const double tilt = options.sheet.tilt_deg * std::numbers::pi / 180.0;

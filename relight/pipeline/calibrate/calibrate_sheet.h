@@ -5,13 +5,12 @@
 #include "relight/pipeline/calibrate/light_pictures.h"
 
 /// @file
-/// Lights from a sheet: free ones, or an array whose layout is known; of a sheet that is flat, or
-/// of one that is not.
+/// Lights from a sheet: free ones, or an array of known layout; flat sheets or bent ones.
 
 namespace haarlight {
 
 /// @param findings  filled
-/// @throws Error(usage)  a camera that is not told, a grid that is not the pictures'
+/// @throws Error(usage)  a camera not given, a grid that does not match the pictures
 /// @throws Error  one picture, a grid that is seen from its back; as the calibrations
 [[nodiscard]] FoundLights find_by_sheet(const CalibratePipelineOptions& options,
                                         const LightPictures& pictures, SheetFindings& findings,

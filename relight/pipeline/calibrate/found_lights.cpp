@@ -38,7 +38,7 @@ double median_or_0(std::vector<double> values) {
   return values.empty() ? 0.0 : upper_median(values);
 }
 
-/// What import, fit and shape read: unseen lights are not in it.
+/// The list that import, fit and shape read: without unseen lights.
 std::string json_of(const FoundLights& found) {
   nlohmann::ordered_json root;
   root["schema"] = 1;
@@ -146,11 +146,11 @@ std::string row_of(const FoundLight& light, bool has_powers) {
   return out + (light.finding == "good" ? "" : "  " + light.finding);
 }
 
-/// What is known of all lights.
+/// Statistics over all lights.
 struct FoundStatistics {
   std::int64_t n_seen = 0;
   std::int64_t n_weak = 0;
-  std::vector<double> mm;       ///< standard errors of places, 3-D
+  std::vector<double> mm;       ///< standard errors of positions, 3-D
   std::vector<double> degrees;  ///< of directions
 };
 
@@ -198,7 +198,7 @@ std::uint64_t write_found(const FoundLights& found, const fs::path& out) {
     write_file_atomically(out, text);
     return text.size();
   }
-  // All texts first: what fails has written nothing.
+  // All texts first: a failure then leaves nothing written.
   const std::string json = json_of(found);
   const std::string lp = lp_of(found);
   const std::string csv = csv_of(found);

@@ -15,11 +15,11 @@
 
 /// @file
 /// Lights as a calibration found them: the lists that import, fit and shape read, a table for
-/// people, entries of a report.
+/// users, entries of a report.
 
 namespace haarlight {
 
-/// A light as it was found. Frame: x right, y up, z to the camera; of a rig its world.
+/// A light as it was found. Frame: x right, y up, z to the camera; for a rig its world.
 struct FoundLight {
   std::string name;
   std::string finding = "good";  ///< "weak", "unseen: why"
@@ -29,42 +29,42 @@ struct FoundLight {
   std::optional<double> sigma_deg;
   Eigen::Vector3d power = Eigen::Vector3d::Ones();  ///< mean 1 over the lights
   std::optional<double> power_sigma;                ///< relative; nothing: not known
-  std::optional<double> used;                       ///< share of the samples
+  std::optional<double> used;                       ///< fraction of the samples
   std::optional<LightLobe> lobe;
 
   [[nodiscard]] bool is_seen() const { return !direction.isZero(0.0); }
 };
 
-/// What a calibration ends with.
+/// The result of a calibration.
 struct FoundLights {
   std::vector<FoundLight> lights;
   std::string frame;  ///< in words
   bool has_powers = false;
   bool is_good =
-      true;  ///< false: the pictures contradict the model, or the fit did not end well
-  /// A picture beside the lists, and its name; empty: none.
+      true;  ///< false: the pictures contradict the model, or the fit did not converge
+  /// A picture next to the lists, and its name; empty: none.
   Image<float> picture;
   std::string picture_name;
   double picture_exposure = 1.0;
 };
 
-/// Refuses what could not be written, before the work is done.
-/// @throws Error(usage)  it exists and may not be overwritten; a folder where a list is asked
-///                       for, or the other way round
+/// Refuses what could not be written, before any work is done.
+/// @throws Error(usage)  it exists and may not be overwritten; a folder where a list is
+///                       requested, or vice versa
 void require_writable(const std::filesystem::path& out, bool overwrites);
 /// The lists (lights.json, lights.lp, lights.csv) and the picture into a folder, or the one
-/// list that `out` names by its ending. @return  bytes
+/// list that `out` names by its extension. @return  bytes
 /// @throws Error(io)
 std::uint64_t write_found(const FoundLights& found, const std::filesystem::path& out);
 
-/// A line for each light with its end; nothing where there are too many to be read.
+/// A line for each light with its end; empty if there are too many to read.
 [[nodiscard]] std::string found_table(const FoundLights& found);
-/// How many were found, and how exactly: one line with its end.
+/// How many were found, and how accurately: one line with its end.
 [[nodiscard]] std::string found_line(const FoundLights& found);
 /// The same for a report.
 void report_found(const FoundLights& found, Report& report);
 
-/// The standard error of a direction from that of a place, degrees along each of two axes.
+/// The standard error of a direction from that of a position, degrees along each of two axes.
 [[nodiscard]] double direction_sigma_deg(const Eigen::Vector3d& position_mm,
                                          const Eigen::Matrix3d& covariance_mm2);
 

@@ -109,7 +109,7 @@ void LightPictures::for_each(const Visit& visit) const {
   for_each_light_image(
       developed.stack, settings_.memory_bytes, [&](int k, const Image<float>& picture) {
         float most = kAny;
-        // Of channels with gains of their own the least: cautious.
+        // For channels with separate gains the least: conservative.
         for (auto i = static_cast<std::size_t>(k); i < clip.size(); i += names_.size()) {
           most = std::min(most, clip[i]);
         }
@@ -138,7 +138,7 @@ void LightPictures::for_each_file(const Visit& visit) const {
         value = linear_from_srgb(value);
       }
     }
-    // Integers end at 1; just below for the sake of rounding.
+    // Integers end at 1; just below because of rounding.
     visit(static_cast<int>(k), pixels, picture.is_floating ? kAny : 0.9995F);
     progress.advance();
   }

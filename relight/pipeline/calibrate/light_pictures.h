@@ -13,25 +13,24 @@
 #include "session/session.h"
 
 /// @file
-/// The pictures that lights are found from: of a session, or of a folder.
+/// The pictures used to find lights: from a session, or from a folder.
 
 namespace haarlight {
 
-/// Which pictures, and what their numbers are.
+/// Which pictures, and the meaning of their numbers.
 struct LightPicturesOptions {
   std::filesystem::path input;  ///< a session's folder, or a folder with one picture per light
-  std::vector<std::string> exclude{};  ///< pictures whose names contain one of these
-  std::vector<std::filesystem::path>
-      masks{};                         ///< pictures of the folder that are none of a light
+  std::vector<std::string> exclude{};          ///< pictures whose names contain one of these
+  std::vector<std::filesystem::path> masks{};  ///< pictures of the folder that show no light
   std::optional<Transfer> transfer{};  ///< of integer pictures; nothing: as the file says
 };
 
-/// One picture a light, read when it is asked for.
+/// One picture per light, read on demand.
 class LightPictures {
  public:
   /// A session, or a folder of pictures in natural order of their names.
   /// @throws Error  nothing there, fewer than one picture, one picture twice, a session that
-  ///                holds a part of its pictures or of which some are to be left out
+  ///                holds only part of its pictures or of which some are to be left out
   [[nodiscard]] static LightPictures open(const LightPicturesOptions& options,
                                           const PipelineSettings& settings);
 
@@ -43,9 +42,8 @@ class LightPictures {
   [[nodiscard]] int channels() const { return channels_; }
   [[nodiscard]] const Session* session() const { return session_ ? &*session_ : nullptr; }
 
-  /// In order, each in linear light. `clip`: from here on a value is saturated.
-  /// @throws Error  naming the picture that cannot be read, is of another size, or holds a
-  ///                number that is none
+  /// In order, each in linear light. `clip`: values from here on are saturated.
+  /// @throws Error  naming the picture that cannot be read, is of another size, or contains NaN
   using Visit = std::function<void(int light, const Image<float>& picture, float clip)>;
   void for_each(const Visit& visit) const;
 

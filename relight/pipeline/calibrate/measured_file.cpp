@@ -32,7 +32,7 @@ MeasuredFile::MeasuredFile(const Rig& written)
 
 std::size_t MeasuredFile::write() {
   const std::string text = to_toml(values);
-  // What is written is what every program will read: prove it before it is there.
+  // Every program will read this file: verify that it parses before writing it.
   (void)parse_rig(join_rig_text({written_.text, text}, file_.string()), written_.file.string());
   write_file_atomically(file_, text);
   return text.size();

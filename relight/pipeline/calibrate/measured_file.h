@@ -8,11 +8,11 @@
 #include "core/rig/rig.h"
 
 /// @file
-/// The file beside a rig file that holds what was measured of it.
+/// The file next to a rig file that holds its measured values.
 
 namespace haarlight {
 
-/// Puts a calibration's results into NAME.measured.toml, what else it holds untouched.
+/// Puts a calibration's results into NAME.measured.toml, leaving the rest untouched.
 class MeasuredFile {
  public:
   /// @param written  the rig as its file has it; borrowed
@@ -20,7 +20,7 @@ class MeasuredFile {
   explicit MeasuredFile(const Rig& written);
   MeasuredRig values;
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return file_; }
-  /// Proves that every program can read it, then writes it. @return  bytes
+  /// Verifies that every program can read it, then writes it. @return  bytes
   /// @throws Error  values that no program could read; unwritable
   std::size_t write();
 

@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
-/// The session must have been shot with the rig as it is written today.
+/// The session must have been shot with the rig as currently written.
 void require_same_rig(const Session& session, const Rig& written) {
   if (!session.rig().has_value()) {
     throw Error("the session has no rig", session.folder().string(),
@@ -62,7 +62,7 @@ MeasuredFace measured_face(const Face& face, const FaceCalibration& found) {
   return m;
 }
 
-/// "roughness 0.153 +- 0.004 (slope 0.21), sheen ..." of the terms that were fitted.
+/// "roughness 0.153 +- 0.004 (slope 0.21), sheen ..." for the terms that were fitted.
 std::string sheet_text(const LightCalibration& found) {
   std::string out;
   for (std::size_t i = 0; i < kSheetTerms; ++i) {
@@ -191,7 +191,7 @@ RigLightsSummary calibrate_rig_lights(const RigLightsOptions& options) {
   require_absent(summary.page, options.settings.overwrites);
   const Session session = Session::open(options.session);
   require_same_rig(session, summary.rig);
-  // The lens, the plane and the lights as they are known today.
+  // The lens, the plane and the lights as currently known.
   summary.faces = fit_rig_faces(session, read_rig(options.rig), options);
   MeasuredFile stored(summary.rig);
   MeasuredRig& measured = stored.values;

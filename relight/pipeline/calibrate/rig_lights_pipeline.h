@@ -16,7 +16,7 @@
 #include "session/session.h"
 
 /// @file
-/// Where a rig's faces are and how strong their lights, from its own capture of a flat matte
+/// Poses of a rig's faces and powers of their lights, from its own capture of a flat matte
 /// sheet on its plane: each face as a rigid array. What `haarlight rig calibrate lights` does,
 /// for programs that link it. Method: docs/numerics/near-light.md.
 
@@ -24,54 +24,54 @@ namespace haarlight {
 
 struct RigLightsOptions {
   std::filesystem::path rig;      ///< the rig file
-  std::filesystem::path session;  ///< capture of the sheet, one light a picture
+  std::filesystem::path session;  ///< capture of the sheet, one light per picture
   /// Of the sheet, mm along the plane's u and v; nothing: the middle of the plane.
   std::optional<SheetRegion> region{};
   double sheet_mm = 0.0;         ///< its thickness over the plane
-  double bow_mm = 1.0;           ///< how far it may be bowed, a standard deviation
+  double bow_mm = 1.0;           ///< its bow, a standard deviation
   Lobe lobe = Lobe::free;        ///< one exponent for each face; given: the rig file's
-  std::filesystem::path page{};  ///< with figures; empty: NAME.lights.html beside the rig file
+  std::filesystem::path page{};  ///< with figures; empty: NAME.lights.html next to the rig file
   PipelineSettings settings{};
 };
 
-/// The faces of a rig as a capture of a sheet shows them.
+/// The faces of a rig as found from a capture of a sheet.
 struct RigFaces {
   SheetSamples sheet;
   std::vector<FaceCalibration> faces;
-  bool is_good = true;  ///< every fit ended well and its model was not found wrong
+  bool is_good = true;  ///< every fit converged and its model was not rejected
   bool is_plane_measured = false;
   bool is_noise_known = false;
 };
 
 struct RigLightsSummary {
-  Rig rig;  ///< whose faces they are, as it is written
+  Rig rig;  ///< the rig as written
   RigFaces faces;
   std::filesystem::path page{};  ///< written; empty: none
-  /// The file beside the rig file that holds the results, and its bytes; empty: a fit did not
-  /// end well, or it was not asked for.
+  /// The file next to the rig file that holds the results, and its bytes; empty: a fit did not
+  /// converge, or it was not requested.
   std::filesystem::path measured{};
   std::uint64_t bytes = 0;
   std::vector<PipelineNote> notes{};
 };
 
-/// @param rig  the session's, or as it is known today
+/// @param rig  the session's, or as currently known
 [[nodiscard]] RigFaces fit_rig_faces(const Session& session, const Rig& rig,
                                      const RigLightsOptions& options);
 
-/// Fits, tells, writes the page and, where all is good, NAME.measured.toml.
-/// @throws Error  a session of another rig, a sheet that is not seen, lights that cannot be
+/// Fits, reports, writes the page and, if all is good, NAME.measured.toml.
+/// @throws Error  a session of another rig, a sheet that is not visible, lights that cannot be
 ///                found
 [[nodiscard]] RigLightsSummary calibrate_rig_lights(const RigLightsOptions& options);
 
-/// What the test of the model says, for a person.
+/// The result of the model test, for the user.
 [[nodiscard]] std::string test_text(const ModelTest& test);
-/// Roughness, sheen and what else of the sheet was fitted, for a person.
+/// Roughness, sheen and the other fitted terms of the sheet, for the user.
 [[nodiscard]] std::string sheet_text(const LightCalibration& found);
-/// What was found of each face, and what bounds it.
+/// The findings for each face, and their limitations.
 void add_face_notes(const Rig& rig, const RigFaces& fit, PipelineNotes& notes);
 void report_faces(const Rig& rig, const RigFaces& fit, Report& report);
 
-/// A face as NAME.measured.toml keeps it.
+/// A face as stored in NAME.measured.toml.
 [[nodiscard]] MeasuredFace measured_face(const Face& face, const FaceCalibration& found);
 
 }  // namespace haarlight

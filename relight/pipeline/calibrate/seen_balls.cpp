@@ -17,7 +17,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-constexpr double kRivalShare = 0.25;  // a highlight has this share of its picture's brightest
+constexpr double kRivalShare = 0.25;  // of a picture's brightest value: a highlight
 
 double value_at(ImageView<const float> picture, int y, int x) {
   double sum = 0.0;
@@ -83,7 +83,7 @@ std::vector<MeasuredBall> masked_balls(const CalibratePipelineOptions& options,
   return out;
 }
 
-/// @throws Error  circles that rival each other, or another number of balls than was asked for
+/// @throws Error  circles that rival each other, or a different number of balls than requested
 void require_choice(const BallChoice& choice, const std::vector<MeasuredBall>& circles,
                     const CalibratePipelineOptions& options) {
   const std::string cure =
@@ -176,7 +176,7 @@ Image<float> drawn_balls(const SeenBalls& seen) {
     for (int x = 0; x < out.width(); ++x) {
       const float v = mean(y, x) / std::max(most, 1e-12F);
       for (int c = 0; c < 3; ++c) {
-        out(y, x, c) = 0.7F * std::sqrt(v);  // dark balls before dark walls are to be seen
+        out(y, x, c) = 0.7F * std::sqrt(v);  // keeps dark balls before dark walls visible
       }
     }
   }

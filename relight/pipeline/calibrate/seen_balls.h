@@ -11,11 +11,11 @@
 #include "relight/pipeline/calibrate/light_pictures.h"
 
 /// @file
-/// Mirror balls in the pictures of lights: masked or looked for, with each light's highlight.
+/// Mirror balls in the pictures of lights: masked or detected, with each light's highlight.
 
 namespace haarlight {
 
-/// The highlights of each light on each circle, and why there is none.
+/// The highlights of each light on each circle, and why any is missing.
 struct BallHighlights {
   std::vector<std::vector<std::optional<BallHighlight>>> at;  ///< (K, B)
   std::vector<std::string> why;                               ///< (K), the last ball's
@@ -29,8 +29,8 @@ struct SeenBalls {
 };
 
 /// Two passes over the pictures.
-/// @throws Error  a mask that does not fit; no ball, other ones than were asked for, or circles
-///                that rival each other
+/// @throws Error  a mask that does not fit; no ball, a different number than requested, or
+///                circles that rival each other
 [[nodiscard]] SeenBalls see_balls(const CalibratePipelineOptions& options,
                                   const LightPictures& pictures);
 

@@ -8,8 +8,8 @@
 #include "relight/pipeline/calibrate/light_pictures.h"
 
 /// @file
-/// What the calibrations from a sheet share: the sheet as it was read, their options, and how a
-/// fit becomes the list of lights.
+/// Common parts of the calibrations from a sheet: the sheet as read, their options, and the
+/// conversion of a fit to the list of lights.
 
 namespace haarlight {
 
@@ -23,11 +23,12 @@ struct ReadSheet {
     const CalibratePipelineOptions& options);
 [[nodiscard]] FreeLightOptions free_light_options(const CalibratePipelineOptions& options);
 
-/// What cannot be known is not said: no sigma without a test that passed.
+/// Unknown values are left out: no sigma without a passed test.
 /// @param is_known  it passed
 [[nodiscard]] FoundLight found_light(const CalibratedLight& light, const std::string& name,
                                      bool is_known);
-/// Names are the pictures'; powers of an import's lights multiply what its session had.
+/// Names are the pictures'; powers of an import's lights are multiplied by those of its
+/// session.
 void add_lights(const LightCalibration& fit, const LightPictures& pictures, bool is_known,
                 FoundLights& found);
 /// sheet.png: what remains of the sheet.

@@ -71,7 +71,7 @@ FitInput open_session(const FitOptions& options) {
   FitInput input;
   input.session = std::make_unique<Session>(Session::open(options.capture));
   SessionRowsOptions row_options;
-  // Fall-off is divided out in linear light; what is fitted is coded after that.
+  // Fall-off is divided out in linear light; fitted values are coded after that.
   const bool is_linear = options.transfer == Transfer::linear || options.near.has_value();
   row_options.transfer = is_linear ? Transfer::linear : Transfer::srgb;
   row_options.develop.memory_bytes = options.settings.memory_bytes;

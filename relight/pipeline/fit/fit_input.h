@@ -13,7 +13,7 @@
 #include "session/session.h"
 
 /// @file
-/// A capture as fits read it: rows of pictures and a direction for each, from a session, or
+/// A capture as input to fits: rows of pictures and a direction for each, from a session, or
 /// from a folder of pictures and a list of lights.
 
 namespace haarlight {
@@ -23,10 +23,10 @@ struct FitInput {
   std::unique_ptr<PictureRows> rows;  ///< of linear light for near lights of a session
   /// (n_lights), unit, to the light: x right, y up, z to the camera.
   std::vector<Eigen::Vector3d> directions;
-  PictureFacts photographed;  ///< what all pictures tell alike
+  PictureFacts photographed;  ///< facts on which all pictures agree
 };
 
-/// @throws Error(usage)  a session cropped; a rectangle that leaves the pictures
+/// @throws Error(usage)  a session cropped; a rectangle that extends beyond the pictures
 /// @throws Error  as Session::open, read_light_file, match_pictures and picture_rows
 [[nodiscard]] FitInput open_fit_input(const FitOptions& options, PipelineNotes& notes);
 

@@ -23,7 +23,7 @@ WebFiles code_folder(const ReflectanceModel& model, const FitSize& size,
   return code_web_folder(model, {.quality = size.quality.value_or(kWebQuality)}, where);
 }
 
-/// A folder of its own, removed with all that is in it.
+/// A folder of its own, removed with its contents.
 class OwnFolder {
  public:
   OwnFolder() {

@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The lights that are fitted, and those that are not.
+/// The lights that are fitted, and those held out.
 struct FitLights {
   std::vector<int> kept;
   std::vector<int> held;
@@ -51,7 +51,7 @@ double processor_seconds() {
 
 using Format = std::optional<ReflectanceFormat>;
 
-/// Which kind of file a name asks for; nothing: none is asked for.
+/// The kind of file a name implies; nothing: none requested.
 Format format_of(const fs::path& out) {
   return out.empty() ? Format() : reflectance_format_of_name(out);
 }
@@ -141,8 +141,7 @@ class CaptureFitter {
     return measure_light_haar(sample_, grid, options_.forms.max_planes);
   }
 
-  /// Fits a form, writes it where a file is asked for, else where it is removed again, and
-  /// measures it.
+  /// Fits a form, writes it to the requested file, else to a temporary one, and measures it.
   [[nodiscard]] FormFit fit(const FormScore& score) {
     const double start = processor_seconds();
     FitResult result = fit_planes(score);
@@ -186,7 +185,7 @@ class CaptureFitter {
     return fit_near(*kept_, geometry, near);
   }
 
-  /// The planes are let go where nothing needs them any more.
+  /// The planes are freed when nothing needs them any more.
   void write_and_measure(ReflectanceModel& planes, FormFit& fit) {
     const bool keeps_planes = truth() == FitTruth::planes;
     const auto measured = [&](const ReflectanceModel& decoded) {
@@ -201,7 +200,8 @@ class CaptureFitter {
     }
   }
 
-  /// PSNR of a decoded file's pictures, a light. Large captures are compared on bands of rows.
+  /// PSNR of a decoded file's pictures, per light. Large captures are compared on bands of
+  /// rows.
   [[nodiscard]] std::vector<double> measure(const ReflectanceModel& decoded,
                                             const ReflectanceModel& planes) {
     constexpr std::uint64_t kMost = 200'000'000;  // pixels times lights
@@ -248,7 +248,7 @@ void require_near_makes_sense(const FitOptions& options, FitTask task, const Fit
   }
 }
 
-/// What every fit begins with. @throws Error  what could not be written
+/// The first steps of every fit. @throws Error  what could not be written
 FitInput open_checked(const FitOptions& options, FitTask task, PipelineNotes& notes) {
   const Format format = format_of(options.out);
   require_one_size(options.size, format);

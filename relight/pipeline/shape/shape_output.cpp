@@ -22,7 +22,7 @@ Image<float> as_picture(const Image<std::uint8_t>& mask) {
   return picture;
 }
 
-/// What only a measured shape has.
+/// Outputs that only a measured shape has.
 void write_measured(const ShapeSummary& summary, const fs::path& folder) {
   const SurfaceEstimate& surface = summary.shape.surface;
   const PictureNotes& notes = summary.photographed;
@@ -36,7 +36,7 @@ void write_measured(const ShapeSummary& summary, const fs::path& folder) {
   write_image(folder / "mask.png", as_picture(summary.mask.mask).view(), 1.0, notes);
 }
 
-/// @param exposure  of the albedo, as `picture` beside the mesh shows it
+/// @param exposure  of the albedo, as in `picture` next to the mesh
 void write_meshes(const ShapePipelineOptions& options, const ShapeSummary& summary,
                   double exposure, const char* picture) {
   const Shape& shape = summary.shape;

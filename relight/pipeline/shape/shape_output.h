@@ -12,8 +12,8 @@
 
 namespace haarlight {
 
-/// Writes options.out: normals, albedo and errors (of measured shapes; else front.png), heights,
-/// mask, preview, meshes. @return  bytes of the folder's files
+/// Writes options.out: normals, albedo and errors (for measured shapes; else front.png),
+/// heights, mask, preview, meshes. @return  bytes of the folder's files
 /// @throws Error  unwritable; a mesh without triangles
 [[nodiscard]] std::uint64_t write_shape(const ShapePipelineOptions& options,
                                         const ShapeSummary& summary);

@@ -31,7 +31,7 @@ bool is_rti(ShapeMethod method) {
   return method == ShapeMethod::ptm || method == ShapeMethod::hsh;
 }
 
-/// White is the object; empty where no picture was given. @throws Error  another size
+/// White is the object; empty if no picture was given. @throws Error  another size
 Image<std::uint8_t> read_mask(const ShapePipelineOptions& options, int width, int height) {
   if (options.mask != MaskChoice::picture) {
     return {};
@@ -90,12 +90,12 @@ ShapeOptions stereo_options(const ShapePipelineOptions& options) {
   return shape;
 }
 
-/// A picture without a scale: one unit a pixel.
+/// A picture without a scale: one unit per pixel.
 PixelPoints pixels_without_scale(int width, int height) {
   return PixelPoints::orthographic(width, height, width);
 }
 
-/// Normals as RTI viewers take them.
+/// Normals as derived by RTI viewers.
 void find_rti_shape(const ShapePipelineOptions& options, const ReflectanceModel& model,
                     const Image<std::uint8_t>& mask, ShapeSummary& summary) {
   summary.shape = shape_of(rti_surface(model, mask.view(), summary.pixels.picture_from_world()),
@@ -133,7 +133,7 @@ ShapeSummary shape_of_file(const ShapePipelineOptions& options) {
   return summary;
 }
 
-/// Plain least squares on the coded values, as the programs of RTI fit them.
+/// Plain least squares on the coded values, as RTI software fits them.
 ReflectanceModel fit_rti(const ShapePipelineOptions& options, const Session& session,
                          PipelineNotes& notes) {
   const bool is_ptm = options.method == ShapeMethod::ptm;
@@ -156,7 +156,7 @@ ReflectanceModel fit_rti(const ShapePipelineOptions& options, const Session& ses
   return fit_far(*session_rows(session, rows), fit, fit_options).model;
 }
 
-/// The mask that counts: given, found, or every pixel.
+/// The mask in use: given, detected, or every pixel.
 void choose_mask(const ShapePipelineOptions& options, const Session& session,
                  const StackSource& stack, const StereoLights& lights,
                  Image<std::uint8_t> given, ShapeSummary& summary) {

@@ -17,18 +17,18 @@
 #include "relight/shape/surface_mesh.h"
 
 /// @file
-/// From a capture, or from a picture that can be lit, to its surface: normals with their
-/// standard errors, albedo, heights, a mesh, as files of a folder. What `haarlight shape` does,
-/// for programs that link it. Methods and errors: docs/numerics/shape.md.
+/// From a capture, or from a relightable picture, to its surface: normals with their standard
+/// errors, albedo, heights, a mesh, as files of a folder. What `haarlight shape` does, for
+/// programs that link it. Methods and errors: docs/numerics/shape.md.
 
 namespace haarlight {
 
 enum class ShapeMethod {
-  automatic,  ///< the robust fit that foretells lights held out best; of a file what it holds
+  automatic,  ///< the robust fit that best predicts held-out lights; for a file what it holds
   least_squares,  ///< photometric stereo, LambertMethod
   trimmed,
   m_estimator,
-  ptm,  ///< as RTI viewers take normals
+  ptm,  ///< normals as in RTI viewers
   hsh,
 };
 /// "least-squares", "m-estimator", ...
@@ -41,7 +41,7 @@ enum class ShapeLight {
 };
 
 enum class MaskChoice {
-  found,    ///< looked for in the capture, by the rig's bare plane or by darkness
+  found,    ///< detected in the capture, by the rig's bare plane or by darkness
   every,    ///< every pixel
   picture,  ///< given: white is the object
 };
@@ -50,15 +50,15 @@ struct ShapePipelineOptions {
   std::filesystem::path input;  ///< a session's folder; .ptm, .rti or web folder
   std::filesystem::path out;    ///< folder to write
   ShapeMethod method = ShapeMethod::automatic;
-  /// Loss, keep and dark_share of the fit; method of the integration; rounds. What the pipeline
-  /// knows better (errors, clipped values, progress, method of the fit) it sets itself.
+  /// Loss, keep and dark_share of the fit; method of the integration; rounds. The pipeline
+  /// itself sets what it knows better (errors, clipped values, progress, method of the fit).
   ShapeOptions shape{};
   ShapeLight light = ShapeLight::automatic;
-  double width_mm = 0.0;              ///< of an import: what the picture shows; 0: not known
+  double width_mm = 0.0;              ///< of an import: width shown by the picture; 0: unknown
   std::optional<double> height_mm{};  ///< mean height of the object above the rig's plane
   MaskChoice mask = MaskChoice::found;
-  std::filesystem::path mask_picture;  ///< of MaskChoice::picture
-  std::optional<Transfer> transfer{};  ///< stands in for a curve that is not known
+  std::filesystem::path mask_picture;  ///< for MaskChoice::picture
+  std::optional<Transfer> transfer{};  ///< used for an unknown curve
   bool writes_ply = true;
   bool writes_obj = true;
   double max_tilt_deg = SurfaceMeshOptions{}.max_tilt_deg;  ///< of the mesh's triangles
@@ -69,28 +69,28 @@ struct ShapePipelineOptions {
 
 struct ShapeSummary {
   Shape shape;
-  PixelPoints pixels;           ///< where they are; lights' frame
-  std::string method;           ///< that was asked for, or what the file holds
-  std::string by;               ///< what the normals come from, for people
+  PixelPoints pixels;           ///< their surface points; lights' frame
+  std::string method;           ///< as requested, or what the file holds
+  std::string by;               ///< the origin of the normals, for users
   bool has_scale = false;       ///< heights are mm; false: pixel widths
-  bool is_measured = true;      ///< albedo and errors are there: no RTI normals
+  bool is_measured = true;      ///< albedo and errors exist: not RTI normals
   bool are_near = false;        ///< the lights
-  ObjectMask mask{};            ///< where it was looked for, and the one that counts
+  ObjectMask mask{};            ///< the detected one, if any, and the one in use
   std::string mask_by;          ///< found by plane, found by darkness, given, every pixel
-  PictureNotes photographed{};  ///< of the session, where it is one: goes into the pictures
+  PictureNotes photographed{};  ///< of the session, if it is one: goes into the pictures
   std::uint64_t bytes = 0;      ///< written
   std::vector<PipelineNote> notes;
 
-  /// The rounds settled and the integration converged.
+  /// The rounds and the integration converged.
   [[nodiscard]] bool is_usable() const { return shape.is_settled && shape.map.is_converged; }
 };
 
 /// Recovers the surface and writes it.
-/// @throws Error(usage)  a preview from nowhere, a method that a file does not hold, near lights
-///                       for RTI normals
-/// @throws Error  a folder that exists, lights whose distance is not known for
-///                ShapeLight::near, a mask of another size or without a white pixel, no pixel
-///                that has a normal; as what opens and develops sessions
+/// @throws Error(usage)  a preview without direction, a method that a file does not hold, near
+///                       lights for RTI normals
+/// @throws Error  a folder that exists, lights of unknown distance for ShapeLight::near, a mask
+///                of another size or without a white pixel, no pixel that has a normal; as what
+///                opens and develops sessions
 [[nodiscard]] ShapeSummary recover_capture_shape(const ShapePipelineOptions& options);
 
 }  // namespace haarlight

@@ -62,7 +62,7 @@ void add_parts(const Shape& shape, Report& report) {
   report.add_detail("part_heights", heights);
 }
 
-/// The sizes of the largest parts, for people.
+/// The sizes of the largest parts, for users.
 std::string sizes_of(const std::vector<PartHeight>& parts) {
   constexpr std::size_t kNamed = 5;
   std::string text;
@@ -72,7 +72,7 @@ std::string sizes_of(const std::vector<PartHeight>& parts) {
   return parts.size() > kNamed ? text + ", ..." : text;
 }
 
-/// Parts that do not touch.
+/// Warns about parts that do not touch.
 void add_part_warnings(const ShapeSummary& summary, std::vector<std::string>& warnings) {
   const std::vector<PartHeight>& parts = summary.shape.parts;
   const bool is_asked = std::any_of(parts.begin(), parts.end(),

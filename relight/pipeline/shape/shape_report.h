@@ -8,21 +8,21 @@
 #include "relight/pipeline/shape/shape_pipeline.h"
 
 /// @file
-/// What a recovered surface says of itself: lines for people, doubts, entries of a report. Pure.
+/// Reports of a recovered surface: lines for users, caveats, entries of a report. Pure.
 
 namespace haarlight {
 
-/// Lines, each with its end: what was found and how well it is known.
+/// Lines, each with its end: the findings and their uncertainty.
 [[nodiscard]] std::string shape_text(const ShapePipelineOptions& options,
                                      const ShapeSummary& summary);
 
-/// What the capture cannot tell, and what would: each a warning.
+/// What the capture cannot determine, and what would: each a warning.
 [[nodiscard]] std::vector<std::string> shape_warnings(const ShapeSummary& summary);
 
-/// Reached values and details.
+/// Achieved values and details.
 void report_shape(const ShapeSummary& summary, Report& report);
 
-/// What this share of the known normals' standard errors lies below, degrees.
+/// The quantile of the known normals' standard errors at this fraction, degrees.
 [[nodiscard]] double sigma_below(const ShapeSummary& summary, double share);
 
 }  // namespace haarlight
