@@ -41,10 +41,10 @@ Report::Report(std::string command)
     : command_(std::move(command)), start_(std::chrono::steady_clock::now()) {}
 
 void Report::add_input(const std::filesystem::path& path) { inputs_.push_back(path.string()); }
-void Report::add_asked(std::string_view key, ReportValue value) {
+void Report::add_requested(std::string_view key, ReportValue value) {
   asked_.emplace_back(key, std::move(value));
 }
-void Report::add_reached(std::string_view key, ReportValue value) {
+void Report::add_achieved(std::string_view key, ReportValue value) {
   reached_.emplace_back(key, std::move(value));
 }
 void Report::add_detail(std::string_view key, ReportValue value) {

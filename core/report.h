@@ -27,8 +27,8 @@ class Report {
   explicit Report(std::string command);
 
   void add_input(const std::filesystem::path& path);
-  void add_asked(std::string_view key, ReportValue value);
-  void add_reached(std::string_view key, ReportValue value);
+  void add_requested(std::string_view key, ReportValue value);
+  void add_achieved(std::string_view key, ReportValue value);
   /// Bytes written as results.
   void set_bytes(std::uint64_t bytes) { bytes_ = bytes; }
   /// Anything else of interest; lands under "details".

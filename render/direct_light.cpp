@@ -309,7 +309,8 @@ void DirectLight::test_alone(const SurfacePoint& /*surface*/, std::uint64_t key,
 }
 
 void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Material& material,
-                               std::uint64_t key, Scratch& scratch, LightShare& share) const {
+                               std::uint64_t key, Scratch& scratch,
+                               LightContribution& share) const {
   const SquareLight& light = lights_[static_cast<std::size_t>(k)];
   const int n = options_.mixed_grid;
   const auto n_cells = to_index(n * n);
@@ -353,7 +354,8 @@ void DirectLight::sample_mixed(int k, const SurfacePoint& surface, const Materia
 }
 
 std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material& material,
-                                    std::uint64_t key, std::span<LightShare> shares) const {
+                                    std::uint64_t key,
+                                    std::span<LightContribution> shares) const {
   HAARLIGHT_EXPECTS(shares.size() == lights_.size(), "one share a light");
   Scratch scratch;
   scratch.origin = surface.point + caster_->ray_offset_mm() * surface.flat_normal;
@@ -385,8 +387,8 @@ std::uint64_t DirectLight::evaluate(const SurfacePoint& surface, const Material&
   const double lobe_scale =
       has_lobe ? (material.exponent + 8.0) / (8.0 * std::numbers::pi) : 0.0;
   for (std::size_t k = 0; k < lights_.size(); ++k) {
-    LightShare& share = shares[k];
-    share = LightShare{};
+    LightContribution& share = shares[k];
+    share = LightContribution{};
     const Sight sight = scratch.sight[k];
     if (sight == Sight::dark || sight == Sight::hidden) {
       continue;

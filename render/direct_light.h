@@ -43,7 +43,7 @@ struct SurfacePoint {
 };
 
 /// One light's contribution at one point, for its radiance.
-struct LightShare {
+struct LightContribution {
   double diffuse = 0.0;   ///< D: times kd
   double specular = 0.0;  ///< S: times ks
   double visible = 0.0;   ///< visible fraction of the light, 0..1
@@ -77,7 +77,7 @@ class DirectLight {
   /// @return          rays cast
   // NOLINTNEXTLINE(modernize-use-nodiscard): the shares are the result, the count is by the way
   std::uint64_t evaluate(const SurfacePoint& surface, const Material& material,
-                         std::uint64_t key, std::span<LightShare> shares) const;
+                         std::uint64_t key, std::span<LightContribution> shares) const;
 
   [[nodiscard]] int n_lights() const noexcept { return static_cast<int>(lights_.size()); }
 
@@ -85,7 +85,7 @@ class DirectLight {
   void test_grid(const LightGrid& grid, const SurfacePoint& surface, Scratch& scratch) const;
   void test_alone(const SurfacePoint& surface, std::uint64_t key, Scratch& scratch) const;
   void sample_mixed(int k, const SurfacePoint& surface, const Material& material,
-                    std::uint64_t key, Scratch& scratch, LightShare& share) const;
+                    std::uint64_t key, Scratch& scratch, LightContribution& share) const;
 
   const RayCaster* caster_;
   std::vector<SquareLight> lights_;

@@ -57,7 +57,7 @@ LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraM
   std::vector<std::uint64_t> rays_of_row(static_cast<std::size_t>(camera.height), 0);
   Progress progress("render", static_cast<std::size_t>(camera.height), options.progress);
   parallel_for(static_cast<std::size_t>(camera.height), 1, [&](std::size_t y0, std::size_t y1) {
-    std::vector<LightShare> shares(lit.size());
+    std::vector<LightContribution> shares(lit.size());
     for (int y = static_cast<int>(y0); y < static_cast<int>(y1); ++y) {
       for (int x = 0; x < camera.width; ++x) {
         Vector3d radiance = Vector3d::Zero();
@@ -81,7 +81,7 @@ LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraM
           rays_of_row[static_cast<std::size_t>(y)] +=
               direct.evaluate(*surface, material, key, shares);
           for (std::size_t k = 0; k < lit.size(); ++k) {
-            const LightShare& share = shares[k];
+            const LightContribution& share = shares[k];
             if (share.visible == 0.0) {
               continue;
             }
@@ -92,12 +92,13 @@ LitPicture render_lit(const Scene& scene, const RayCaster& caster, const CameraM
             variance += (light * (share.error / share.visible)).cwiseAbs2();
           }
         }
-        const double share_of_pixel = 1.0 / (n * n);
+        const double fraction_of_pixel = 1.0 / (n * n);
         for (int c = 0; c < 3; ++c) {
-          picture.radiance(y, x, c) = static_cast<float>(radiance[c] * share_of_pixel);
-          picture.error(y, x, c) = static_cast<float>(std::sqrt(variance[c]) * share_of_pixel);
+          picture.radiance(y, x, c) = static_cast<float>(radiance[c] * fraction_of_pixel);
+          picture.error(y, x, c) =
+              static_cast<float>(std::sqrt(variance[c]) * fraction_of_pixel);
         }
-        picture.coverage(y, x) = static_cast<float>(n_hits * share_of_pixel);
+        picture.coverage(y, x) = static_cast<float>(n_hits * fraction_of_pixel);
       }
       progress.advance();
     }

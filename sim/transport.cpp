@@ -173,7 +173,7 @@ Transport make_transport(const Rig& rig, int camera, const Scene& scene,
   const int n = options.n_subpixels;
   Progress progress("transport", height, options.progress);
   parallel_for(height, 1, [&](std::size_t y0, std::size_t y1) {
-    std::vector<LightShare> shares(n_lights);
+    std::vector<LightContribution> shares(n_lights);
     std::vector<double> sums(n_lights);
     std::vector<float> row(width * n_lights);
     for (std::size_t y = y0; y < y1; ++y) {

@@ -41,7 +41,7 @@ AdviceScene scene_of(const AdviseArguments& arguments, const Rig& rig,
                   "give --signal ELECTRONS of a lit pixel under one light, or --pilot SESSION",
                   ExitCode::usage);
     }
-    report.add_asked("signal_e", *arguments.signal_e);
+    report.add_requested("signal_e", *arguments.signal_e);
     return plate_scene(sample_plate(rig, kMaxPixels), rig.n_lights(), *arguments.signal_e);
   }
   report.add_input(arguments.pilot);
@@ -70,7 +70,7 @@ std::vector<AdviceLighting> lightings_of(const AdviseArguments& arguments, const
   if (!arguments.light.cubemap.empty()) {
     const Environment environment = read_environment(arguments.light);
     report.add_input(arguments.light.cubemap);
-    report.add_asked("rotate_deg", arguments.light.rotate_deg);
+    report.add_requested("rotate_deg", arguments.light.rotate_deg);
     report.add_detail("layout", std::string(to_string(environment.layout())));
     lightings.push_back({std::filesystem::path(arguments.light.cubemap).filename().string(),
                          rig_weights(environment, rig).weights});
@@ -85,8 +85,8 @@ std::vector<AdviceLighting> lightings_of(const AdviseArguments& arguments, const
 ExitCode run_advise(const AdviseArguments& arguments, const CommonOptions& common,
                     Report& report) {
   report.add_input(arguments.rig);
-  report.add_asked("target_db", arguments.advice.target_db);
-  report.add_asked("flicker", arguments.advice.flicker);
+  report.add_requested("target_db", arguments.advice.target_db);
+  report.add_requested("flicker", arguments.advice.flicker);
   if (!arguments.output.empty()) {
     require_absent(arguments.output, common.force);
   }

@@ -19,7 +19,7 @@ ExitCode run_cameras(Report& report) {
   if (cameras.empty()) {
     fmt::print("no V4L2 camera on this machine\n");
   }
-  report.add_reached("cameras", static_cast<std::int64_t>(cameras.size()));
+  report.add_achieved("cameras", static_cast<std::int64_t>(cameras.size()));
   return ExitCode::done;
 }
 

@@ -24,7 +24,7 @@ ExitCode run_check(const CheckArguments& arguments, Report& report) {
   if (arguments.kind != "by content") {
     asked = file_kind_from_word(arguments.kind);
   }
-  report.add_asked("as", arguments.kind);
+  report.add_requested("as", arguments.kind);
   std::optional<Rig> rig;
   std::int64_t n_bad = 0;
   for (const std::string& file : arguments.files) {
@@ -41,10 +41,10 @@ ExitCode run_check(const CheckArguments& arguments, Report& report) {
     }
   }
   if (rig) {
-    report.add_reached("lights", std::int64_t{rig->n_lights()});
+    report.add_achieved("lights", std::int64_t{rig->n_lights()});
   }
-  report.add_reached("good_files", static_cast<std::int64_t>(arguments.files.size()) - n_bad);
-  report.add_reached("bad_files", n_bad);
+  report.add_achieved("good_files", static_cast<std::int64_t>(arguments.files.size()) - n_bad);
+  report.add_achieved("bad_files", n_bad);
   return n_bad == 0 ? ExitCode::done : ExitCode::bad_input;
 }
 

@@ -35,9 +35,9 @@ ExitCode run_capture(const ClientArguments& arguments, const CommonOptions& comm
   if (!options.plan.empty()) {
     report.add_input(options.plan);
   }
-  report.add_reached("shots", std::int64_t{summary.state.committed});
-  report.add_reached("frames", std::int64_t{summary.state.frames});
-  report.add_reached("retries", std::int64_t{summary.state.retries});
+  report.add_achieved("shots", std::int64_t{summary.state.committed});
+  report.add_achieved("frames", std::int64_t{summary.state.frames});
+  report.add_achieved("retries", std::int64_t{summary.state.retries});
   report.add_detail("session", summary.folder);
   fmt::print("{}\n", summary.folder);
   tell_next(common, {"compress", summary.folder, "-o", "NAME.hlb"});
@@ -88,7 +88,7 @@ void add_status(Command root, Invocation& invocation) {
     const RemoteState state = ask_state(client);
     fmt::print("{}", state_text(state));
     report.add_detail("phase", state.phase);
-    report.add_reached("committed", std::int64_t{state.committed});
+    report.add_achieved("committed", std::int64_t{state.committed});
     return ExitCode::done;
   });
 }

@@ -36,9 +36,9 @@ ExitCode run_correct(const CorrectArguments& arguments, const CommonOptions& com
   options.settings = pipeline_settings(common);
   const CorrectSummary summary = correct_fall_off(options);
   report.add_input(arguments.session);
-  report.add_asked("fall_off", arguments.fall_off);
-  report.add_reached("lights", std::int64_t{summary.n_lights});
-  report.add_reached("least_fall_off", summary.least_fall_off);
+  report.add_requested("fall_off", arguments.fall_off);
+  report.add_achieved("lights", std::int64_t{summary.n_lights});
+  report.add_achieved("least_fall_off", summary.least_fall_off);
   report.set_bytes(summary.bytes);
   fmt::print("{}: {} pictures; the weakest corner had {:.3g} of its light's middle\n",
              arguments.out, summary.n_lights, summary.least_fall_off);

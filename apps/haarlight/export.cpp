@@ -123,7 +123,7 @@ ExitCode run_export(const ExportArguments& arguments, const CommonOptions& commo
   }
   write_file_atomically(arguments.out, text);
   report.set_bytes(text.size());
-  report.add_reached("lights", static_cast<std::int64_t>(session.info().lights.size()));
+  report.add_achieved("lights", static_cast<std::int64_t>(session.info().lights.size()));
   fmt::print("{}: {} lights\n", arguments.out, session.info().lights.size());
   return ExitCode::done;
 }

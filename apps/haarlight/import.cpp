@@ -57,9 +57,9 @@ WhitePatch parse_white(const std::string& text) {
 }
 
 void report_white(const WhiteReference& white, Report& report) {
-  report.add_reached("white lights used", std::int64_t{white.n_used});
-  report.add_reached("white lights clipped", std::int64_t{white.n_clipped});
-  report.add_reached("white lights dark", std::int64_t{white.n_dark});
+  report.add_achieved("white lights used", std::int64_t{white.n_used});
+  report.add_achieved("white lights clipped", std::int64_t{white.n_clipped});
+  report.add_achieved("white lights dark", std::int64_t{white.n_dark});
   report.add_detail("white gains", white.gains);
   report.add_detail("white scatter", white.scatter);
 }
@@ -73,8 +73,8 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
     throw Error("pictures that say where their lights are say in what, too", "--places",
                 "leave it out, or name the list of lights: --lights FILE", ExitCode::usage);
   }
-  report.add_asked("places", arguments.list.places);
-  report.add_asked("transfer", arguments.transfer);
+  report.add_requested("places", arguments.list.places);
+  report.add_requested("transfer", arguments.transfer);
   ImportOptions options;
   options.places = light_places(arguments.list);
   if (arguments.transfer != "file") {
@@ -99,8 +99,8 @@ ExitCode run_import(const ImportArguments& arguments, const CommonOptions& commo
     bytes += std::filesystem::file_size(std::filesystem::path(arguments.target) / frame.file);
   }
   report.set_bytes(bytes);
-  report.add_reached("lights", static_cast<std::int64_t>(result.info.lights.size()));
-  report.add_reached("frames", static_cast<std::int64_t>(result.info.frames.size()));
+  report.add_achieved("lights", static_cast<std::int64_t>(result.info.lights.size()));
+  report.add_achieved("frames", static_cast<std::int64_t>(result.info.frames.size()));
   if (result.white) {
     report_white(*result.white, report);
   }

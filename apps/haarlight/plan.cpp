@@ -45,12 +45,12 @@ ExitCode run_plan(const PlanArguments& arguments, bool is_forced, Report& report
   const Plan plan = load_plan(arguments.plan, rig, read_lighting);
   const DryRun run = dry_run(plan, rig);
   print_cost(plan, run, rig);
-  report.add_reached("shots", std::int64_t{run.n_shots});
-  report.add_reached("seconds", run.seconds);
-  report.add_reached("frame_bytes", static_cast<double>(run.bytes));
-  report.add_reached("peak_watts", run.peak_watts);
-  report.add_reached("mean_watts", run.mean_watts);
-  report.add_reached("highest_duty", run.highest_duty);
+  report.add_achieved("shots", std::int64_t{run.n_shots});
+  report.add_achieved("seconds", run.seconds);
+  report.add_achieved("frame_bytes", static_cast<double>(run.bytes));
+  report.add_achieved("peak_watts", run.peak_watts);
+  report.add_achieved("mean_watts", run.mean_watts);
+  report.add_achieved("highest_duty", run.highest_duty);
   report.add_detail("plan_hash", plan.hash);
   if (!arguments.output.empty() && !arguments.is_dry_run) {
     const std::string json = plan_to_json(plan);

@@ -22,7 +22,7 @@ struct PlateArguments {
 ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
                    Report& report) {
   report.add_input(arguments.rig);
-  report.add_asked("relative_l2", arguments.max_error);
+  report.add_requested("relative_l2", arguments.max_error);
   require_absent(arguments.output, common.force);
   const Rig rig = read_rig(arguments.rig);
   CompressOptions options;
@@ -31,8 +31,8 @@ ExitCode run_plate(const PlateArguments& arguments, const CommonOptions& common,
   options.progress = common.progress();
   const CompressSummary summary = compress_plate(rig, arguments.output, options);
   const BasisHeader& header = summary.header;
-  report.add_reached("relative_l2", header.reached.relative_l2);
-  report.add_reached("worst_pixel", header.reached.worst_pixel);
+  report.add_achieved("relative_l2", header.reached.relative_l2);
+  report.add_achieved("worst_pixel", header.reached.worst_pixel);
   report.add_detail("rank", std::int64_t{header.plate_rank});
   report.add_detail("degree", std::int64_t{header.plate_degree});
   report.add_detail("checked_pixels", std::int64_t{summary.n_checked});

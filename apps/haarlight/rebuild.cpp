@@ -21,10 +21,10 @@ void add_rebuild(Command root, Invocation& invocation) {
     report.add_input(*folder);
     DiskStorage storage;
     const RebuildReport rebuilt = rebuild_session(*folder, storage);
-    report.add_reached("shots", std::int64_t{rebuilt.n_shots});
-    report.add_reached("pending", std::int64_t{rebuilt.n_pending});
-    report.add_reached("set_aside",
-                       static_cast<std::int64_t>(rebuilt.recovery.set_aside.size()));
+    report.add_achieved("shots", std::int64_t{rebuilt.n_shots});
+    report.add_achieved("pending", std::int64_t{rebuilt.n_pending});
+    report.add_achieved("set_aside",
+                        static_cast<std::int64_t>(rebuilt.recovery.set_aside.size()));
     for (const std::string& item : rebuilt.recovery.set_aside) {
       fmt::print("{}\n", item);
     }

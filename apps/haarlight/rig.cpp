@@ -43,7 +43,7 @@ void add_rig_doctor(Command rig, Invocation& invocation) {
       "  haarlight rig doctor configs/rigs/small8.toml");
   finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
     report.add_input(arguments->rig);
-    report.add_asked("action", std::string("doctor"));
+    report.add_requested("action", std::string("doctor"));
     return run_doctor(*arguments, report);
   });
 }
@@ -69,7 +69,7 @@ void add_rig_commission(Command rig, Invocation& invocation) {
       "  haarlight rig commission configs/rigs/small8.toml --flash-ok");
   finish_verb(verb, invocation, [arguments](const CommonOptions& common, Report& report) {
     report.add_input(arguments->options.rig);
-    report.add_asked("action", std::string("commission"));
+    report.add_requested("action", std::string("commission"));
     return run_commission(*arguments, common, report);
   });
 }

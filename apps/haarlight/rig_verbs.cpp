@@ -64,7 +64,7 @@ void finish_calibrate(Command verb, std::shared_ptr<CalibrateArguments> argument
               [arguments = std::move(arguments), run, action = verb.name().substr(4)](
                   const CommonOptions& common, Report& report) {
                 report.add_input(arguments->rig);
-                report.add_asked("action", action);
+                report.add_requested("action", action);
                 return run(*arguments, common, report);
               });
 }
@@ -148,7 +148,7 @@ void add_rig_predict(Command rig, Invocation& invocation) {
       "--receiver=-100,50");
   finish_verb(verb, invocation, [arguments](const CommonOptions&, Report& report) {
     report.add_input(arguments->rig);
-    report.add_asked("action", std::string("predict"));
+    report.add_requested("action", std::string("predict"));
     run_predict(arguments->rig, arguments->predict, arguments->is_json, report);
     return ExitCode::done;
   });

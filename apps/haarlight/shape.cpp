@@ -19,9 +19,9 @@ ExitCode run_shape(const ShapeArguments& arguments, const CommonOptions& common,
   const ShapePipelineOptions options = shape_options(arguments, common);
   const ShapeSummary summary = recover_capture_shape(options);
   report.add_input(arguments.input);
-  report.add_asked("integrate", arguments.integrate);
-  report.add_asked("mask", arguments.mask);
-  report.add_asked("method", summary.method);
+  report.add_requested("integrate", arguments.integrate);
+  report.add_requested("mask", arguments.mask);
+  report.add_requested("method", summary.method);
   report_shape(summary, report);
   fmt::print("{}", shape_text(options, summary));
   for (const std::string& warning : shape_warnings(summary)) {

@@ -39,7 +39,7 @@ void add_shape_options(Command verb, ShapeArguments& arguments) {
               {.choices = {"huber", "cauchy", "tukey"}, .shows_default = true});
   verb.option("--keep", &arguments.keep, "trimmed: the share of a pixel's lights that count",
               {.bounds = Bounds{0.05, 1.0}, .shows_default = true});
-  verb.option("--dark", &arguments.dark_share,
+  verb.option("--dark", &arguments.dark_fraction,
               "Below this share of the pixel's bright level a light counts as shadowed",
               {.bounds = Bounds{0.0, 0.9}, .shows_default = true});
   verb.option("--light", &arguments.light,
@@ -77,7 +77,7 @@ ShapePipelineOptions shape_options(const ShapeArguments& arguments,
   options.method = kMethods.at(arguments.method);
   options.shape.stereo.fit.loss = kLosses.at(arguments.loss);
   options.shape.stereo.fit.keep = arguments.keep;
-  options.shape.stereo.fit.dark_share = arguments.dark_share;
+  options.shape.stereo.fit.dark_fraction = arguments.dark_fraction;
   options.shape.integrate.method = kIntegrators.at(arguments.integrate);
   options.shape.max_rounds = arguments.max_rounds;
   options.light = arguments.light == "near"  ? ShapeLight::near

@@ -25,7 +25,7 @@ struct ShapeArguments {
   std::string transfer;
   PlaneArguments plane;
   double keep = LambertOptions{}.keep;
-  double dark_share = LambertOptions{}.dark_share;
+  double dark_fraction = LambertOptions{}.dark_fraction;
   double max_tilt_deg = SurfaceMeshOptions{}.max_tilt_deg;
   int max_rounds = ShapeOptions{}.max_rounds;
   bool is_open_at_cuts = false;

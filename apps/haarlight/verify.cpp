@@ -20,13 +20,13 @@ ExitCode run_verify(const std::string& folder, const std::string& signers,
   const VerifyReport found = verify_session(folder, common.progress(), signers);
   report.add_detail("root", found.root);
   report.add_detail("signed_by", found.signed_by);
-  report.add_reached("shots", std::int64_t{found.n_shots});
-  report.add_reached("good_frames", std::int64_t{found.n_frames});
-  report.add_reached("suspect_frames", std::int64_t{found.n_suspect});
-  report.add_reached("light_by_word", std::int64_t{found.n_by_word});
-  report.add_reached("light_by_picture", std::int64_t{found.n_by_picture});
-  report.add_reached("problems", static_cast<std::int64_t>(found.problems.size()));
-  report.add_reached("least_margin_us", found.least_margin_us);
+  report.add_achieved("shots", std::int64_t{found.n_shots});
+  report.add_achieved("good_frames", std::int64_t{found.n_frames});
+  report.add_achieved("suspect_frames", std::int64_t{found.n_suspect});
+  report.add_achieved("light_by_word", std::int64_t{found.n_by_word});
+  report.add_achieved("light_by_picture", std::int64_t{found.n_by_picture});
+  report.add_achieved("problems", static_cast<std::int64_t>(found.problems.size()));
+  report.add_achieved("least_margin_us", found.least_margin_us);
   for (const std::string& problem : found.problems) {
     fmt::print("{}\n", problem);
   }

@@ -132,14 +132,14 @@ void add_to_report(const PublishSiteOptions& options, const PublishSiteSummary& 
   }
   if (summary.is_object) {
     if (summary.psnr_db) {
-      report.add_reached("psnr_db", *summary.psnr_db);
+      report.add_achieved("psnr_db", *summary.psnr_db);
     }
     report.add_detail("peak memory bytes", static_cast<std::int64_t>(peak_memory_bytes()));
   } else {
-    report.add_reached("relative_l2", summary.error);
-    report.add_reached("terms", std::int64_t{summary.terms});
+    report.add_achieved("relative_l2", summary.error);
+    report.add_achieved("terms", std::int64_t{summary.terms});
     if (options.max_error) {
-      report.add_asked("relative_l2", *options.max_error);
+      report.add_requested("relative_l2", *options.max_error);
     }
   }
   report.set_bytes(summary.bytes);

@@ -150,7 +150,7 @@ std::string basis_description(const BasisFile& basis, const ViewerConfig& config
         {"degree", header.plate_degree},
         {"gain_step", header.gain_step}}},
       {"stack", {{"norm", header.stack_norm}, {"peak", header.peak}}},
-      {"asked", {{"relative_l2", or_null(header.asked_relative_l2)}}},
+      {"asked", {{"relative_l2", or_null(header.requested_relative_l2)}}},
       {"reached", {{"relative_l2", or_null(header.reached.relative_l2)}}},
       {"source", header.source},
       {"texture_bytes", config.texture_bytes},

@@ -29,7 +29,7 @@ PatternInverse make_inverse(PatternFamily family, int bin = 0) {
     recipe.wavelets.resize(kLights);
     std::iota(recipe.wavelets.begin(), recipe.wavelets.end(), 0);
   }
-  std::vector<std::vector<LightDrive>> shots;
+  std::vector<std::vector<LightDriveLevel>> shots;
   for (const auto& lit : lit_lights(recipe)) {
     shots.emplace_back();
     for (const int k : lit) {

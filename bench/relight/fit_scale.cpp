@@ -325,13 +325,13 @@ int run(const Arguments& arguments) {
     const FitForm form = *fit_form_of(arguments.basis);
     FormOptions options;
     LightSample sample;
-    LightRecipe recipe;
+    LightInterpolation recipe;
     if (form == FitForm::rbf || form == FitForm::bilinear) {
       sample = sample_lights(*rows);
       recipe = score_forms({form}, directions, sample, options).front().recipe;
       choosing = processor_seconds() - start;
     } else {
-      recipe = recipes_of(form, options)[4];
+      recipe = candidates_of(form, options)[4];
     }
     FarFitOptions far;
     far.planes = planes;

@@ -197,7 +197,7 @@ RigidArray array_of(std::span<const NearLight> lights,
                     const Eigen::Isometry3d& array_from_world) {
   RigidArray array;
   for (const NearLight& light : lights) {
-    array.places_mm.push_back(array_from_world * light.position_mm);
+    array.positions_mm.push_back(array_from_world * light.position_mm);
     array.axes.push_back(array_from_world.linear() * light.axis);
   }
   return array;
@@ -240,7 +240,7 @@ void print_paper(const Case& c) {
   const Setting s = simulate(c);
   CalibrationOptions options;
   options.mask.saturation = 1e30;
-  options.outlier_share = 0.0;
+  options.outlier_fraction = 0.0;
   for (const Lobe lobe : {Lobe::paper, Lobe::free}) {
     for (const Stage stage : {Stage::variance, Stage::likelihood}) {
       options.lobe = lobe;

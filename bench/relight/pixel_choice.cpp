@@ -145,14 +145,14 @@ int run(const std::string& folder) {
                               {"a pixel, told the held-out pictures", 0, true}};
   int n_recipes = 0;
   for (const FitForm form : {FitForm::ptm, FitForm::hsh9, FitForm::hsh16, FitForm::bilinear}) {
-    for (const LightRecipe& recipe : recipes_of(form, {})) {
+    for (const LightInterpolation& recipe : candidates_of(form, {})) {
       const Eigen::MatrixXd residual = leave_one_out(recipe, kept);
       if (!residual.allFinite()) {
         continue;
       }
       ++n_recipes;
       const MatrixXf left_out = residual.cast<float>() * seen;
-      const MatrixXf shown = (recipe_weights(recipe, kept, held).cast<float>() * seen)
+      const MatrixXf shown = (interpolation_weights(recipe, kept, held).cast<float>() * seen)
                                  .cwiseMax(0.0F)
                                  .cwiseMin(1.0F);
       const MatrixXf at_held = shown - unseen;

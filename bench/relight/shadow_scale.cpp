@@ -75,7 +75,7 @@ std::vector<Visibility> ideal_pictures(const PlaneFrame& frame, const Scene& obj
   }
   parallel_for(
       static_cast<std::size_t>(frame.height), 1, [&](std::size_t begin, std::size_t end) {
-        std::vector<LightShare> shares(lights.size());
+        std::vector<LightContribution> shares(lights.size());
         for (std::size_t row = begin; row < end; ++row) {
           for (int x = 0; x < frame.width; ++x) {
             const int y = static_cast<int>(row);

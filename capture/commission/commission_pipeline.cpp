@@ -183,8 +183,8 @@ void add_to_report(const CommissionRigSummary& summary, Report& report) {
   const MeasuredCamera& c = result.measured.cameras.front();
   const auto add = [&report](const char* key, const std::optional<Measured>& m) {
     if (m) {
-      report.add_reached(key, m->value);
-      report.add_reached(std::string(key) + "_sigma", m->sigma);
+      report.add_achieved(key, m->value);
+      report.add_achieved(std::string(key) + "_sigma", m->sigma);
     }
   };
   add("latch_us", result.measured.controller->latch_us);
@@ -200,17 +200,17 @@ void add_to_report(const CommissionRigSummary& summary, Report& report) {
   add("full_well", c.full_well_e);
   add("black", c.black_dn);
   add("linearity_percent", c.linearity_percent);
-  report.add_reached("timestamp", std::string(to_string(*c.timestamp)));
+  report.add_achieved("timestamp", std::string(to_string(*c.timestamp)));
   report.add_detail("evidence", c.evidence);
   if (result.survey) {
     const auto numbers = [](const std::vector<int>& list) {
       return std::vector<double>(list.begin(), list.end());
     };
-    report.add_reached("dead", numbers(result.survey->dead));
-    report.add_reached("dim", numbers(result.survey->dim));
-    report.add_reached("miswired", numbers(result.survey->miswired));
-    report.add_reached("alike", numbers(result.survey->alike));
-    report.add_reached("unplaced", numbers(result.survey->unplaced));
+    report.add_achieved("dead", numbers(result.survey->dead));
+    report.add_achieved("dim", numbers(result.survey->dim));
+    report.add_achieved("miswired", numbers(result.survey->miswired));
+    report.add_achieved("alike", numbers(result.survey->alike));
+    report.add_achieved("unplaced", numbers(result.survey->unplaced));
   }
   report.set_bytes(summary.bytes);
 }

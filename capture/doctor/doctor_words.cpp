@@ -47,8 +47,8 @@ void add_to_report(const std::vector<DoctorLine>& lines, Report& report) {
                       fmt::format("{}: {}{}{}", to_string(line.finding), line.found,
                                   line.cure.empty() ? "" : "; cure: ", line.cure));
   }
-  report.add_reached("wrong", n_wrong);
-  report.add_reached("warnings", n_warnings);
+  report.add_achieved("wrong", n_wrong);
+  report.add_achieved("warnings", n_warnings);
 }
 
 }  // namespace haarlight

@@ -121,7 +121,7 @@ class Sums {
       return;
     }
     for (std::size_t j = 0; j < a_.size(); ++j) {
-      for (const LightDrive& light : inverse_.shots()[j]) {
+      for (const LightDriveLevel& light : inverse_.shots()[j]) {
         c_[count(light.light)] -= a_[j] * light.drive;
       }
     }
@@ -470,13 +470,13 @@ Prediction predict(const PatternInverse& inverse, const AdviceScene& scene,
 }
 
 PatternInverse inverse_of(const Plan& plan) {
-  std::vector<std::vector<LightDrive>> shots;
+  std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<std::vector<int>> lights;
   for (const Shot& shot : plan.shots) {
     if (shot.kind != ShotKind::light || shot.exposure_us != plan.shots.front().exposure_us) {
       continue;
     }
-    std::vector<LightDrive> drives;
+    std::vector<LightDriveLevel> drives;
     std::vector<int> lit;
     for (const LightLevel& level : shot.lit) {
       if (level.level > 0) {

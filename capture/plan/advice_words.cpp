@@ -90,7 +90,7 @@ void add_to_report(const Advice& advice, Report& report) {
     report_family(family, report);
   }
   if (advice.best >= 0) {
-    report.add_reached("best", advice.families[static_cast<std::size_t>(advice.best)].name);
+    report.add_achieved("best", advice.families[static_cast<std::size_t>(advice.best)].name);
   }
 }
 

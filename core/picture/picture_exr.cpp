@@ -71,7 +71,7 @@ class MemoryOutput final : public Imf::OStream {
 };
 
 /// A channel's name and its rank among those of its layer.
-struct ChannelPlace {
+struct ChannelRank {
   std::string layer;  ///< "left" of "left.R"
   std::size_t place = 0;
   std::string suffix;
@@ -105,9 +105,9 @@ std::size_t place_of(std::string_view suffix, bool is_coordinates) {
 }
 
 /// The channels in order of preference.
-std::vector<ChannelPlace> places_of(const PictureSource& source,
-                                    const Imf::ChannelList& channels) {
-  std::vector<ChannelPlace> places;
+std::vector<ChannelRank> places_of(const PictureSource& source,
+                                   const Imf::ChannelList& channels) {
+  std::vector<ChannelRank> places;
   for (auto i = channels.begin(); i != channels.end(); ++i) {
     const std::string_view name = i.name();
     if (i.channel().xSampling != 1 || i.channel().ySampling != 1) {
@@ -115,28 +115,28 @@ std::vector<ChannelPlace> places_of(const PictureSource& source,
                      "save it with all channels whole (RGB)");
     }
     const std::size_t dot = name.rfind('.');
-    ChannelPlace place;
+    ChannelRank place;
     place.layer = dot == std::string_view::npos ? "" : name.substr(0, dot);
     place.suffix = dot == std::string_view::npos ? name : name.substr(dot + 1);
     place.name = name;
     place.type = i.channel().type;
     places.push_back(place);
   }
-  for (ChannelPlace& place : places) {
+  for (ChannelRank& place : places) {
     const bool is_coordinates =
-        std::any_of(places.begin(), places.end(), [&](const ChannelPlace& other) {
+        std::any_of(places.begin(), places.end(), [&](const ChannelRank& other) {
           return other.layer == place.layer && lower(other.suffix) == "x";
         });
     place.place = place_of(place.suffix, is_coordinates);
   }
-  std::sort(places.begin(), places.end(), [](const ChannelPlace& a, const ChannelPlace& b) {
+  std::sort(places.begin(), places.end(), [](const ChannelRank& a, const ChannelRank& b) {
     return std::tie(a.layer, a.place, a.suffix) < std::tie(b.layer, b.place, b.suffix);
   });
   return places;
 }
 
 /// Three colours of the first layer, or one.
-std::vector<ChannelPlace> wanted_of(std::vector<ChannelPlace> places) {
+std::vector<ChannelRank> wanted_of(std::vector<ChannelRank> places) {
   std::size_t n_colours = 0;
   while (n_colours < places.size() && places[n_colours].layer == places[0].layer &&
          places[n_colours].place < kColours) {
@@ -147,7 +147,7 @@ std::vector<ChannelPlace> wanted_of(std::vector<ChannelPlace> places) {
 }
 
 void read_pixels(const PictureSource& source, Imf::MultiPartInputFile& file,
-                 const std::vector<ChannelPlace>& wanted, Image<float>& pixels) {
+                 const std::vector<ChannelRank>& wanted, Image<float>& pixels) {
   const Imf::Header& header = file.header(0);
   const Imath::Box2i window = header.dataWindow();
   const std::size_t n = wanted.size();
@@ -247,13 +247,13 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
     constexpr int kOwnThread = 0;  // callers distribute pictures over threads
     Imf::MultiPartInputFile file(stream, kOwnThread, false);
     const Imf::Header& header = file.header(0);
-    const std::vector<ChannelPlace> places = places_of(source, header.channels());
+    const std::vector<ChannelRank> places = places_of(source, header.channels());
     if (places.empty()) {
       refuse_picture(source, "has no channels", "give a grey or an RGB picture");
     }
     const auto is_all = [&](Imf::PixelType type) {
       return std::all_of(places.begin(), places.end(),
-                         [type](const ChannelPlace& place) { return place.type == type; });
+                         [type](const ChannelRank& place) { return place.type == type; });
     };
     PictureContent content{.bits_per_sample = is_all(Imf::HALF) ? 16 : 32,
                            .is_floating = !is_all(Imf::UINT)};
@@ -273,7 +273,7 @@ PictureContent read_exr(const PictureSource& source, PictureWish wish) {
     };
     const std::uint64_t width = side(window.min.x, window.max.x);
     const std::uint64_t height = side(window.min.y, window.max.y);
-    const std::vector<ChannelPlace> wanted = wanted_of(places);
+    const std::vector<ChannelRank> wanted = wanted_of(places);
     require_room(source, width, height, wanted.size(),
                  std::min(width, std::uint64_t{1} << 20U) *
                      std::min(height, std::uint64_t{1} << 20U) * places.size() * 2);

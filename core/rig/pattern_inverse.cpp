@@ -189,11 +189,11 @@ void lights_to_wavelets(int n, std::span<double> x, std::size_t width) {
 }
 
 PatternInverse::PatternInverse(PatternParameters recipe,
-                               std::vector<std::vector<LightDrive>> shots, int n_lights)
+                               std::vector<std::vector<LightDriveLevel>> shots, int n_lights)
     : recipe_(std::move(recipe)), shots_(std::move(shots)), n_lights_(n_lights) {
   HAARLIGHT_EXPECTS(!shots_.empty() && n_lights_ >= 1, "shots and lights");
   for (const auto& shot : shots_) {
-    for (const LightDrive& light : shot) {
+    for (const LightDriveLevel& light : shot) {
       HAARLIGHT_EXPECTS(light.light >= 0 && light.light < n_lights_ && light.drive > 0.0,
                         "lights of the session, lit");
     }
@@ -206,7 +206,7 @@ PatternInverse::PatternInverse(PatternParameters recipe,
     PatternMatrix patterns =
         PatternMatrix::Zero(static_cast<Eigen::Index>(shots_.size()), n_lights_);
     for (std::size_t j = 0; j < shots_.size(); ++j) {
-      for (const LightDrive& light : shots_[j]) {
+      for (const LightDriveLevel& light : shots_[j]) {
         patterns(static_cast<Eigen::Index>(j), light.light) = light.drive;
       }
     }
@@ -350,7 +350,7 @@ Eigen::MatrixXd PatternInverse::gram_inverse(std::span<const double> b) const {
   const auto m = static_cast<Eigen::Index>(shots_.size());
   Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(m, n_lights_);
   for (Eigen::Index j = 0; j < m; ++j) {
-    for (const LightDrive& light : shots_[static_cast<std::size_t>(j)]) {
+    for (const LightDriveLevel& light : shots_[static_cast<std::size_t>(j)]) {
       rows(j, light.light) = light.drive;
     }
   }
@@ -377,13 +377,13 @@ void PatternInverse::apply_bins(std::span<const double> measured, std::span<cons
   std::vector<double> gain(width);
   for (std::size_t j = 0; j < shots_.size(); ++j) {
     double drives = 0.0;
-    for (const LightDrive& light : shots_[j]) {
+    for (const LightDriveLevel& light : shots_[j]) {
       drives += light.drive;
     }
     for (std::size_t i = 0; i < width; ++i) {
       gain[i] = measured[j * width + i] / (is_even[i] != 0 ? drives : sum[j * width + i]);
     }
-    for (const LightDrive& light : shots_[j]) {
+    for (const LightDriveLevel& light : shots_[j]) {
       const std::size_t first = count(light.light) * width;
       for (std::size_t i = 0; i < width; ++i) {
         lights[first + i] = gain[i] * (is_even[i] != 0 ? 1.0 : plate[first + i]);
@@ -427,7 +427,7 @@ void PatternInverse::apply_target(std::span<const double> measured,
       }
       const Eigen::VectorXd multiplier = gram_inverse(b) * rest;
       for (std::size_t j = 0; j < m; ++j) {
-        for (const LightDrive& light : shots_[j]) {
+        for (const LightDriveLevel& light : shots_[j]) {
           share[count(light.light)] += multiplier[static_cast<Eigen::Index>(j)] * light.drive;
         }
       }
@@ -533,7 +533,7 @@ void PatternInverse::shared_weights(std::span<const double> w, std::span<const d
     apply_bins(ones, plate, 1, lights);
     for (std::size_t j = 0; j < shots_.size(); ++j) {
       a[j] = 0.0;
-      for (const LightDrive& light : shots_[j]) {
+      for (const LightDriveLevel& light : shots_[j]) {
         a[j] += w[count(light.light)] * lights[count(light.light)];
       }
     }
@@ -576,7 +576,7 @@ void PatternInverse::shoot(std::span<const double> lights, std::size_t width,
   std::fill(measured.begin(), measured.end(), 0.0);
   for (std::size_t j = 0; j < shots_.size(); ++j) {
     double* out = measured.data() + j * width;
-    for (const LightDrive& light : shots_[j]) {
+    for (const LightDriveLevel& light : shots_[j]) {
       const double* in = lights.data() + count(light.light) * width;
       for (std::size_t i = 0; i < width; ++i) {
         out[i] += light.drive * in[i];

@@ -32,7 +32,7 @@ void wavelets_to_lights(int n, std::span<double> x, std::size_t width);
 void lights_to_wavelets(int n, std::span<double> x, std::size_t width);
 
 /// One light of a shot and its drive level in (0, 1].
-struct LightDrive {
+struct LightDriveLevel {
   int light = 0;
   double drive = 1.0;
 };
@@ -46,7 +46,7 @@ class PatternInverse {
   ///               shots; list: any patterns that separate the lights
   /// @throws ContractViolation  shots that do not match the parameters
   /// @throws Error              list: patterns that cannot separate the lights
-  PatternInverse(PatternParameters recipe, std::vector<std::vector<LightDrive>> shots,
+  PatternInverse(PatternParameters recipe, std::vector<std::vector<LightDriveLevel>> shots,
                  int n_lights);
 
   [[nodiscard]] int n_lights() const noexcept { return n_lights_; }
@@ -84,7 +84,7 @@ class PatternInverse {
              std::span<double> measured) const;
 
   [[nodiscard]] const PatternParameters& recipe() const noexcept { return recipe_; }
-  [[nodiscard]] const std::vector<std::vector<LightDrive>>& shots() const noexcept {
+  [[nodiscard]] const std::vector<std::vector<LightDriveLevel>>& shots() const noexcept {
     return shots_;
   }
 
@@ -111,7 +111,7 @@ class PatternInverse {
   [[nodiscard]] Eigen::MatrixXd gram_inverse(std::span<const double> b) const;
 
   PatternParameters recipe_;
-  std::vector<std::vector<LightDrive>> shots_;
+  std::vector<std::vector<LightDriveLevel>> shots_;
   int n_lights_ = 0;
   double drive_ = 1.0;
   bool needs_plate_ = false;

@@ -49,7 +49,7 @@ void PatternInverse::apply_variance(std::span<const double> shots,
       const std::vector<double> ones(shots.size(), 1.0);
       apply_bins(ones, plate, width, lights);
       for (std::size_t j = 0; j < shots_.size(); ++j) {
-        for (const LightDrive& light : shots_[j]) {
+        for (const LightDriveLevel& light : shots_[j]) {
           double* out = lights.data() + count(light.light) * width;
           for (std::size_t i = 0; i < width; ++i) {
             out[i] *= out[i] * shots[j * width + i];

@@ -126,8 +126,8 @@ struct BasisHeader {
   std::string rig_hash;
   std::vector<BasisLight> lights;
 
-  double asked_relative_l2 = 0.0;
-  double asked_worst_pixel = 0.0;  ///< infinity: no limit
+  double requested_relative_l2 = 0.0;
+  double requested_worst_pixel = 0.0;  ///< infinity: no limit
   StackError reached;
   std::optional<ClippedValues> clipped;  ///< none: unknown (version 2, no frames)
   double stack_norm = 0.0;               ///< ||T||

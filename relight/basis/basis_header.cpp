@@ -294,8 +294,8 @@ std::string basis_header_to_json(const BasisHeader& header) {
         {"rig_hash", header.rig_hash},
         {"list", lights}}},
       {"asked",
-       {{"relative_l2", from_number(header.asked_relative_l2)},
-        {"worst_pixel", from_number(header.asked_worst_pixel)}}},
+       {{"relative_l2", from_number(header.requested_relative_l2)},
+        {"worst_pixel", from_number(header.requested_worst_pixel)}}},
       {"reached",
        {{"relative_l2", from_number(header.reached.relative_l2)},
         {"worst_pixel", from_number(header.reached.worst_pixel)},
@@ -374,8 +374,8 @@ BasisHeader basis_header_from_json(const std::string& text, const std::string& w
   header.gain_step = plate.number("gain_step");
   read_groups(header, top.at("group_ends"), where);
   const Fields asked = top.object("asked");
-  header.asked_relative_l2 = asked.number("relative_l2");
-  header.asked_worst_pixel = asked.number("worst_pixel");
+  header.requested_relative_l2 = asked.number("relative_l2");
+  header.requested_worst_pixel = asked.number("worst_pixel");
   const Fields reached = top.object("reached");
   header.reached.relative_l2 = reached.number("relative_l2");
   header.reached.worst_pixel = reached.number("worst_pixel");

@@ -68,8 +68,8 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
   header.rig_toml = source.rig_toml;
   header.rig_hash = source.rig_hash;
   header.lights = source.lights;
-  header.asked_relative_l2 = options.relative_l2;
-  header.asked_worst_pixel = options.worst_pixel;
+  header.requested_relative_l2 = options.relative_l2;
+  header.requested_worst_pixel = options.worst_pixel;
   header.source = source.name;
   header.source_hash = source.hash;
   header.source_root = source.root;
@@ -104,7 +104,7 @@ BasisHeader first_header(const CompressSource& source, const CompressOptions& op
     }
     header.coding = BasisCoding::integers;
     header.units = source.units;
-    header.asked_relative_l2 = std::numeric_limits<double>::infinity();
+    header.requested_relative_l2 = std::numeric_limits<double>::infinity();
   } else if (options.relative_l2 == 0.0 || options.worst_pixel == 0.0) {
     header.coding = BasisCoding::lossless;
   }
@@ -299,7 +299,7 @@ void Compressor::fit_plate() {
   }
   const bool is_integer = coding_.header.coding == BasisCoding::integers;
   const double target =
-      kPlateShare * (is_integer ? kIntegerPlate : coding_.header.asked_relative_l2);
+      kPlateFraction * (is_integer ? kIntegerPlate : coding_.header.requested_relative_l2);
   coding_.vectors = fit_plate_vectors(*source_.plate, target);
   if (coding_.vectors.rank == 0) {
     return;  // the plate is black: nothing to subtract
@@ -377,10 +377,10 @@ void Compressor::choose_steps(const StackSample& sample) {
     header.gain_step = 1.0;
     return;
   }
-  const double allowed = header.asked_relative_l2 * std::sqrt(sample.energy);
+  const double allowed = header.requested_relative_l2 * std::sqrt(sample.energy);
   header.gain_step = header.plate_rank == 0
                          ? 0.0
-                         : kGainStep * std::max(header.asked_relative_l2, 1e-9) * rms_pixel;
+                         : kGainStep * std::max(header.requested_relative_l2, 1e-9) * rms_pixel;
   const double margin = dims().n_pixels() <= kSmallPicture ? kStepMargin : kSampledMargin;
   // |<basis vector, T_p>| <= peak * sqrt(n_lights).
   header.step = sample.residuals.choose_step(margin * margin * allowed * allowed,
@@ -668,7 +668,7 @@ CompressSummary Compressor::compress() {
       summary_.seconds_written = lap();
       break;
     }
-    const double excess = header.reached.relative_l2 / header.asked_relative_l2;
+    const double excess = header.reached.relative_l2 / header.requested_relative_l2;
     header.step *= std::min(0.99, kStepMargin / std::max(excess, 1e-3));
   }
   return summary_;

@@ -87,8 +87,8 @@ struct CompressSummary {
   double seconds_coded = 0.0;    ///< shared by the ranks, waiting for the others included
   double seconds_written = 0.0;  ///< by rank 0: the pieces into the file
   [[nodiscard]] bool is_reached() const {
-    return header.reached.relative_l2 <= header.asked_relative_l2 &&
-           header.reached.worst_pixel <= header.asked_worst_pixel;
+    return header.reached.relative_l2 <= header.requested_relative_l2 &&
+           header.reached.worst_pixel <= header.requested_worst_pixel;
   }
 };
 

@@ -31,11 +31,11 @@ using RowMatrixF = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::R
 constexpr int kMaxRank = 24;
 // Rms error allowed to vectors and polynomials, each as a fraction of the target: here no
 // residual follows that would make up for it, as it does in a capture.
-constexpr std::array<double, 2> kShares = {0.6, kPlateShare};
-constexpr double kSmoothShare = 1e-3;  // of the target: error allowed to the tiles' series
-constexpr int kChecks = 256;           // pixels compared with light_irradiance()
-constexpr double kCheckFactor = 2.0;   // of their rms: the stated error
-constexpr double kNearPeak = 0.8;      // of the largest sampled value: inspected closely
+constexpr std::array<double, 2> kFractions = {0.6, kPlateFraction};
+constexpr double kSmoothFraction = 1e-3;  // of the target: error allowed to the tiles' series
+constexpr int kChecks = 256;              // pixels compared with light_irradiance()
+constexpr double kCheckFactor = 2.0;      // of their rms: the stated error
+constexpr double kNearPeak = 0.8;         // of the largest sampled value: inspected closely
 
 /// Result of checking randomly drawn pixels.
 struct CheckSums {
@@ -146,7 +146,7 @@ void PlateCompressor::choose_steps() {
   const double rms_pixel =
       header_.stack_norm / std::sqrt(static_cast<double>(header_.dims.n_pixels()));
   header_.dark_norm = kDarkFloor * rms_pixel;
-  header_.gain_step = kGainStep * header_.asked_relative_l2 * rms_pixel;
+  header_.gain_step = kGainStep * header_.requested_relative_l2 * rms_pixel;
   header_.peak = find_peak();
   // Nothing is kept: no coefficient exceeds peak sqrt(n_lights).
   header_.step = 4.0 * header_.peak * std::sqrt(static_cast<double>(n_lights()));
@@ -292,8 +292,8 @@ bool PlateCompressor::code(double target) {
   reached.relative_l2 = std::sqrt(errors_.trace()) / header_.stack_norm +
                         kCheckFactor * std::sqrt(checks_.missed / checks_.energy);
   reached.worst_pixel = worst_pixel + kCheckFactor * checks_.worst;
-  return reached.relative_l2 <= header_.asked_relative_l2 &&
-         reached.worst_pixel <= header_.asked_worst_pixel;
+  return reached.relative_l2 <= header_.requested_relative_l2 &&
+         reached.worst_pixel <= header_.requested_worst_pixel;
 }
 
 CompressSummary PlateCompressor::write(const std::filesystem::path& file) {
@@ -356,14 +356,14 @@ std::optional<CompressSummary> compress_smooth_plate(const ComputedPlate& plate,
   }
   const double asked = options.relative_l2;
   if (degree == 0) {
-    degree = smooth_degree(plate, kTile, kSmoothShare * asked).value_or(0);
+    degree = smooth_degree(plate, kTile, kSmoothFraction * asked).value_or(0);
   }
   if (degree == 0) {
     return std::nullopt;
   }
   header.plate = source.plate_origin;
   header.plate_source = source.plate_source;
-  for (const double share : kShares) {
+  for (const double share : kFractions) {
     const SmoothPlate smooth(plate, kTile, degree, share * asked, kMaxRank);
     if (smooth.chosen().rank == 0) {
       return std::nullopt;

@@ -13,7 +13,7 @@ inline constexpr int kTile = 32;
 /// For pixels below 1 % of the rms norm, errors are relative to that.
 inline constexpr double kDarkFloor = 0.01;
 /// Clean plate: rms error allowed to vectors and polynomials, each as a fraction of the target.
-inline constexpr double kPlateShare = 0.25;
+inline constexpr double kPlateFraction = 0.25;
 /// Gain step, as a fraction of the allowed rms error per pixel.
 inline constexpr double kGainStep = 0.125;
 

@@ -126,7 +126,7 @@ DenseHalf::DenseHalf(const StackSource& stack, std::string name, const HalfOptio
                             bytes, options.memory_bytes),
                 name_, "give more memory, or relight from a compressed basis file");
   }
-  values_ = LargeBuffer(bytes);  // empty tiles are never written: they cost nothing
+  values_ = HugePageBuffer(bytes);  // empty tiles are never written: they cost nothing
 
   const std::size_t n_norms = count(dims.channels) * count(dims.n_lights);
   Losses sum(n_norms);

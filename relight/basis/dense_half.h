@@ -81,7 +81,7 @@ class DenseHalf {
   int tiles_x_ = 0;
   std::size_t n_tiles_ = 0;
   std::vector<Part> parts_;  ///< (tiles, channels)
-  LargeBuffer values_;       ///< halfs, (tiles, channels, pixels, stride)
+  HugePageBuffer values_;    ///< halfs, (tiles, channels, pixels, stride)
 };
 
 }  // namespace haarlight

@@ -291,7 +291,7 @@ double largest_eigenvalue(const Matrix& all) {
 /// A bound above all eigenvalues (`share`): share I - rest has a Cholesky factor. Its
 /// factorisation in doubles proves that to n^2 2^-53 of the bound (1e-10), below the margin
 /// added.
-double proven_share(const Matrix& rest) {
+double proven_bound(const Matrix& rest) {
   constexpr double kMargin = 1.003;
   constexpr double kGrowth = 1.02;
   double share = kMargin * largest_eigenvalue(rest) + 1e-6;
@@ -424,7 +424,7 @@ ProductBound fit_product_bound(std::span<const double> products, std::span<const
     rest.noalias() -= kept * kept.transpose();
   }
   // Each product may be off by 2^-23 of the norms, n of them per row; and a norm by as much.
-  bound.share = round_up(proven_share(rest) + 0x1p-23 * static_cast<double>(n + 8));
+  bound.share = round_up(proven_bound(rest) + 0x1p-23 * static_cast<double>(n + 8));
   return bound;
 }
 

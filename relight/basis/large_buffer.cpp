@@ -7,7 +7,7 @@
 
 namespace haarlight {
 
-LargeBuffer::LargeBuffer(std::size_t n_bytes) {
+HugePageBuffer::HugePageBuffer(std::size_t n_bytes) {
   if (n_bytes == 0) {
     return;
   }
@@ -21,7 +21,7 @@ LargeBuffer::LargeBuffer(std::size_t n_bytes) {
   (void)::madvise(mapped, n_bytes, MADV_HUGEPAGE);
 }
 
-void LargeBuffer::Unmap::operator()(std::byte* bytes) const noexcept {
+void HugePageBuffer::Unmap::operator()(std::byte* bytes) const noexcept {
   ::munmap(bytes, n_bytes);
 }
 

@@ -12,11 +12,11 @@
 namespace haarlight {
 
 /// Zeroed bytes. Pages that are never written take no memory.
-class LargeBuffer {
+class HugePageBuffer {
  public:
-  LargeBuffer() = default;
+  HugePageBuffer() = default;
   /// @throws std::bad_alloc
-  explicit LargeBuffer(std::size_t n_bytes);
+  explicit HugePageBuffer(std::size_t n_bytes);
   [[nodiscard]] std::span<std::byte> bytes() const noexcept {
     return {bytes_.get(), bytes_.get_deleter().n_bytes};
   }

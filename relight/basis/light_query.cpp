@@ -459,7 +459,7 @@ void set_relative_bound(RelightBound& bound) {
   }
 }
 
-std::vector<RelitPicture> relight_as_asked(
+std::vector<RelitPicture> relight_as_requested(
     LightQueries& queries, const RelightOptions& options,
     const std::function<std::vector<RelitPicture>()>& sum) {
   HAARLIGHT_EXPECTS(!options.terms || *options.terms >= 0, "a number of terms");

@@ -108,7 +108,7 @@ void set_relative_bound(RelightBound& bound);
 
 /// Runs `sum` (which sums the terms kept now and calls finish()) as the options request: once,
 /// or, for a maximum error, until the bound is met or no term is left.
-[[nodiscard]] std::vector<RelitPicture> relight_as_asked(
+[[nodiscard]] std::vector<RelitPicture> relight_as_requested(
     LightQueries& queries, const RelightOptions& options,
     const std::function<std::vector<RelitPicture>()>& sum);
 

@@ -15,7 +15,7 @@ namespace {
 // For the bound on the coding error: vectors per block, and the fraction of the file they may
 // take at about 1.5 bytes per number.
 constexpr int kLightsPerVector = 32;
-constexpr double kVectorShare = 0.125;
+constexpr double kVectorFraction = 0.125;
 constexpr double kVectorBytes = 1.5;
 
 }  // namespace
@@ -30,7 +30,7 @@ PictureBound fit_picture_bound(const BasisHeader& header, std::span<const double
                                double block_bytes) {
   PictureBound bound;
   const int n_lights = header.dims.n_lights;
-  const double room = kVectorShare * block_bytes / kVectorBytes;
+  const double room = kVectorFraction * block_bytes / kVectorBytes;
   const int fit = static_cast<int>(room / (double(header.dims.channels) * n_lights));
   bound.n_vectors = std::clamp(std::min(n_lights, kGramBlock) / kLightsPerVector, 0, fit);
   const std::vector<int> order = coefficient_order(header);

@@ -27,7 +27,7 @@ constexpr double kListCost = 1.0;
 constexpr double kBatchRowCost = 2.0;
 constexpr double kBatchListCost = 4.0;
 // Above this fraction of the lights, a pixel's coefficients cost more than its half floats.
-constexpr double kDenseShare = 0.25;
+constexpr double kDenseFraction = 0.25;
 // From one lit list in 16 on, scanning all is faster than searching for each.
 constexpr std::size_t kSearchCost = 16;
 constexpr std::size_t kTilesAtOnce = 64;
@@ -120,7 +120,7 @@ PreparedBasis::PreparedBasis(const BasisFile& basis, const PrepareOptions& optio
   const bool is_dense = options.form == PreparedForm::dense ||
                         (options.form == PreparedForm::automatic &&
                          (!is_quantised || is_wide ||
-                          header_.mean_coefficients > kDenseShare * header_.dims.n_lights));
+                          header_.mean_coefficients > kDenseFraction * header_.dims.n_lights));
   if (is_dense) {
     dense_.emplace(BasisSource(basis), name_, HalfOptions{{}, options.memory_bytes});
     bytes_ = dense_->report().bytes;
@@ -544,7 +544,7 @@ std::vector<RelitPicture> PreparedBasis::relight(std::span<const LightWeights> w
     };
   }
   LightQueries asked(header_, tables_, name_, weights, std::move(tail_bound));
-  return relight_as_asked(asked, options, [&] { return sum(asked, run); });
+  return relight_as_requested(asked, options, [&] { return sum(asked, run); });
 }
 
 }  // namespace haarlight

@@ -110,7 +110,7 @@ class PreparedBasis {
   /// Memory that the tiles live in, several tiles each.
   struct Memory {
     explicit Memory(std::uint64_t bytes);
-    LargeBuffer buffer;
+    HugePageBuffer buffer;
     std::unique_ptr<std::pmr::memory_resource> resource;
   };
   std::vector<Memory> memory_;

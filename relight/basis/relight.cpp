@@ -222,7 +222,7 @@ std::vector<RelitPicture> Relighting::sum() {
 std::vector<RelitPicture> relight(const BasisFile& basis, std::span<const LightWeights> weights,
                                   const RelightOptions& options) {
   Relighting work(basis, weights);
-  return relight_as_asked(work.asked(), options, [&work] { return work.sum(); });
+  return relight_as_requested(work.asked(), options, [&work] { return work.sum(); });
 }
 
 RelitPicture relight(const BasisFile& basis, const LightWeights& weights,

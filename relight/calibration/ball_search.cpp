@@ -18,9 +18,9 @@ namespace {
 
 using Eigen::Vector2d;
 
-constexpr int kCoarse = 320;         // longer side of the voting picture, pixels
-constexpr double kEdgeShare = 0.06;  // of the pixels: the strongest edges vote
-constexpr double kLeastAlong = 0.9;  // cosine between an edge's normal and the radius
+constexpr int kCoarse = 320;            // longer side of the voting picture, pixels
+constexpr double kEdgeFraction = 0.06;  // of the pixels: the strongest edges vote
+constexpr double kLeastAlong = 0.9;     // cosine between an edge's normal and the radius
 constexpr int kAngles = 360;
 constexpr double kBand = 0.07;  // of the radius: search range for an edge
 constexpr int kFitRounds = 10;
@@ -90,7 +90,7 @@ struct EdgePoint {
 
 std::vector<EdgePoint> strongest(const Edges& e) {
   std::vector<float> all(e.strength.pixels().begin(), e.strength.pixels().end());
-  const float least = std::max(quantile(all, 1.0 - kEdgeShare), 1e-4F);
+  const float least = std::max(quantile(all, 1.0 - kEdgeFraction), 1e-4F);
   std::vector<EdgePoint> out;
   for (int y = 0; y < e.strength.height(); ++y) {
     for (int x = 0; x < e.strength.width(); ++x) {

@@ -116,7 +116,7 @@ class FreeSystem {
         const LightResidual r =
             light_residual(samples_, light, t, lights[k].power, albedo, inverse_variance);
         sum.is_valid = sum.is_valid && t.reaches_used;
-        j.leftCols<3>() = height(lights[k]) * per_place(t, lights[k]);
+        j.leftCols<3>() = height(lights[k]) * per_position(t, lights[k]);
         j.col(n_own_ - 1).setOnes();
         if (has_aim()) {
           j.middleCols<2>(3).setZero();
@@ -315,7 +315,7 @@ class FreeSystem {
     }
     const Eigen::VectorXd half = f.common.solve_lower(rhs);
     const Eigen::MatrixXd corner = f.common.corner(n);
-    return judge_modes(corner * corner.transpose(), corner * half.tail(n), direct, eq.chi2,
+    return score_modes(corner * corner.transpose(), corner * half.tail(n), direct, eq.chi2,
                        freedom);
   }
 

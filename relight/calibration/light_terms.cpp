@@ -224,8 +224,8 @@ LightTerms light_terms(const TargetColumns& target, const NearLight& light,
   return sum;
 }
 
-Eigen::Matrix<double, Eigen::Dynamic, 3> per_place(const LightTerms& terms,
-                                                   const NearLight& light) {
+Eigen::Matrix<double, Eigen::Dynamic, 3> per_position(const LightTerms& terms,
+                                                      const NearLight& light) {
   Eigen::Matrix<double, Eigen::Dynamic, 3> out = terms.position.matrix();
   if (light.aim_mm) {
     out.noalias() += terms.axis.matrix() * axis_per_position(light);

@@ -55,8 +55,8 @@ struct WantedTerms {
                                      const std::uint8_t* used, WantedTerms wanted = {});
 
 /// d ln h / d l, mm^-1, (P, 3): the axis of a light with an aim follows.
-[[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3> per_place(const LightTerms& terms,
-                                                                 const NearLight& light);
+[[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3> per_position(const LightTerms& terms,
+                                                                    const NearLight& light);
 
 /// Inverse variances of samples, (K, C, P), 0 where masked: held fixed in a fit.
 [[nodiscard]] std::vector<float> inverse_variances(const TargetSamples& samples,

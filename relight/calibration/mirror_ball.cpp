@@ -304,7 +304,7 @@ BallScene ball_scene(const CameraModel& camera, std::span<const MeasuredBall> ba
   return scene;
 }
 
-BallPlaces ball_places(
+BallPositions ball_positions(
     const CameraModel& camera, std::span<const MeasuredBall> balls,
     std::span<const double> radii_mm,
     const std::vector<std::vector<std::optional<BallHighlight>>>& highlights) {
@@ -315,11 +315,11 @@ BallPlaces ball_places(
   for (std::size_t b = 0; b < n_balls; ++b) {
     spheres.push_back(sphere_steps(own, balls[b], radii_mm[b]));
   }
-  BallPlaces out;
+  BallPositions out;
   out.n_balls = static_cast<int>(n_balls);
   for (const std::vector<std::optional<BallHighlight>>& of_light : highlights) {
     HAARLIGHT_EXPECTS(of_light.size() == n_balls, "a highlight, or none, for each ball");
-    BallPlace light;
+    BallPosition light;
     std::vector<ReflectedRay> rays;
     std::vector<std::size_t> shown;
     for (std::size_t b = 0; b < n_balls; ++b) {
@@ -381,7 +381,7 @@ BallPlaces ball_places(
   return out;
 }
 
-bool BallPlaces::is_model_wrong() const {
+bool BallPositions::is_model_wrong() const {
   if (freedom <= 0) {
     return false;
   }

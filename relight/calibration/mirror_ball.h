@@ -117,14 +117,14 @@ struct BallScene {
                                    std::span<const MeasuredBall> balls,
                                    std::span<const double> radii_mm);
 
-struct BallPlace {
+struct BallPosition {
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance_mm2 = Eigen::Matrix3d::Zero();
   double chi2 = 0.0;  ///< of the rays' distances from it
   int freedom = 0;    ///< 2 per ball minus 3; 0: fewer than two balls showed the light
 };
-struct BallPlaces {
-  std::vector<BallPlace> lights;
+struct BallPositions {
+  std::vector<BallPosition> lights;
   double chi2 = 0.0;
   int freedom = 0;
   /// True if the rays miss each other by more than their errors allow. The balls' own errors
@@ -137,7 +137,7 @@ struct BallPlaces {
 /// covariance is propagated from highlights and outlines. Radii are taken as exact: all lengths
 /// scale with them.
 /// @param highlights  (K, B); nothing: that light is not seen on that ball
-[[nodiscard]] BallPlaces ball_places(
+[[nodiscard]] BallPositions ball_positions(
     const CameraModel& camera, std::span<const MeasuredBall> balls,
     std::span<const double> radii_mm,
     const std::vector<std::vector<std::optional<BallHighlight>>>& highlights);

@@ -26,9 +26,9 @@ namespace {
 
 constexpr const char* kWhere = "near-light calibration";
 constexpr int kMaxOutlierRounds = 4;
-constexpr double kGrossShare = 0.4;
+constexpr double kGrossFraction = 0.4;
 // A light that the samples constrain in no direction: all lights at one position.
-constexpr double kUnknownShare = 5.0;
+constexpr double kUnknownFraction = 5.0;
 constexpr double kSigmasToDiffer = 5.0;
 
 double top_of(const TargetSamples& samples) {
@@ -395,11 +395,11 @@ int coarse_factor(const TargetSamples& samples, const CalibrationOptions& option
 /// Masks samples that contradict the lights. The albedo is the median over the lights, robust
 /// to outliers in up to half of them. @return how many
 std::int64_t mask_outliers(TargetSamples& samples, std::span<const NearLight> lights,
-                           const SheetValues& sheet, double outlier_share,
+                           const SheetValues& sheet, double outlier_fraction,
                            std::vector<SampleCounts>& counts) {
   const std::size_t n = samples.n_points();
   const TargetColumns target(samples, sheet);
-  const double threshold = std::max(outlier_share, 6.0 * samples.noise.relative);
+  const double threshold = std::max(outlier_fraction, 6.0 * samples.noise.relative);
   std::vector<LightTerms> terms(lights.size());
   parallel_for(lights.size(), 8, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
@@ -564,7 +564,7 @@ LightCalibration judge(const TargetSamples& samples, std::vector<NearLight> ligh
       if (!(light.weak_mm <= options.shape_tolerance * distance)) {
         light.finding = LightFinding::weak;
       }
-      n_unknown += light.weak_mm > kUnknownShare * distance ? 1 : 0;
+      n_unknown += light.weak_mm > kUnknownFraction * distance ? 1 : 0;
     }
     out.lights.push_back(light);
   }
@@ -713,9 +713,10 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
   int n_likelihood = 0;
   if (options.start == Start::uniform_albedo) {
     lights = uniform_albedo_start(coarse_samples(samples, factor), std::move(lights));
-    if (options.outlier_share > 0.0) {
+    if (options.outlier_fraction > 0.0) {
       // Gross ones first: one shadowed light would bias all others in the joint fit.
-      mask_outliers(samples, lights, {}, std::max(kGrossShare, options.outlier_share), counts);
+      mask_outliers(samples, lights, {}, std::max(kGrossFraction, options.outlier_fraction),
+                    counts);
       drop_lonely_points(samples, counts);
       require_lights(samples, lights);
     }
@@ -737,7 +738,7 @@ LightCalibration calibrate_free_lights(TargetSamples samples, std::vector<NearLi
       likelihood.sheet_start = fit.sheet;
       lights = std::move(fit.lights);
     }
-    if (!leave_outliers_out(samples, lights, likelihood.sheet_start, options.outlier_share,
+    if (!leave_outliers_out(samples, lights, likelihood.sheet_start, options.outlier_fraction,
                             counts)) {
       break;
     }
@@ -806,7 +807,7 @@ LightCalibration calibrate_rigid_array(TargetSamples samples, const RigidArray& 
       lights = std::move(fit.fit.lights);
       pose = fit.world_from_array;
     }
-    if (!leave_outliers_out(samples, lights, likelihood.sheet_start, options.outlier_share,
+    if (!leave_outliers_out(samples, lights, likelihood.sheet_start, options.outlier_fraction,
                             counts)) {
       break;
     }

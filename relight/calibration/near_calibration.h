@@ -48,7 +48,7 @@ struct CalibrationOptions {
   MaskOptions mask;
   /// Samples that deviate from their model by more than this fraction and by 6 standard
   /// deviations are left out as shadowed or outlying; 0: none are.
-  double outlier_share = 0.2;
+  double outlier_fraction = 0.2;
   int coarse_points = 144;    ///< approximate number of blocks in the first stage
   int max_iterations = 3000;  ///< of L-BFGS, for Stage::variance
   /// The same if the likelihood follows: it needs only a point near the minimum.

@@ -233,7 +233,7 @@ std::vector<FaceCalibration> calibrate_faces(const Rig& rig, const SheetSamples&
     RigidArray array;
     for (int k = first; k < first + face.n_lights(); ++k) {
       const LightElement& element = elements[static_cast<std::size_t>(k)];
-      array.places_mm.push_back(as_written.inverse() * element.centre);
+      array.positions_mm.push_back(as_written.inverse() * element.centre);
       array.axes.emplace_back(as_written.linear().transpose() * element.emits);
       Eigen::Matrix<double, 3, 2> edges;
       edges << element.width_mm * element.u, element.height_mm * element.v;

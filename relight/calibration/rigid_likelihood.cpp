@@ -219,12 +219,12 @@ std::vector<NearLight> with_powers(std::vector<NearLight> lights,
 std::vector<NearLight> array_at(const RigidArray& array,
                                 const Eigen::Isometry3d& world_from_array, double mu) {
   HAARLIGHT_EXPECTS(
-      array.places_mm.size() == array.axes.size() &&
-          (array.emitters_mm.empty() || array.emitters_mm.size() == array.places_mm.size()),
+      array.positions_mm.size() == array.axes.size() &&
+          (array.emitters_mm.empty() || array.emitters_mm.size() == array.positions_mm.size()),
       "an axis, and an emitter where there is one, for each place");
-  std::vector<NearLight> lights(array.places_mm.size());
+  std::vector<NearLight> lights(array.positions_mm.size());
   for (std::size_t k = 0; k < lights.size(); ++k) {
-    lights[k].position_mm = world_from_array * array.places_mm[k];
+    lights[k].position_mm = world_from_array * array.positions_mm[k];
     lights[k].axis = world_from_array.linear() * array.axes[k];
     lights[k].mu = mu;
     if (!array.emitters_mm.empty()) {
@@ -297,7 +297,7 @@ ModelTest test_rigid_array(const TargetSamples& samples, const LikelihoodFit& fi
   const Eigen::Index n = modes.size();
   const Eigen::VectorXd half = factored.solve_lower(reduced.rhs);
   const Eigen::MatrixXd corner = factored.corner(n);
-  return judge_modes(corner * corner.transpose(), corner * half.tail(n),
+  return score_modes(corner * corner.transpose(), corner * half.tail(n),
                      eq.pose.diagonal().tail(n), eq.chi2, freedom);
 }
 

@@ -19,8 +19,8 @@
 namespace haarlight {
 
 struct RigidArray {
-  std::vector<Eigen::Vector3d> places_mm;  ///< (K), in the array's frame
-  std::vector<Eigen::Vector3d> axes;       ///< (K), unit, likewise: direction of emission
+  std::vector<Eigen::Vector3d> positions_mm;  ///< (K), in the array's frame
+  std::vector<Eigen::Vector3d> axes;          ///< (K), unit, likewise: direction of emission
   /// Edges of each emitter in that frame, as in NearLight; empty: points.
   std::vector<Eigen::Matrix<double, 3, 2>> emitters_mm;
 };

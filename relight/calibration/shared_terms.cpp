@@ -16,7 +16,7 @@ constexpr int kPointDegree = 4;
 constexpr int kLightDegree = 3;
 constexpr int kLightsPerMode = 4;
 // A mode explained by other unknowns up to this fraction carries no information of its own.
-constexpr double kOwnShare = 1e-8;
+constexpr double kOwnFraction = 1e-8;
 
 SheetTerm term_at(std::size_t i) { return static_cast<SheetTerm>(i); }
 
@@ -84,7 +84,7 @@ TestModes test_modes(const TargetSamples& samples, std::span<const NearLight> li
   return {products(x, y, kPointDegree), products(light_x, light_y, degree)};
 }
 
-ModelTest judge_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
+ModelTest score_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
                       const Eigen::VectorXd& direct, double chi2, double freedom) {
   ModelTest test;
   // In units of each mode's weight if no other unknown explained any of it.
@@ -93,7 +93,7 @@ ModelTest judge_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
   const Eigen::VectorXd along = eigen.vectors.transpose() * b.cwiseProduct(unit);
   double taken = 0.0;
   for (Eigen::Index i = 0; i < along.size(); ++i) {
-    if (eigen.values[i] > kOwnShare) {
+    if (eigen.values[i] > kOwnFraction) {
       taken += along[i] * along[i] / eigen.values[i];
       ++test.n;
     }
@@ -106,7 +106,7 @@ ModelTest judge_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
   const double noise = std::max((chi2 - taken) / left, 1e-300);
   test.chi2 = taken / noise;
   const Eigen::Index lobe = a.rows() - TestModes::kSuspects;
-  if (a(lobe, lobe) > kOwnShare * direct[lobe]) {
+  if (a(lobe, lobe) > kOwnFraction * direct[lobe]) {
     test.lobe_z = b[lobe] / std::sqrt(a(lobe, lobe) * noise);
   }
   const double spread = 2.0 / (9.0 * test.n);

@@ -45,7 +45,7 @@ struct ModelTest {
 };
 /// From the test modes' own equations, all other unknowns eliminated: A x = b.
 /// @param chi2_per_freedom  of the fit, taken as the noise scale where it is not 1
-[[nodiscard]] ModelTest judge_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
+[[nodiscard]] ModelTest score_modes(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
                                     const Eigen::VectorXd& direct, double chi2, double freedom);
 
 /// The columns and their order: mu, the sheet's free terms, test modes.

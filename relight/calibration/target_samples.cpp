@@ -101,8 +101,8 @@ std::vector<SampleCounts> mask_samples(TargetSamples& s, const MaskOptions& opti
   std::vector<SampleCounts> counts(static_cast<std::size_t>(s.n_lights));
   for (int k = 0; k < s.n_lights; ++k) {
     SampleCounts& c = counts[static_cast<std::size_t>(k)];
-    const double dark = options.dark_share * std::max(brightest[static_cast<std::size_t>(k)],
-                                                      options.dark_share * of_all);
+    const double dark = options.dark_fraction * std::max(brightest[static_cast<std::size_t>(k)],
+                                                         options.dark_fraction * of_all);
     for (std::size_t p = 0; p < n; ++p) {
       std::uint8_t& used = s.is_used[static_cast<std::size_t>(k) * n + p];
       if (used == 0) {

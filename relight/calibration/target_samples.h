@@ -90,7 +90,7 @@ struct MaskOptions {
   /// Below this fraction of the light's own brightest sample in every channel: dark; a light
   /// whose brightest is below this fraction of the overall brightest is compared with that
   /// instead.
-  double dark_share = 1e-3;
+  double dark_fraction = 1e-3;
 };
 
 /// Clears is_used of saturated and dark samples. @return (K)

@@ -84,7 +84,7 @@ class OneLight {
   }
 
   /// Where the picture is brightest: the mean position, weighted by the fourth power.
-  [[nodiscard]] Eigen::Vector3d bright_place() const {
+  [[nodiscard]] Eigen::Vector3d bright_position() const {
     const Eigen::ArrayXd w = weight_ * (4.0 * (log_i_ - log_i_.maxCoeff())).exp();
     const double sum = std::max(w.sum(), 1e-300);
     return {(w * target_.point.col(0)).sum() / sum, (w * target_.point.col(1)).sum() / sum,
@@ -119,7 +119,7 @@ class OneLight {
     const Eigen::ArrayXd square = (miss / kSpread).square();
     const Eigen::ArrayXd weight = weight_ / (1.0 + square);
     Eigen::Matrix<double, Eigen::Dynamic, 4> j(n_, 4);
-    j.leftCols<3>() = h * per_place(t, light);
+    j.leftCols<3>() = h * per_position(t, light);
     j.col(3).setOnes();
     const Eigen::Matrix<double, Eigen::Dynamic, 4> wj = j.array().colwise() * weight;
     out.normal = j.transpose() * wj;
@@ -151,7 +151,7 @@ std::vector<NearLight> uniform_albedo_start(const TargetSamples& samples,
       }
       const OneLight one(target, samples, static_cast<int>(k), ground);
       Guess best = one.fit(start[k]);
-      const Eigen::Vector3d bright = one.bright_place();
+      const Eigen::Vector3d bright = one.bright_position();
       for (const double height : {0.25, 1.0, 4.0}) {
         for (const double out : {1.0, 4.0}) {
           NearLight light = start[k];

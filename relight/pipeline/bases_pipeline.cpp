@@ -236,8 +236,8 @@ BasesSummary compare_bases(const BasesOptions& options) {
 
 void add_to_report(const BasesOptions& options, const BasesSummary& summary, Report& report) {
   const BasisStudyOptions asked = study_options(options);
-  report.add_asked("errors", asked.errors);
-  report.add_asked("sizes", asked.sizes);
+  report.add_requested("errors", asked.errors);
+  report.add_requested("sizes", asked.sizes);
   for (const std::string& file : {options.input, options.lightings, options.regions}) {
     if (!file.empty()) {
       report.add_input(file);
@@ -250,8 +250,8 @@ void add_to_report(const BasesOptions& options, const BasesSummary& summary, Rep
   for (const BasisResult& result : summary.study.results) {
     for (const BasisPoint& point : result.points) {
       if (point.kind == PointKind::error) {
-        report.add_reached(fmt::format("{} at {:g}", result.title, point.asked),
-                           point.stack_error[0]);
+        report.add_achieved(fmt::format("{} at {:g}", result.title, point.asked),
+                            point.stack_error[0]);
       }
     }
   }

@@ -8,6 +8,7 @@
 
 #include "core/picture/image_io.h"
 #include "core/report.h"
+#include "relight/basis/basis_file.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/study/basis_study.h"
 

@@ -277,19 +277,19 @@ PlaneBoardSummary calibrate_plane(const BoardOptions& options) {
 void add_to_report(const CameraBoardSummary& summary, Report& report) {
   const std::array<LensValue, 9> values = lens_values(summary.fit.camera);
   for (std::size_t i = 0; i < values.size(); ++i) {
-    report.add_reached(values[i].name, values[i].value);
-    report.add_reached(std::string(values[i].name) + "_sigma",
-                       summary.fit.sigma[static_cast<Eigen::Index>(i)]);
+    report.add_achieved(values[i].name, values[i].value);
+    report.add_achieved(std::string(values[i].name) + "_sigma",
+                        summary.fit.sigma[static_cast<Eigen::Index>(i)]);
   }
-  report.add_reached("rms_px", summary.fit.rms_px);
+  report.add_achieved("rms_px", summary.fit.rms_px);
   report.set_bytes(summary.bytes);
 }
 
 void add_to_report(const PlaneBoardSummary& summary, Report& report) {
-  report.add_reached("distance_mm", summary.distance_mm);
-  report.add_reached("distance_sigma_mm", summary.plane.distance_sigma);
-  report.add_reached("tilt_sigma_deg", summary.plane.tilt_sigma_deg);
-  report.add_reached("rms_px", summary.plane.rms_px);
+  report.add_achieved("distance_mm", summary.distance_mm);
+  report.add_achieved("distance_sigma_mm", summary.plane.distance_sigma);
+  report.add_achieved("tilt_sigma_deg", summary.plane.tilt_sigma_deg);
+  report.add_achieved("rms_px", summary.plane.rms_px);
   report.set_bytes(summary.bytes);
 }
 

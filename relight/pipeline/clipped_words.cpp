@@ -9,7 +9,7 @@ namespace haarlight {
 
 namespace {
 
-constexpr const char* kNotTold =
+constexpr const char* kNotReported =
     "  what was clipped is not known: the basis file is older than that count; compress the "
     "session again\n";
 
@@ -27,9 +27,9 @@ std::string clipped_words(const BasisHeader& header) {
 
 void report_clipped(const BasisHeader& header, Report& report) {
   if (header.clipped) {
-    report.add_reached("clipped_values", static_cast<std::int64_t>(header.clipped->n_values));
-    report.add_reached("clipped_share", header.clipped->share(header.dims));
-    report.add_reached("clipped_least_norm", header.clipped->least_norm);
+    report.add_achieved("clipped_values", static_cast<std::int64_t>(header.clipped->n_values));
+    report.add_achieved("clipped_share", header.clipped->share(header.dims));
+    report.add_achieved("clipped_least_norm", header.clipped->least_norm);
   }
 }
 
@@ -41,7 +41,7 @@ PictureClipping picture_clipping(const RelightBound& bound) {
 
 std::string clipped_words(const BasisHeader& header, const PictureClipping& clipping) {
   if (!header.clipped) {
-    return header.content == BasisContent::plate ? "" : kNotTold;
+    return header.content == BasisContent::plate ? "" : kNotReported;
   }
   if (clipping.share == 0.0) {
     return {};
@@ -56,8 +56,8 @@ std::string clipped_words(const BasisHeader& header, const PictureClipping& clip
 void report_clipped(const BasisHeader& header, const PictureClipping& clipping,
                     Report& report) {
   if (header.clipped) {
-    report.add_reached("clipped_share", clipping.share);
-    report.add_reached("clipped_relative", clipping.relative);
+    report.add_achieved("clipped_share", clipping.share);
+    report.add_achieved("clipped_relative", clipping.relative);
   }
 }
 

@@ -24,23 +24,23 @@ void choose_error(const CompressCaptureOptions& options, const Session& session,
   constexpr double kWithoutNoise = 0.01;
   constexpr double kLeast = 1e-4;
   if (options.is_integer) {
-    summary.relative_l2_asked = std::numeric_limits<double>::infinity();
-    summary.asked_reason = "whole steps of the camera, exactly";
+    summary.relative_l2_requested = std::numeric_limits<double>::infinity();
+    summary.request_reason = "whole steps of the camera, exactly";
     return;
   }
   if (options.max_error) {
-    summary.relative_l2_asked = *options.max_error;
-    summary.asked_reason = "as asked";
+    summary.relative_l2_requested = *options.max_error;
+    summary.request_reason = "as asked";
     return;
   }
   summary.noise = measure_noise(session, plate, how);
   if (!summary.noise) {
-    summary.relative_l2_asked = kWithoutNoise;
-    summary.asked_reason = "the default: nobody measured the camera's noise";
+    summary.relative_l2_requested = kWithoutNoise;
+    summary.request_reason = "the default: nobody measured the camera's noise";
     return;
   }
-  summary.relative_l2_asked = std::clamp(kNoiseTarget * *summary.noise, kLeast, 1.0);
-  summary.asked_reason = fmt::format("{:g} times the capture's noise", kNoiseTarget);
+  summary.relative_l2_requested = std::clamp(kNoiseTarget * *summary.noise, kLeast, 1.0);
+  summary.request_reason = fmt::format("{:g} times the capture's noise", kNoiseTarget);
 }
 
 /// The requested basis, or the one that the lights allow.
@@ -80,7 +80,7 @@ std::string compress_words(const CompressCaptureOptions& options,
       "  {} bytes, {:.1f} times {} than 16-bit pictures{}\n",
       options.output, header.dims.width, header.dims.height, header.dims.channels,
       header.dims.n_lights, to_string(header.basis), to_string(header.plate),
-      header.reached.relative_l2, summary.relative_l2_asked, summary.asked_reason,
+      header.reached.relative_l2, summary.relative_l2_requested, summary.request_reason,
       header.reached.worst_pixel, found.worst_light, header.mean_coefficients, found.bytes,
       is_smaller ? raw / double(found.bytes) : double(found.bytes) / raw,
       is_smaller ? "smaller" : "larger",
@@ -117,7 +117,7 @@ CompressCaptureSummary compress_capture(const CompressCaptureOptions& options) {
   const Session session = Session::open(options.session);
   how.basis = choose_basis(options, session, notes);
   choose_error(options, session, plate, how, summary);
-  how.relative_l2 = summary.relative_l2_asked;
+  how.relative_l2 = summary.relative_l2_requested;
   how.is_integer = options.is_integer;
   summary.compressed = compress_session(session, plate, options.output, how);
   tell_lines(compress_words(options, summary), notes);
@@ -131,19 +131,19 @@ void add_to_report(const CompressCaptureOptions& options, const CompressCaptureS
   const CompressSummary& found = summary.compressed;
   const BasisHeader& header = found.header;
   report.add_input(options.session);
-  report.add_asked("worst_pixel",
-                   options.worst_pixel.value_or(std::numeric_limits<double>::infinity()));
-  report.add_asked("basis", to_string(options.basis));
-  report.add_asked("plate", options.plate.empty() ? "automatic" : options.plate);
+  report.add_requested("worst_pixel",
+                       options.worst_pixel.value_or(std::numeric_limits<double>::infinity()));
+  report.add_requested("basis", to_string(options.basis));
+  report.add_requested("plate", options.plate.empty() ? "automatic" : options.plate);
   if (summary.noise) {
     report.add_detail("noise", *summary.noise);
   }
-  report.add_asked("relative_l2", summary.relative_l2_asked);
-  report.add_detail("relative_l2_from", summary.asked_reason);
-  report.add_reached("relative_l2", header.reached.relative_l2);
-  report.add_reached("worst_pixel", header.reached.worst_pixel);
-  report.add_reached("worst_value", header.reached.worst_value);
-  report.add_reached("worst_light", found.worst_light);
+  report.add_requested("relative_l2", summary.relative_l2_requested);
+  report.add_detail("relative_l2_from", summary.request_reason);
+  report.add_achieved("relative_l2", header.reached.relative_l2);
+  report.add_achieved("worst_pixel", header.reached.worst_pixel);
+  report.add_achieved("worst_value", header.reached.worst_value);
+  report.add_achieved("worst_light", found.worst_light);
   report_clipped(header, report);
   report.add_detail("coding", std::string(to_string(header.coding)));
   report.add_detail("plate", std::string(to_string(header.plate)));

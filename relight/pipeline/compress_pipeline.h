@@ -41,10 +41,10 @@ struct CompressCaptureOptions {
 
 struct CompressCaptureSummary {
   CompressSummary compressed;
-  double relative_l2_asked = 0.0;   ///< infinite for whole steps
-  std::string asked_reason;         ///< the reason for it, for the user
-  std::optional<double> noise;      ///< of the capture, if measured and requested
-  std::vector<PipelineNote> notes;  ///< all messages
+  double relative_l2_requested = 0.0;  ///< infinite for whole steps
+  std::string request_reason;          ///< the reason for it, for the user
+  std::optional<double> noise;         ///< of the capture, if measured and requested
+  std::vector<PipelineNote> notes;     ///< all messages
 };
 
 /// If killed, it resumes where it stopped when called again.

@@ -149,9 +149,9 @@ void convert_lights(const ConvertOptions& options, ConvertSummary& summary,
 }
 
 /// What the written file holds, and the difference of its pictures from IN's.
-void judge_written(const ConvertOptions& options, const ReflectanceModel& model,
-                   const ReflectanceModel& written, ConvertSummary& summary,
-                   PipelineNotes& notes) {
+void measure_written(const ConvertOptions& options, const ReflectanceModel& model,
+                     const ReflectanceModel& written, ConvertSummary& summary,
+                     PipelineNotes& notes) {
   if (options.is_jpeg) {
     warn_of_rti_viewer(written, notes);
   }
@@ -193,7 +193,7 @@ void convert_model(const ConvertOptions& options, const ReflectanceReading& read
   const HshOrder4 order4 = summary.is_refitted ? HshOrder4::exact : reading.order4;
   const ReflectanceModel written =
       read_reflectance(options.output, {.order4 = order4, .most_bytes = reading.most_bytes});
-  judge_written(options, model, written, summary, notes);
+  measure_written(options, model, written, summary, notes);
 }
 
 }  // namespace
@@ -223,13 +223,13 @@ void add_to_report(const ConvertOptions& options, const ConvertSummary& summary,
   report.add_input(options.input);
   report.set_bytes(summary.bytes);
   if (summary.kind == ConvertedKind::lights) {
-    report.add_reached("lights", static_cast<std::int64_t>(summary.n_lights));
+    report.add_achieved("lights", static_cast<std::int64_t>(summary.n_lights));
   } else if (summary.kind == ConvertedKind::model) {
     report.add_detail("basis", std::string(to_string(summary.basis)));
     report.add_detail("terms", std::int64_t{summary.n_terms});
     report.add_detail("refitted", std::int64_t{summary.is_refitted ? 1 : 0});
     if (!summary.difference.is_same) {
-      report.add_reached("psnr_db", summary.difference.mean_db);
+      report.add_achieved("psnr_db", summary.difference.mean_db);
       report.add_detail("psnr_worst_db", summary.difference.worst_db);
     }
   }

@@ -131,12 +131,13 @@ DevelopSummary develop_session(const DevelopSessionOptions& options) {
 void add_to_report(const DevelopSessionOptions& options, const DevelopSummary& summary,
                    Report& report) {
   report.add_input(options.session);
-  report.add_asked("demosaic", std::string(word_of(options.demosaic)));
-  report.add_asked("memory_bytes", static_cast<std::int64_t>(options.settings.memory_bytes));
-  report.add_reached("lights", std::int64_t{summary.dims.n_lights});
-  report.add_reached("bands", std::int64_t{summary.n_bands});
-  report.add_reached("saturated_in_all", static_cast<std::int64_t>(summary.n_saturated));
-  report.add_reached("moved_share", summary.moved_share);
+  report.add_requested("demosaic", std::string(word_of(options.demosaic)));
+  report.add_requested("memory_bytes",
+                       static_cast<std::int64_t>(options.settings.memory_bytes));
+  report.add_achieved("lights", std::int64_t{summary.dims.n_lights});
+  report.add_achieved("bands", std::int64_t{summary.n_bands});
+  report.add_achieved("saturated_in_all", static_cast<std::int64_t>(summary.n_saturated));
+  report.add_achieved("moved_share", summary.moved_share);
   report.add_detail("steps", summary.record);
   report.set_bytes(summary.bytes);
 }

@@ -8,9 +8,9 @@
 
 #include "core/picture/image_io.h"
 #include "core/report.h"
+#include "core/stack/light_stack.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "session/develop/develop.h"
-#include "session/light_stack.h"
 
 /// @file
 /// A session's raw frames to the light stack (session/develop/develop.h), which stays in a

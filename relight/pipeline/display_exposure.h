@@ -14,6 +14,6 @@ namespace haarlight {
 [[nodiscard]] double display_exposure(std::vector<float> values, double share);
 
 /// Default of --exposure for a .png.
-inline constexpr double kDisplayShare = 0.995;
+inline constexpr double kDisplayFraction = 0.995;
 
 }  // namespace haarlight

@@ -32,7 +32,7 @@ PictureNotes notes_of(const BasisHeader& header) {
   add(notes, "haarlightSession", header.source);
   add(notes, "haarlightPlan", header.source_hash);
   add(notes, "haarlightRoot", header.source_root);
-  add(notes, "haarlightBasisErrorAsked", fmt::format("{:.9g}", header.asked_relative_l2));
+  add(notes, "haarlightBasisErrorAsked", fmt::format("{:.9g}", header.requested_relative_l2));
   add(notes, "haarlightBasisErrorReached", fmt::format("{:.9g}", header.reached.relative_l2));
   add(notes, "haarlightBasisClippedShare",
       header.clipped ? fmt::format("{:.9g}", header.clipped->share(header.dims)) : "not known");

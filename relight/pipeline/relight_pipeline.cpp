@@ -111,7 +111,7 @@ double picture_exposure(const RelightPictureOptions& options, const Image<float>
   }
   const double exposure = factor * display_exposure(std::vector<float>(picture.pixels().begin(),
                                                                        picture.pixels().end()),
-                                                    kDisplayShare);
+                                                    kDisplayFraction);
   notes.add(NoteKind::result, fmt::format("  exposure {:.6g} for display", exposure));
   return exposure;
 }

@@ -11,18 +11,18 @@ namespace {
 void add_environment(const RelightPictureOptions& options, const RelightSummary& summary,
                      Report& report) {
   report.add_input(options.light.cubemap);
-  report.add_asked("rotate_deg", options.light.rotate_deg);
+  report.add_requested("rotate_deg", options.light.rotate_deg);
   report.add_detail("layout", summary.layout);
-  report.add_reached("missing_share", *summary.missing_share);
-  report.add_reached("energy_conservation_error", summary.conservation_error);
+  report.add_achieved("missing_share", *summary.missing_share);
+  report.add_achieved("energy_conservation_error", summary.conservation_error);
 }
 
-void add_terms_asked(const RelightPictureOptions& options, Report& report) {
+void add_terms_requested(const RelightPictureOptions& options, Report& report) {
   if (options.max_error) {
-    report.add_asked("relative_l2", *options.max_error);
+    report.add_requested("relative_l2", *options.max_error);
   }
   if (options.terms) {
-    report.add_asked("terms", std::int64_t{*options.terms});
+    report.add_requested("terms", std::int64_t{*options.terms});
   }
 }
 
@@ -32,8 +32,8 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
                    Report& report) {
   report.add_input(options.basis);
   if (options.frames) {
-    report.add_asked("frames", std::int64_t{*options.frames});
-    add_terms_asked(options, report);
+    report.add_requested("frames", std::int64_t{*options.frames});
+    add_terms_requested(options, report);
   }
   if (summary.missing_share) {
     add_environment(options, summary, report);
@@ -41,12 +41,12 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
     report.add_input(options.weights);
   }
   if (!options.frames) {
-    add_terms_asked(options, report);
+    add_terms_requested(options, report);
   }
-  report.add_reached("relative_l2_bound", summary.relative_l2_bound);
-  report.add_reached("channel_l2_bound", summary.channel_bounds);
+  report.add_achieved("relative_l2_bound", summary.relative_l2_bound);
+  report.add_achieved("channel_l2_bound", summary.channel_bounds);
   report_clipped(summary.basis, summary.clipping, report);
-  report.add_reached("terms", std::int64_t{summary.terms});
+  report.add_achieved("terms", std::int64_t{summary.terms});
   if (options.frames) {
     report.add_detail("method", summary.method);
     report.add_detail("relight_seconds", summary.seconds);
@@ -58,9 +58,9 @@ void add_to_report(const RelightPictureOptions& options, const RelightSummary& s
   report.add_detail("exposure", summary.exposure);
   if (summary.against) {
     report.add_input(options.against);
-    report.add_reached("relative_l2", summary.against->relative_l2);
-    report.add_reached("worst_pixel", summary.against->worst_pixel);
-    report.add_reached("psnr_db", summary.against->psnr_db);
+    report.add_achieved("relative_l2", summary.against->relative_l2);
+    report.add_achieved("worst_pixel", summary.against->worst_pixel);
+    report.add_achieved("psnr_db", summary.against->psnr_db);
   }
   report.set_bytes(summary.bytes);
 }

@@ -9,8 +9,8 @@
 
 #include "core/image.h"
 #include "core/rig/rig.h"
+#include "core/stack/stack_source.h"
 #include "relight/basis/basis_file.h"
-#include "relight/basis/stack_source.h"
 #include "relight/pipeline/shadow_pipeline.h"
 #include "relight/shadow/plane_frame.h"
 #include "relight/shadow/shadow_lookup.h"

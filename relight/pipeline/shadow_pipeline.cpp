@@ -161,8 +161,8 @@ Image<std::uint8_t> add_object(const ShadowJob& job, Image<float>& picture,
 }
 
 /// The shadow alone, against ray-traced receivers.
-Image<float> judge_shadow(const ShadowJob& job, const ReprojectResult& result,
-                          ShadowSummary& summary) {
+Image<float> compare_shadow_with_truth(const ShadowJob& job, const ReprojectResult& result,
+                                       ShadowSummary& summary) {
   Image<float> truth = trace_shadow(job.scene, job.object, job.view, job.lights, job.weights,
                                     job.options.subpixels, job.options.settings.progress);
   summary.truth = ShadowAgreement{.reached = compare(result.picture.pixels(), truth.pixels()),
@@ -172,8 +172,8 @@ Image<float> judge_shadow(const ShadowJob& job, const ReprojectResult& result,
 }
 
 /// Scene and object together, against both ray-traced.
-Image<float> judge_composite(const ShadowJob& job, const Image<float>& picture,
-                             const Image<std::uint8_t>& drawn, ShadowSummary& summary) {
+Image<float> compare_composite(const ShadowJob& job, const Image<float>& picture,
+                               const Image<std::uint8_t>& drawn, ShadowSummary& summary) {
   Scene all = job.scene;
   append_scene(all, job.object);
   LitOptions lit;
@@ -221,25 +221,25 @@ void finish_pictures(const ShadowJob& job, ReprojectResult& result, bool is_lit,
   const std::span<const float> unshadowed = result.unshadowed.pixels();
   summary.exposure = options.exposure.value_or(
       fs::path(options.output).extension() == ".png"
-          ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayShare)
+          ? display_exposure({unshadowed.begin(), unshadowed.end()}, kDisplayFraction)
           : 1.0);
   const PictureNotes notes = shadow_notes(job, result.report);
   if (!options.spread.empty()) {
     write_image(options.spread, result.spread.view(), summary.exposure, notes);
     summary.bytes += fs::file_size(options.spread);
   }
-  const bool is_judged = !options.truth.empty();
+  const bool is_assessed = !options.truth.empty();
   Image<float> truth;
   if (options.with_object && is_lit) {
     const Image<std::uint8_t> drawn = add_object(job, result.picture, summary);
     tell_lines(object_words(*summary.object), told);
-    if (is_judged) {
-      truth = judge_composite(job, result.picture, drawn, summary);
+    if (is_assessed) {
+      truth = compare_composite(job, result.picture, drawn, summary);
     }
-  } else if (is_judged) {
-    truth = judge_shadow(job, result, summary);
+  } else if (is_assessed) {
+    truth = compare_shadow_with_truth(job, result, summary);
   }
-  if (is_judged) {
+  if (is_assessed) {
     tell_lines(truth_words(*summary.truth), told);
     summary.bytes +=
         write_truth(options, result.picture, std::move(truth), summary.exposure, notes);

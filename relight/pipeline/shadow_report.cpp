@@ -23,7 +23,7 @@ std::string word_of(WindowRule rule) {
   return "?";
 }
 
-void add_asked(const ShadowOptions& options, const ShadowSummary& summary, Report& report) {
+void add_requested(const ShadowOptions& options, const ShadowSummary& summary, Report& report) {
   report.add_input(options.basis);
   report.add_input(options.scene);
   for (const std::string& file : options.also) {
@@ -31,22 +31,22 @@ void add_asked(const ShadowOptions& options, const ShadowSummary& summary, Repor
   }
   if (summary.missing_share) {
     report.add_input(options.light.cubemap);
-    report.add_asked("rotate_deg", options.light.rotate_deg);
+    report.add_requested("rotate_deg", options.light.rotate_deg);
     report.add_detail("layout", summary.layout);
-    report.add_reached("missing_share", *summary.missing_share);
+    report.add_achieved("missing_share", *summary.missing_share);
   }
   if (!options.truth_object.empty()) {
     report.add_input(options.truth_object);
   }
   if (options.object) {
-    report.add_asked("object_height_mm",
-                     std::vector<double>{options.object->low_mm, options.object->high_mm});
+    report.add_requested("object_height_mm",
+                         std::vector<double>{options.object->low_mm, options.object->high_mm});
   }
   if (options.worst_point) {
-    report.add_asked("irradiance_worst_point", *options.worst_point);
+    report.add_requested("irradiance_worst_point", *options.worst_point);
   }
-  report.add_asked("irradiance_relative_l2", shadow_tolerance(options).relative_l2);
-  report.add_asked("window", word_of(options.window));
+  report.add_requested("irradiance_relative_l2", shadow_tolerance(options).relative_l2);
+  report.add_requested("window", word_of(options.window));
   if (is_plate_captured(options)) {
     report.add_input(options.plate);
   }
@@ -54,13 +54,13 @@ void add_asked(const ShadowOptions& options, const ShadowSummary& summary, Repor
 }
 
 void add_reprojected(const ReprojectReport& found, Report& report) {
-  report.add_reached("unknown_share", found.unknown_share);
-  report.add_reached("affected_receivers", found.affected_receivers);
-  report.add_reached("spread_relative_l2", found.spread_relative);
+  report.add_achieved("unknown_share", found.unknown_share);
+  report.add_achieved("affected_receivers", found.affected_receivers);
+  report.add_achieved("spread_relative_l2", found.spread_relative);
   const PointsReport& points = found.points;
-  report.add_reached("irradiance_relative_l2", points.reached.relative_l2);
-  report.add_reached("irradiance_relative_l2_limit", points.relative_l2_limit);
-  report.add_reached("irradiance_worst_point", points.reached.worst_pixel);
+  report.add_achieved("irradiance_relative_l2", points.reached.relative_l2);
+  report.add_achieved("irradiance_relative_l2_limit", points.relative_l2_limit);
+  report.add_achieved("irradiance_worst_point", points.reached.worst_pixel);
   report.add_detail("is_exact", points.is_exact);
   report.add_detail("checked_receivers", points.n_checked);
   report.add_detail("lookups_a_receiver", points.lookups_a_point);
@@ -69,13 +69,13 @@ void add_reprojected(const ReprojectReport& found, Report& report) {
   report.add_detail("receiver_bytes", static_cast<std::int64_t>(points.totals_bytes));
   report.add_detail("lights", std::int64_t{found.n_lights});
   report.add_detail("receivers", found.n_receivers);
-  report.add_detail("on_plane_share", found.on_share);
-  report.add_detail("above_plane_share", found.above_share);
-  report.add_detail("below_plane_share", found.below_share);
+  report.add_detail("on_plane_share", found.on_fraction);
+  report.add_detail("above_plane_share", found.above_fraction);
+  report.add_detail("below_plane_share", found.below_fraction);
   report.add_detail("no_point_share", found.no_point_share);
-  report.add_detail("outside_plane_picture_share", found.outside_share);
-  report.add_detail("receivers_over_object_bottom", found.under_object_share);
-  report.add_detail("receivers_over_object_top", found.over_object_share);
+  report.add_detail("outside_plane_picture_share", found.outside_fraction);
+  report.add_detail("receivers_over_object_bottom", found.under_object_fraction);
+  report.add_detail("receivers_over_object_top", found.over_object_fraction);
   report.add_detail("worst_widening_above", found.worst_widening);
   report.add_detail("visibility_over_one", static_cast<std::int64_t>(found.count.n_excess));
   report.add_detail("worst_visibility_excess", found.count.worst_excess);
@@ -84,37 +84,37 @@ void add_reprojected(const ReprojectReport& found, Report& report) {
 }
 
 void add_truth(const ShadowAgreement& truth, Report& report) {
-  report.add_reached("relative_l2", truth.reached.relative_l2);
+  report.add_achieved("relative_l2", truth.reached.relative_l2);
   if (truth.shadow) {
-    report.add_reached("worst_pixel", truth.reached.worst_pixel);
+    report.add_achieved("worst_pixel", truth.reached.worst_pixel);
   }
-  report.add_reached("psnr_db", truth.reached.psnr_db);
+  report.add_achieved("psnr_db", truth.reached.psnr_db);
   if (truth.shadow) {
     const ShadowError& error = *truth.shadow;
-    report.add_reached("shadow_wrong_share", error.wrong_share);
-    report.add_reached("relative_l2_where_known", error.known_relative_l2);
-    report.add_reached("shadow_wrong_share_where_known", error.known_wrong_share);
-    report.add_reached("known_share", error.known_share);
+    report.add_achieved("shadow_wrong_share", error.wrong_fraction);
+    report.add_achieved("relative_l2_where_known", error.known_relative_l2);
+    report.add_achieved("shadow_wrong_share_where_known", error.known_wrong_fraction);
+    report.add_achieved("known_share", error.known_share);
   }
   if (truth.object) {
-    report.add_reached("object_relative_l2", truth.object->relative_l2);
+    report.add_achieved("object_relative_l2", truth.object->relative_l2);
   }
 }
 
 }  // namespace
 
 void add_to_report(const ShadowOptions& options, const ShadowSummary& summary, Report& report) {
-  add_asked(options, summary, report);
+  add_requested(options, summary, report);
   for (std::size_t i = 0; i < summary.plates.size(); ++i) {
     const std::string suffix = i == 0 ? "" : fmt::format("_{}", i + 1);
     report.add_detail("plate_scale" + suffix, summary.plates[i].scale);
-    report.add_reached("plane_known_share" + suffix, summary.plates[i].known_share);
+    report.add_achieved("plane_known_share" + suffix, summary.plates[i].known_share);
   }
   report.add_detail("planes", static_cast<std::int64_t>(summary.n_planes));
   add_reprojected(summary.reprojected, report);
   report.add_detail("exposure", summary.exposure);
   if (summary.object) {
-    report.add_asked("plane_albedo", *options.plane_albedo);
+    report.add_requested("plane_albedo", *options.plane_albedo);
     report.add_detail("object_pixels", summary.object->n_drawn);
     report.add_detail("object_pixels_behind_scene", summary.object->n_hidden);
     report.add_detail("object_scale", summary.object->scale);

@@ -18,20 +18,21 @@ std::string notes_on(const ReprojectReport& found, bool has_height) {
       found.affected_receivers,
       "of the receivers look into the region that the object hides from the camera: the middle "
       "of the bounds is drawn (--spread shows the rest)");
-  note(found.outside_share, "of the light comes through beyond the plane picture: drawn lit");
+  note(found.outside_fraction,
+       "of the light comes through beyond the plane picture: drawn lit");
   note(found.no_point_share, "of the light has no point on the plane: drawn lit");
   note(
-      found.under_object_share,
+      found.under_object_fraction,
       "of the receivers lie between the object's bottom and top: parts of it below them darken "
       "them falsely");
-  note(found.above_share,
+  note(found.above_fraction,
        "of the light falls on receivers above the plane: shadow edges there "
        "are too wide");
   if (has_height && found.worst_widening > 1.0) {
     text += fmt::format("  above the plane a shadow's edge is up to {:.2g} times too wide\n",
                         found.worst_widening);
   }
-  if (!has_height && found.below_share > 0.0) {
+  if (!has_height && found.below_fraction > 0.0) {
     text += "  below the plane edges are up to 29 % too narrow; --object-height corrects it\n";
   }
   if (found.has_glossy) {
@@ -88,8 +89,8 @@ std::string truth_words(const ShadowAgreement& truth) {
       "shadow wrong\n  on the {:.0f} % of the receivers that look at known places only: "
       "{:.3g}, "
       "{:.1f} %\n",
-      found.relative_l2, found.psnr_db, 100.0 * error.wrong_share, 100.0 * error.known_share,
-      error.known_relative_l2, 100.0 * error.known_wrong_share);
+      found.relative_l2, found.psnr_db, 100.0 * error.wrong_fraction, 100.0 * error.known_share,
+      error.known_relative_l2, 100.0 * error.known_wrong_fraction);
 }
 
 }  // namespace haarlight

@@ -36,16 +36,17 @@ double window_side(double side, double vertex_height, double light_height) {
   return side * std::abs(vertex_height) / (light_height - vertex_height);
 }
 
-double corrected_window_scale(double ratio, double object_share) {
-  HAARLIGHT_ASSERT(ratio < 0.0 && object_share >= 0.0 && object_share < 1.0);
+double corrected_window_scale(double ratio, double object_height_fraction) {
+  HAARLIGHT_ASSERT(ratio < 0.0 && object_height_fraction >= 0.0 &&
+                   object_height_fraction < 1.0);
   // B/s = h_o/(H - h_o), W/s = |h|/(H - h); both only through the fractions of H.
-  const double b = object_share / (1.0 - object_share);
+  const double b = object_height_fraction / (1.0 - object_height_fraction);
   const double w = -ratio / (1.0 - ratio);
   return std::sqrt(1.0 + 2.0 * b / w);
 }
 
-double widening_above(double ratio, double object_share) {
-  const double b = object_share / (1.0 - object_share);
+double widening_above(double ratio, double object_height_fraction) {
+  const double b = object_height_fraction / (1.0 - object_height_fraction);
   const double w = ratio / (1.0 - ratio);
   return w < b ? b / (b - w) : std::numeric_limits<double>::infinity();
 }

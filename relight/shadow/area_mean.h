@@ -64,12 +64,12 @@ struct HeightRange {
 /// W'/W = sqrt(1 + 2 B/W) below the plane, with B = s h_o/(H - h_o) the penumbra of an edge at
 /// height h_o that the shadow picture already contains: variances add to the true (B + W)^2.
 /// @param ratio  b/a of the vertex, negative
-/// @param object_share  h_o/H, in [0, 1)
-[[nodiscard]] double corrected_window_scale(double ratio, double object_share);
+/// @param object_height_fraction  h_o/H, in [0, 1)
+[[nodiscard]] double corrected_window_scale(double ratio, double object_height_fraction);
 
 /// Above the plane no averaging helps. The factor by which the picture's penumbra is too wide
 /// without a window: B/(B - W). Infinity where the vertex is at or above the edge's height.
-[[nodiscard]] double widening_above(double ratio, double object_share);
+[[nodiscard]] double widening_above(double ratio, double object_height_fraction);
 
 /// A mean over a window and its unknown fraction.
 struct WindowMean {

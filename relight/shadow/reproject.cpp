@@ -25,12 +25,12 @@ void fill_report(std::span<const Receiver> receivers, std::span<const PointTotal
   for (std::size_t i = 0; i < receivers.size(); ++i) {
     const PointTotal& total = totals[i];
     light += total.light;
-    report.on_share += total.on;
-    report.above_share += total.above;
-    report.below_share += total.below;
+    report.on_fraction += total.on;
+    report.above_fraction += total.above;
+    report.below_fraction += total.below;
     report.no_point_share += total.no_point;
     report.unknown_share += total.unknown;
-    report.outside_share += total.outside;
+    report.outside_fraction += total.outside;
     report.worst_widening = std::max(report.worst_widening, total.widening);
     n_affected += total.unknown > kAffected * total.light ? 1.0 : 0.0;
     if (plane.object) {
@@ -43,16 +43,16 @@ void fill_report(std::span<const Receiver> receivers, std::span<const PointTotal
   report.n_receivers = static_cast<std::int64_t>(receivers.size());
   if (light > 0.0) {
     for (double* share :
-         {&report.on_share, &report.above_share, &report.below_share, &report.no_point_share,
-          &report.unknown_share, &report.outside_share}) {
+         {&report.on_fraction, &report.above_fraction, &report.below_fraction,
+          &report.no_point_share, &report.unknown_share, &report.outside_fraction}) {
       *share /= light;
     }
   }
   if (!receivers.empty()) {
     const auto n = static_cast<double>(receivers.size());
     report.affected_receivers = n_affected / n;
-    report.under_object_share = n_under / n;
-    report.over_object_share = n_over / n;
+    report.under_object_fraction = n_under / n;
+    report.over_object_fraction = n_over / n;
   }
 }
 

@@ -59,21 +59,22 @@ struct ReprojectOptions {
 /// pairs, weighted by w E, so that a dark pair does not count.
 struct ReprojectReport {
   std::int64_t n_receivers = 0;
-  int n_lights = 0;       ///< of non-zero weight
-  double on_share = 0.0;  ///< within a hundredth of a texel of the plane
-  double above_share = 0.0;
-  double below_share = 0.0;
+  int n_lights = 0;          ///< of non-zero weight
+  double on_fraction = 0.0;  ///< within a hundredth of a texel of the plane
+  double above_fraction = 0.0;
+  double below_fraction = 0.0;
   double no_point_share =
       0.0;  ///< no projection (light in the plane, beyond the light): drawn lit
-  double unknown_share = 0.0;  ///< pairs whose window touches the unknown region
-  double outside_share = 0.0;  ///< energy looked up beyond the plane picture, taken as lit
+  double unknown_share = 0.0;     ///< pairs whose window touches the unknown region
+  double outside_fraction = 0.0;  ///< energy looked up beyond the plane picture, taken as lit
   double affected_receivers =
       0.0;  ///< fraction of receivers with any such pair worth 1 % of their light
-  double spread_relative = 0.0;     ///< ||spread||_2 / ||picture||_2
-  double under_object_share = 0.0;  ///< receivers above the object's lowest point: parts of it
-                                    ///< below wrongly darken them (height range known)
-  double over_object_share = 0.0;   ///< receivers above its highest point: drawn lit
-  double worst_widening = 1.0;      ///< penumbra above the plane: largest factor too wide
+  double spread_relative = 0.0;  ///< ||spread||_2 / ||picture||_2
+  double under_object_fraction =
+      0.0;  ///< receivers above the object's lowest point: parts of it
+            ///< below wrongly darken them (height range known)
+  double over_object_fraction = 0.0;  ///< receivers above its highest point: drawn lit
+  double worst_widening = 1.0;        ///< penumbra above the plane: largest factor too wide
   VisibilityCount count;
   PointsReport points;      ///< how the sums were computed, and their error
   bool has_glossy = false;  ///< some materials' gloss was left out

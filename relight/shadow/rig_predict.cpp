@@ -18,7 +18,7 @@ constexpr int kPlaces = 9;  // per side, spread over a plane's picture
 constexpr double kDegree = std::numbers::pi / 180.0;
 
 /// Positions on a grid over the plane's picture, including the middle.
-std::vector<Eigen::Vector3d> places_on(const PlaneFrame& frame) {
+std::vector<Eigen::Vector3d> positions_on(const PlaneFrame& frame) {
   std::vector<Eigen::Vector3d> places;
   for (int row = 0; row < kPlaces; ++row) {
     for (int col = 0; col < kPlaces; ++col) {
@@ -66,7 +66,7 @@ std::vector<Pair> pairs_of(const Face& face, double length) {
 std::optional<Span> distances(const PlaneFrame& frame, const std::vector<Pair>& pairs,
                               double h) {
   std::vector<double> found;
-  for (const Eigen::Vector3d& place : places_on(frame)) {
+  for (const Eigen::Vector3d& place : positions_on(frame)) {
     for (const Pair& pair : pairs) {
       const std::optional<double> distance =
           shadow_distance(frame.plane, place + h * frame.plane.n, pair.from, pair.to);
@@ -153,7 +153,7 @@ PixelPrediction predict_pixel(const CameraSpec& camera, const PlaneFrame& frame)
   std::vector<double> sizes;
   double middle = 0.0;
   double n_places = 0.0;
-  for (const Eigen::Vector3d& place : places_on(frame)) {
+  for (const Eigen::Vector3d& place : positions_on(frame)) {
     n_places += 1.0;
     const std::optional<Eigen::Vector2d> at = project(camera.model, place);
     if (!at || at->x() < 0.5 || at->y() < 0.5 || at->x() > camera.model.width - 0.5 ||

@@ -140,13 +140,14 @@ std::string prediction_json(const RigPrediction& prediction) {
 
 void add_to_report(const PredictOptions& options, const RigPrediction& prediction,
                    Report& report) {
-  report.add_asked("object_height_mm", std::vector<double>{options.low_mm, options.high_mm});
+  report.add_requested("object_height_mm",
+                       std::vector<double>{options.low_mm, options.high_mm});
   const PlanePrediction& first = prediction.planes.front();
   const EdgePrediction& high = first.edges.back();
-  report.add_reached("spacing_mm", high.spacing_mm.middle);
-  report.add_reached("penumbra_mm", high.penumbra_mm.middle);
-  report.add_reached("ripple", high.ripple);
-  report.add_reached("largest_pixel_mm", first.edges.front().largest_pixel_mm);
+  report.add_achieved("spacing_mm", high.spacing_mm.middle);
+  report.add_achieved("penumbra_mm", high.penumbra_mm.middle);
+  report.add_achieved("ripple", high.ripple);
+  report.add_achieved("largest_pixel_mm", first.edges.front().largest_pixel_mm);
 }
 
 }  // namespace haarlight

@@ -11,7 +11,7 @@ namespace haarlight {
 namespace {
 
 constexpr double kOnPlaneTexels = 0.01;  // closer than this to the plane counts as on it
-constexpr double kMaxShare = 0.999;      // of the light's height: largest object height
+constexpr double kMaxFraction = 0.999;   // of the light's height: largest object height
 
 /// The plane as its own picture sees it: x and y are columns and rows, z the height over it.
 const Plane kPicturePlane{};
@@ -70,19 +70,19 @@ WindowMean mean_over(const PlaneLight& light, const WindowSums& sums, const Plan
 
 }  // namespace
 
-PlaneSpot place_point(const PlaneFrame& frame, const Eigen::Vector3d& world) {
+PlaneSpot locate_point(const PlaneFrame& frame, const Eigen::Vector3d& world) {
   const Eigen::Vector2d at = frame.picture_of(world);
   return {frame.height_of(world), at.x(), at.y()};
 }
 
 PlaneLight place_light(const PlaneFrame& frame, const SquareLight& light) {
   PlaneLight placed;
-  placed.centre = place_point(frame, light.centre);
+  placed.centre = locate_point(frame, light.centre);
   const std::array<Eigen::Vector3d, 4> corners = light_corners(light);
   const double tolerance = 1e-9 * (1.0 + std::abs(placed.centre.height) + light.width_mm);
   placed.is_upright = true;
   for (std::size_t i = 0; i < 4; ++i) {
-    placed.corners[i] = place_point(frame, corners[i]);
+    placed.corners[i] = locate_point(frame, corners[i]);
     placed.half_x = std::max(placed.half_x, std::abs(placed.corners[i].x - placed.centre.x));
     placed.half_y = std::max(placed.half_y, std::abs(placed.corners[i].y - placed.centre.y));
   }
@@ -124,7 +124,7 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
   } else if (is_below && object && rule.window != WindowRule::plain) {
     // A height range has a window at each end.
     const auto mean_at = [&](double height) {
-      const double share = std::min(height / H, kMaxShare);
+      const double share = std::min(height / H, kMaxFraction);
       return mean_over(light, sums, vertex, at,
                        share > 0.0 ? corrected_window_scale(ratio, share) : 1.0);
     };
@@ -139,7 +139,7 @@ ShadowLook look_up(const PlaneFrame& frame, const std::optional<HeightRange>& ob
     mean = mean_over(light, sums, vertex, at, 1.0);
   }
   if (object && look.side == PlaneSide::above && mean.value < 1.0) {
-    look.widening = widening_above(ratio, std::min(object->high_mm / H, kMaxShare));
+    look.widening = widening_above(ratio, std::min(object->high_mm / H, kMaxFraction));
   }
   look.value = mean.value;
   look.unknown = mean.unknown;
@@ -197,7 +197,7 @@ bool is_all_lit(const PlaneFrame& frame, const std::optional<HeightRange>& objec
   const double over = centres.centre.height > 0.0 ? vertex.height : -vertex.height;
   if (rule == WindowRule::corrected && object && over < -kOnPlaneTexels * frame.texel_mm) {
     const double share =
-        std::clamp(object->high_mm / std::abs(centres.centre.height), 0.0, kMaxShare);
+        std::clamp(object->high_mm / std::abs(centres.centre.height), 0.0, kMaxFraction);
     scale = corrected_window_scale(step->ratio, share);
   }
   const double x = step->meet(centres.centre.x, vertex.x);

@@ -37,7 +37,7 @@ struct PlaneSpot {
   double x = 0.0;       ///< picture coordinates of its perpendicular foot
   double y = 0.0;
 };
-[[nodiscard]] PlaneSpot place_point(const PlaneFrame& frame, const Eigen::Vector3d& world);
+[[nodiscard]] PlaneSpot locate_point(const PlaneFrame& frame, const Eigen::Vector3d& world);
 
 /// A light, or a block of lights taken as one, relative to a plane.
 struct PlaneLight {

@@ -357,7 +357,7 @@ class Job {
     }
     for (const SamplingPlane& plane : planes_) {
       for (const std::uint32_t i : which) {
-        chunk.spots.push_back(place_point(plane.frame, receivers_[i].point));
+        chunk.spots.push_back(locate_point(plane.frame, receivers_[i].point));
       }
     }
     return chunk;
@@ -373,7 +373,7 @@ class Job {
 
   /// Irradiance of every leaf at weight 1, including the scene's own shadows.
   void own_shadows(const DirectLight& direct, std::uint32_t receiver,
-                   std::span<LightShare> shares) const {
+                   std::span<LightContribution> shares) const {
     const Material lambert;
     (void)direct.evaluate(receivers_[receiver], lambert, receiver, shares);
   }
@@ -435,7 +435,7 @@ class Job {
     parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       const Chunk chunk = gather(which.subspan(begin, end - begin));
       const std::size_t n_leaves = root.leaves.size();
-      std::vector<LightShare> shares;
+      std::vector<LightContribution> shares;
       std::vector<double> own;  // [leaf - first][i]
       if (direct) {
         shares.resize(n_leaves);
@@ -623,7 +623,7 @@ class Job {
     }
     parallel_for(which.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       const Chunk chunk = gather(which.subspan(begin, end - begin));
-      std::vector<LightShare> shares(root.leaves.size());
+      std::vector<LightContribution> shares(root.leaves.size());
       std::vector<Eigen::Vector3d> own;
       std::uint64_t n_lookups = 0;
       for (std::size_t i = 0; i < chunk.size; ++i) {
@@ -653,7 +653,7 @@ class Job {
   }
 
   /// `lit` of every node from its leaves'.
-  static void sum_own(const LightRoot& root, std::span<const LightShare> shares,
+  static void sum_own(const LightRoot& root, std::span<const LightContribution> shares,
                       std::vector<Eigen::Vector3d>& own) {
     own.assign(root.nodes.size(), Eigen::Vector3d::Zero());
     for (std::size_t leaf = 0; leaf < root.leaves.size(); ++leaf) {

@@ -52,7 +52,7 @@ Image<float> trace_shadow(const Scene& receivers, const Scene& object,
   std::vector<Eigen::Vector3d> radiance(seen.size(), Eigen::Vector3d::Zero());
   Progress progress("ray-traced shadow", seen.size(), progress_style);
   parallel_for(seen.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    std::vector<LightShare> shares(lit.size());
+    std::vector<LightContribution> shares(lit.size());
     for (std::size_t i = begin; i < end; ++i) {
       Material lambert;
       (void)direct.evaluate(seen[i].surface, lambert, i, shares);

@@ -26,8 +26,8 @@ void remove_plane_triangles(Scene& scene, const PlaneFrame& frame);
 /// Wrong shares are fractions of the shadow: ||picture - truth||_1 / ||unshadowed - truth||_1.
 /// Known is a lit value whose bounds differ by at most a hundredth of it.
 struct ShadowError {
-  double wrong_share = 0.0;
-  double known_wrong_share = 0.0;
+  double wrong_fraction = 0.0;
+  double known_wrong_fraction = 0.0;
   double known_relative_l2 = 0.0;
   double known_share = 0.0;  ///< of the values that are lit without the object
 };

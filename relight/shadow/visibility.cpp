@@ -77,8 +77,8 @@ bool shows_plane(std::span<const float> values, std::span<const float> plate,
     n_bright += ratio > 1.0 + test.tolerance ? 1 : 0;
   }
   const auto usable = static_cast<double>(n_usable);
-  return n_usable > 0 && static_cast<double>(n_lit) >= test.min_lit_share * usable &&
-         static_cast<double>(n_bright) <= test.max_bright_share * usable;
+  return n_usable > 0 && static_cast<double>(n_lit) >= test.min_lit_fraction * usable &&
+         static_cast<double>(n_bright) <= test.max_bright_fraction * usable;
 }
 
 Image<std::uint8_t> grow_hidden(ImageView<const std::uint8_t> shows_plane) {

@@ -19,7 +19,8 @@ using Eigen::Vector3d;
 constexpr int kPixels = 256;
 constexpr int kLights = 256;
 constexpr int kFolds = 4;
-constexpr double kBrightShare = 0.1;  // of the samples exceed the bright level, as in the fit
+constexpr double kBrightFraction =
+    0.1;  // of the samples exceed the bright level, as in the fit
 
 std::vector<FitScore> candidates(const LambertOptions& base) {
   std::vector<FitScore> all;
@@ -66,11 +67,11 @@ std::vector<Place> spread_pixels(const StackDims& dims, ImageView<const std::uin
 }
 
 /// Held-out residuals of one pixel under every candidate.
-class PixelJudge {
+class PixelScorer {
  public:
-  PixelJudge(const StackSource& stack, const StereoLights& lights,
-             ImageView<const float> points, const StereoOptions& options,
-             const LightGroups& groups, const std::vector<FitScore>& scores)
+  PixelScorer(const StackSource& stack, const StereoLights& lights,
+              ImageView<const float> points, const StereoOptions& options,
+              const LightGroups& groups, const std::vector<FitScore>& scores)
       : stack_(stack),
         points_(points),
         options_(options),
@@ -127,9 +128,9 @@ class PixelJudge {
     }
     least_ = 0.0;
     if (!bright.empty()) {
-      least_ =
-          std::max(options_.fit.dark_level,
-                   options_.fit.dark_share * quantile(std::span(bright), 1.0 - kBrightShare));
+      least_ = std::max(
+          options_.fit.dark_level,
+          options_.fit.dark_fraction * quantile(std::span(bright), 1.0 - kBrightFraction));
     }
   }
 
@@ -175,7 +176,7 @@ std::vector<FitScore> score_fits(const StackSource& stack, const StereoLights& l
   std::vector<std::vector<double>> found(places.size());
   constexpr std::size_t kPixelsATask = 16;
   parallel_for(places.size(), kPixelsATask, [&](std::size_t begin, std::size_t end) {
-    PixelJudge judge(stack, lights, points, options, groups, scores);
+    PixelScorer judge(stack, lights, points, options, groups, scores);
     for (std::size_t i = begin; i < end; ++i) {
       found[i] = judge.judge(places[i]);
     }

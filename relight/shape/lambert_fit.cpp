@@ -89,8 +89,8 @@ LambertFitter::LambertFitter(int n_lights, const LambertOptions& options)
       kept_(static_cast<std::size_t>(n_lights)),
       changed_(static_cast<std::size_t>(n_lights)),
       light_(static_cast<std::size_t>(n_lights)) {
-  HAARLIGHT_EXPECTS(options.keep > 0.0 && options.keep <= 1.0 && options.dark_share >= 0.0 &&
-                        options.dark_share < 1.0 && options.loss_scales >= 0.0,
+  HAARLIGHT_EXPECTS(options.keep > 0.0 && options.keep <= 1.0 && options.dark_fraction >= 0.0 &&
+                        options.dark_fraction < 1.0 && options.loss_scales >= 0.0,
                     "shares within 0 to 1");
 }
 
@@ -190,7 +190,7 @@ void LambertFitter::drop_dark() {
   if (!(bright > 0.0)) {  // lit by less than a tenth of the lights
     bright = value_.head(n_).maxCoeff();
   }
-  const double least = std::max(options_.dark_level, options_.dark_share * bright);
+  const double least = std::max(options_.dark_level, options_.dark_fraction * bright);
   int n = 0;
   for (int i = 0; i < n_; ++i) {
     if (value_[i] > least) {
@@ -345,7 +345,7 @@ int LambertFitter::end_of_group(int first) const {
 /// Of the groups' G mean residuals the fit has absorbed three: (sum n_g m_g^2 / (G - 3) - s^2)
 /// G / n, with s^2 what independent errors leave in each.
 /// @param matrix  becomes sum s s^T of the lit samples
-double LambertFitter::shared_square(const Vector3d& b, Matrix3d& matrix) const {
+double LambertFitter::common_square(const Vector3d& b, Matrix3d& matrix) const {
   matrix.setZero();
   double square = 0.0;
   double of_means = 0.0;
@@ -368,18 +368,18 @@ double LambertFitter::shared_square(const Vector3d& b, Matrix3d& matrix) const {
   return std::max(0.0, between - within) * n_groups / n_;
 }
 
-double LambertFitter::shared_residual(const LambertFit& fit) const {
+double LambertFitter::common_residual(const LambertFit& fit) const {
   HAARLIGHT_EXPECTS(fit.state == PixelState::good, "a good fit");
   Matrix3d matrix;
-  return std::sqrt(shared_square(fit.b, matrix));
+  return std::sqrt(common_square(fit.b, matrix));
 }
 
 /// The model error common to neighbouring lights, over |b|, as the angle by which as much again
 /// may have biased the normal unnoticed: sqrt(tr A^-1) of A = sum s s^T / n, perpendicular to
 /// b, converts it into an angle.
-double LambertFitter::shared_error(const Vector3d& b) const {
+double LambertFitter::common_error(const Vector3d& b) const {
   Matrix3d matrix;
-  const double shared = shared_square(b, matrix);
+  const double shared = common_square(b, matrix);
   Matrix3d inverse;
   bool is_invertible = false;
   const double trace = matrix.trace();
@@ -402,7 +402,7 @@ double LambertFitter::sigma(const Vector3d& b, const Vector3d& plain) {
   const double noise = kSigmaPerMad * double{select(n_ / 2)};
   const double chosen = kept > 0.0 ? std::max(1.0, noise / kept) : 1.0;
   const double doubt = kDoubt * std::atan2(b.cross(plain).norm(), b.dot(plain));
-  const double shared = kShared * shared_error(b);
+  const double shared = kShared * common_error(b);
   const double all = std::hypot(std::min(kRightAngle, chosen * jackknife(b)), doubt, shared);
   return std::min(90.0, all * kDegrees);
 }

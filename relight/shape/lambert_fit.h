@@ -34,7 +34,7 @@ struct LambertOptions {
   LambertMethod method = LambertMethod::trimmed;
   /// Samples at or below this fraction of the pixel's bright level (the value exceeded by a
   /// tenth of its samples, so that one highlight does not set it) are shadow: left out.
-  double dark_share = 0.05;
+  double dark_fraction = 0.05;
   double dark_level = 0.0;  ///< likewise samples at or below this value
   double keep = 0.6;        ///< trimmed: fraction of the samples that count
   RobustLoss loss = RobustLoss::tukey;
@@ -106,7 +106,7 @@ class LambertFitter {
   /// The common part of neighbouring lights' residuals in the last good fit's lit samples, rms,
   /// in the values' unit: corrected for independent errors and for the fit's three degrees of
   /// freedom. 0: none significant.
-  [[nodiscard]] double shared_residual(const LambertFit& fit) const;
+  [[nodiscard]] double common_residual(const LambertFit& fit) const;
   /// Weight of sample i of the last fit, 0..1, and its light.
   [[nodiscard]] double weight(int i) const { return w_[i]; }
   [[nodiscard]] int light(int i) const { return light_[static_cast<std::size_t>(i)]; }
@@ -123,8 +123,8 @@ class LambertFitter {
   [[nodiscard]] int group_of(int i) const;
   [[nodiscard]] int end_of_group(int first) const;
   [[nodiscard]] double jackknife(const Eigen::Vector3d& b) const;
-  [[nodiscard]] double shared_square(const Eigen::Vector3d& b, Eigen::Matrix3d& matrix) const;
-  [[nodiscard]] double shared_error(const Eigen::Vector3d& b) const;
+  [[nodiscard]] double common_square(const Eigen::Vector3d& b, Eigen::Matrix3d& matrix) const;
+  [[nodiscard]] double common_error(const Eigen::Vector3d& b) const;
   [[nodiscard]] double sigma(const Eigen::Vector3d& b, const Eigen::Vector3d& plain);
   [[nodiscard]] bool solve(Eigen::Vector3d& b) const;
   void drop_dark();

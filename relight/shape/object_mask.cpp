@@ -305,7 +305,7 @@ double gap_of(const std::vector<float>& levels) {
   constexpr double kLeastFraction = 0.02;  // of the picture in each class
   double best = 0.0;
   double fewest = kBetween;
-  const auto share_below = [&](double level) {
+  const auto fraction_below = [&](double level) {
     return static_cast<double>(
                std::lower_bound(sorted.begin(), sorted.end(), static_cast<float>(level)) -
                sorted.begin()) /
@@ -314,8 +314,8 @@ double gap_of(const std::vector<float>& levels) {
   constexpr int kSteps = 49;  // down to a thousandth
   double level = kDark * bright;
   for (int step = 0; step < kSteps; ++step, level /= kStep) {
-    const double below = share_below(level);
-    const double between = share_below(1.5 * level) - share_below(level / 1.5);
+    const double below = fraction_below(level);
+    const double between = fraction_below(1.5 * level) - fraction_below(level / 1.5);
     if (below >= kLeastFraction && below <= 1.0 - kLeastFraction && between < fewest) {
       fewest = between;
       best = level;

@@ -103,9 +103,9 @@ class HeightSearch {
 
   /// The least cost between low and high, by golden-section search.
   [[nodiscard]] double least(double low, double high, int n_steps) {
-    constexpr double kGoldenShare = 0.6180339887498949;
-    double a = high - kGoldenShare * (high - low);
-    double b = low + kGoldenShare * (high - low);
+    constexpr double kGoldenFraction = 0.6180339887498949;
+    double a = high - kGoldenFraction * (high - low);
+    double b = low + kGoldenFraction * (high - low);
     double cost_a = cost(a);
     double cost_b = cost(b);
     for (int step = 0; step < n_steps; ++step) {
@@ -113,13 +113,13 @@ class HeightSearch {
         high = b;
         b = a;
         cost_b = cost_a;
-        a = high - kGoldenShare * (high - low);
+        a = high - kGoldenFraction * (high - low);
         cost_a = cost(a);
       } else {
         low = a;
         a = b;
         cost_a = cost_b;
-        b = low + kGoldenShare * (high - low);
+        b = low + kGoldenFraction * (high - low);
         cost_b = cost(b);
       }
     }

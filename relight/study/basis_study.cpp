@@ -35,7 +35,7 @@ constexpr std::size_t kPiece = 64;     // pixels transformed together
 constexpr std::size_t kColumns = 64;   // coefficients whose pictures are transformed together
 constexpr double kErrorAgrees = 0.01;  // an error this close to the requested one counts as met
 constexpr int kMaxRounds = 7;
-constexpr double kFloorShare = 0.01;  // of the floor's energy: added by quantisation there
+constexpr double kFloorFraction = 0.01;  // of the floor's energy: added by quantisation there
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
@@ -146,7 +146,7 @@ class Study {
                : 0.0;
   }
   /// Fraction of the capture's pixels studied: tables serve all of them.
-  [[nodiscard]] double studied_share() const {
+  [[nodiscard]] double studied_fraction() const {
     return double(tiles_.n_pixels()) / double(dims_.n_pixels());
   }
   /// Step and number of patterns that need the fewest coefficients for an error.
@@ -278,7 +278,7 @@ void Study::survey() {
               const Eigen::Matrix3Xd factors =
                   light_factors(capture_.lights, surface_point(capture_, x, y));
               regions_[count(y) * count(dims_.width) + count(x)] =
-                  judge_pixel({mean.data() + p * n_lights, n_lights}, factors, dark_norm_)
+                  classify_pixel({mean.data() + p * n_lights, n_lights}, factors, dark_norm_)
                       .region;
             }
           });
@@ -542,7 +542,7 @@ void Study::choose_for_error(const Subject& subject, Job& job) const {
   for_ranks(subject, [&](std::size_t n, const MagnitudeHistogram& some, double missed) {
     const CoefficientCurve curve(some);
     const bool is_reached = missed < allowed;
-    const double left = is_reached ? allowed - missed : kFloorShare * missed;
+    const double left = is_reached ? allowed - missed : kFloorFraction * missed;
     const double largest =
         std::max(1.1 * curve.threshold_for_count(1.0), std::numeric_limits<double>::min());
     const double step =
@@ -734,8 +734,8 @@ void Study::judge(Job& job, const Measured& measured, int round) {
     point.n_patterns = static_cast<int>(job.n_kept);
     point.coefficients = double(measured.n_kept) / n_values_;
     point.table_numbers = table_numbers(subject, job.n_kept);
-    point.table_bytes = static_cast<std::uint64_t>(
-        std::ceil(studied_share() * double(subject.transform->table_bytes(point.n_patterns))));
+    point.table_bytes = static_cast<std::uint64_t>(std::ceil(
+        studied_fraction() * double(subject.transform->table_bytes(point.n_patterns))));
     point.gain_bytes = measured.gain_bytes;
     point.bytes = measured.bytes + point.gain_bytes + point.table_bytes;
     point.stack_error = errors;

@@ -30,7 +30,7 @@ struct StudyCapture {
   std::optional<CameraModel> camera;  ///< with a plane: assumed position of the surface
   std::optional<ShadowPlane> plane;
   std::vector<StudyLighting> lightings;
-  std::vector<Region> regions;  ///< per pixel; empty: by judge_pixel()
+  std::vector<Region> regions;  ///< per pixel; empty: by classify_pixel()
 };
 
 struct BasisStudyOptions {

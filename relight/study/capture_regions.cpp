@@ -14,12 +14,12 @@ namespace haarlight {
 
 namespace {
 
-constexpr int kRounds = 8;          // the set of agreeing lights is stable after 3 to 6
-constexpr double kAgrees = 0.25;    // of the fit: penumbrae and highlights deviate more
-constexpr double kLitShare = 0.05;  // of the brightest light: what may start the fit
-constexpr double kHidden = 0.5;     // of the fit: the middle of a penumbra
-constexpr double kAbove = 1.15;     // of the fit: the near-light error of a wrong depth is less
-constexpr double kFacing = 0.02;    // of the largest fit: grazing lights are uninformative
+constexpr int kRounds = 8;             // the set of agreeing lights is stable after 3 to 6
+constexpr double kAgrees = 0.25;       // of the fit: penumbrae and highlights deviate more
+constexpr double kLitFraction = 0.05;  // of the brightest light: what may start the fit
+constexpr double kHidden = 0.5;        // of the fit: the middle of a penumbra
+constexpr double kAbove = 1.15;   // of the fit: the near-light error of a wrong depth is less
+constexpr double kFacing = 0.02;  // of the largest fit: grazing lights are uninformative
 
 std::array<float, 3> colour(Region region) {
   switch (region) {
@@ -125,8 +125,8 @@ Eigen::Matrix3Xd light_factors(const std::vector<StudyLight>& lights,
   return factors;
 }
 
-PixelVerdict judge_pixel(std::span<const float> values, const Eigen::Matrix3Xd& factors,
-                         double dark_norm, const RegionRules& rules) {
+PixelVerdict classify_pixel(std::span<const float> values, const Eigen::Matrix3Xd& factors,
+                            double dark_norm, const RegionRules& rules) {
   HAARLIGHT_EXPECTS(factors.cols() == static_cast<Eigen::Index>(values.size()),
                     "a factor a light");
   PixelVerdict verdict;
@@ -143,7 +143,7 @@ PixelVerdict judge_pixel(std::span<const float> values, const Eigen::Matrix3Xd& 
   }
   std::vector<bool> is_used(values.size());
   for (std::size_t k = 0; k < values.size(); ++k) {
-    is_used[k] = double{values[k]} > kLitShare * double{brightest};
+    is_used[k] = double{values[k]} > kLitFraction * double{brightest};
   }
   for (int round = 0; round < kRounds; ++round) {
     if (!fit_matte(values, factors, is_used, verdict.matte)) {

@@ -71,9 +71,9 @@ struct RegionRules {
 /// @param values     (n_lights) of the pixel, mean of its channels
 /// @param factors    light_factors() at its position
 /// @param dark_norm  RegionRules::dark times the capture's rms norm
-[[nodiscard]] PixelVerdict judge_pixel(std::span<const float> values,
-                                       const Eigen::Matrix3Xd& factors, double dark_norm,
-                                       const RegionRules& rules = {});
+[[nodiscard]] PixelVerdict classify_pixel(std::span<const float> values,
+                                          const Eigen::Matrix3Xd& factors, double dark_norm,
+                                          const RegionRules& rules = {});
 
 /// Regions as a colour picture: red specular, green diffuse, blue attached, yellow cast, black
 /// none; (height, width, 3), values 0 or 1.

@@ -18,9 +18,9 @@ namespace haarlight {
 namespace {
 
 constexpr std::uint64_t kSky = 0x736b79;
-constexpr double kFloor = 0.3;      // of the smooth lobe
-constexpr double kLobe = 16.0;      // its cosine's power: half at 17 degrees
-constexpr double kSunShare = 0.01;  // of the lights, in the high-frequency sky
+constexpr double kFloor = 0.3;         // of the smooth lobe
+constexpr double kLobe = 16.0;         // its cosine's power: half at 17 degrees
+constexpr double kSunFraction = 0.01;  // of the lights, in the high-frequency sky
 constexpr double kSun = 60.0;
 constexpr double kSky0 = 0.2;
 
@@ -93,7 +93,7 @@ std::vector<StudyLighting> default_lightings(const std::vector<Eigen::Vector3d>&
     const double cosine = std::max(0.0, axis.dot(directions[static_cast<std::size_t>(k)]));
     smooth.weights[k] = kFloor + (1.0 - kFloor) * std::pow(cosine, kLobe);
     const auto key = static_cast<std::uint64_t>(k);
-    const bool is_sun = uniform_unit(hash_key(kSky, key, 1)) < kSunShare;
+    const bool is_sun = uniform_unit(hash_key(kSky, key, 1)) < kSunFraction;
     sky.weights[k] = is_sun ? kSun : kSky0 * std::exp(standard_normal(hash_key(kSky, key, 2)));
   }
   all.push_back(std::move(smooth));

@@ -16,8 +16,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr Region kJudged[] = {Region::specular, Region::diffuse, Region::attached,
-                              Region::cast};
+constexpr Region kAssessed[] = {Region::specular, Region::diffuse, Region::attached,
+                                Region::cast};
 
 std::size_t index(Region region) { return static_cast<std::size_t>(region); }
 
@@ -68,7 +68,7 @@ std::string decibels(double db) {
 }
 
 /// The requested values of one kind, in order.
-std::vector<double> asked_values(const BasisStudy& study, PointKind kind) {
+std::vector<double> requested_values(const BasisStudy& study, PointKind kind) {
   std::vector<double> asked;
   for (const BasisResult& result : study.results) {
     for (const BasisPoint& point : result.points) {
@@ -154,7 +154,7 @@ double middle(const std::vector<double>& asked) { return asked[asked.size() / 2]
 
 std::string region_table(const BasisStudy& study, PointKind kind, double asked, int lighting) {
   std::vector<std::string> head = {"error in %", "all"};
-  for (const Region region : kJudged) {
+  for (const Region region : kAssessed) {
     head.emplace_back(to_string(region));
   }
   Table table(head);
@@ -167,7 +167,7 @@ std::string region_table(const BasisStudy& study, PointKind kind, double asked, 
         lighting < 0 ? point->stack_error
                      : point->pictures[static_cast<std::size_t>(lighting)].relative_l2;
     std::vector<std::string> row = {result.title, percent(errors[0])};
-    for (const Region region : kJudged) {
+    for (const Region region : kAssessed) {
       row.push_back(percent(errors[index(region)]));
     }
     table.add(row);
@@ -182,7 +182,7 @@ Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nul
 
 Json by_region(const ByRegion& values) {
   Json json = {{"all", number(values[0])}};
-  for (const Region region : kJudged) {
+  for (const Region region : kAssessed) {
     json[std::string(to_string(region))] = number(values[index(region)]);
   }
   return json;
@@ -229,7 +229,8 @@ PlotPanel basis_panel(const BasisStudy& study, const std::string& title,
 
 }  // namespace
 
-double error_at_bytes(const BasisResult& result, double bytes_a_pixel, std::uint64_t n_pixels) {
+double error_at_bytes(const BasisResult& result, double bytes_per_pixel,
+                      std::uint64_t n_pixels) {
   std::vector<std::pair<double, double>> points;  // logarithms of bytes and error
   for (const BasisPoint& point : result.points) {
     if (point.bytes > 0 && point.stack_error[0] > 0.0) {
@@ -237,7 +238,7 @@ double error_at_bytes(const BasisResult& result, double bytes_a_pixel, std::uint
     }
   }
   std::sort(points.begin(), points.end());
-  const double at = std::log(bytes_a_pixel * double(n_pixels));
+  const double at = std::log(bytes_per_pixel * double(n_pixels));
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
     const auto& [x0, y0] = points[i];
     const auto& [x1, y1] = points[i + 1];
@@ -254,7 +255,7 @@ std::string summary_tables(const BasisStudy& study) {
       study.dims.width, study.dims.height, study.dims.channels, study.dims.n_lights,
       study.n_tiles_studied, study.n_tiles, study.tile, study.n_pixels);
   out += "regions:";
-  for (const Region region : kJudged) {
+  for (const Region region : kAssessed) {
     out += fmt::format(
         " {} {} %,", to_string(region),
         percent(double(study.region_pixels[index(region)]) / double(study.n_pixels)));
@@ -266,7 +267,7 @@ std::string summary_tables(const BasisStudy& study) {
   }
   out += "\n";
   for (const PointKind kind : {PointKind::error, PointKind::size}) {
-    for (const double asked : asked_values(study, kind)) {
+    for (const double asked : requested_values(study, kind)) {
       out += summary_table(study, kind, asked);
     }
   }
@@ -276,7 +277,7 @@ std::string summary_tables(const BasisStudy& study) {
 std::string region_tables(const BasisStudy& study) {
   std::string out;
   for (const PointKind kind : {PointKind::error, PointKind::size}) {
-    const std::vector<double> asked = asked_values(study, kind);
+    const std::vector<double> asked = requested_values(study, kind);
     if (asked.empty()) {
       continue;
     }
@@ -326,7 +327,7 @@ std::string study_json(const BasisStudy& study, const std::string& name) {
                {"seconds", study.seconds},
                {"lightings", study.lightings}};
   json["region_pixels"]["none"] = study.region_pixels[0];
-  for (const Region region : kJudged) {
+  for (const Region region : kAssessed) {
     json["region_pixels"][std::string(to_string(region))] = study.region_pixels[index(region)];
   }
   json["left_out"] = Json::array();
@@ -416,7 +417,7 @@ std::vector<TradeoffRecord> study_records(const BasisStudy& study, const std::st
       add(result, point, "stack", point.stack_error[0]);
       for (std::size_t i = 0; i < point.pictures.size(); ++i) {
         add(result, point, study.lightings[i], point.pictures[i].relative_l2[0]);
-        for (const Region region : kJudged) {
+        for (const Region region : kAssessed) {
           add(result, point, fmt::format("{}, {}", study.lightings[i], to_string(region)),
               point.pictures[i].relative_l2[index(region)]);
         }
@@ -443,7 +444,7 @@ std::vector<StudyFigure> study_figures(const BasisStudy& study) {
     pictures.push_back(
         basis_panel(study, study.lightings[i], "bytes, packed", bytes,
                     [i](const BasisPoint& point) { return point.pictures[i].relative_l2[0]; }));
-    for (const Region region : kJudged) {
+    for (const Region region : kAssessed) {
       regions.push_back(
           basis_panel(study, fmt::format("{}: {}", study.lightings[i], to_string(region)),
                       "bytes, packed", bytes, [i, region](const BasisPoint& point) {

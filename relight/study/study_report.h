@@ -16,7 +16,7 @@ namespace haarlight {
 [[nodiscard]] std::string summary_tables(const BasisStudy& study);
 /// The error of a basis at this many bytes per pixel: log-linear interpolation between its
 /// points; NaN outside them.
-[[nodiscard]] double error_at_bytes(const BasisResult& result, double bytes_a_pixel,
+[[nodiscard]] double error_at_bytes(const BasisResult& result, double bytes_per_pixel,
                                     std::uint64_t n_pixels);
 /// Each region separately under each lighting, and the array with fewer lights.
 [[nodiscard]] std::string region_tables(const BasisStudy& study);

@@ -25,7 +25,7 @@ constexpr std::size_t kHeaderBytes = 16;
 constexpr std::size_t kRecordBytes = 8;
 
 /// The positions of one tile's pixels in its pages.
-struct PagePlaces {
+struct PageOffsets {
   TileRect rect;
   int side = 0;
   [[nodiscard]] std::size_t operator()(std::size_t pixel) const {
@@ -121,7 +121,7 @@ std::string pack(const BasisFile& basis, TileRun tiles, std::size_t bytes_per_va
   parallel_for(n_tiles, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
       const int tile = tiles.first + static_cast<int>(t);
-      fill(tile, PagePlaces{basis.tile_rect(tile), side}, lists[t]);
+      fill(tile, PageOffsets{basis.tile_rect(tile), side}, lists[t]);
     }
   });
   std::size_t n_pages = 0;
@@ -152,7 +152,7 @@ void require_channel(const BasisFile& basis, int channel) {
 
 /// Entries of one coefficient are neighbours in a block.
 void add_sparse(const BasisFile& basis, const SparseBlock& block, int group,
-                const PagePlaces& places, PageList& list) {
+                const PageOffsets& places, PageList& list) {
   const std::size_t n_pixels = count(places.rect.n_pixels());
   std::vector<std::size_t> where;
   std::vector<std::int64_t> values;
@@ -170,7 +170,7 @@ void add_sparse(const BasisFile& basis, const SparseBlock& block, int group,
 }
 
 void add_floats(const BasisFile& basis, const std::vector<float>& rows, int group,
-                const PagePlaces& places, PageList& list) {
+                const PageOffsets& places, PageList& list) {
   const std::size_t n_pixels = count(places.rect.n_pixels());
   const auto factor = static_cast<float>(1.0 / half_scale(basis.header()));
   for (int k = basis.group_begin(group); k < basis.group_end(group); ++k) {
@@ -209,7 +209,7 @@ std::string coefficient_pages(const BasisFile& basis, int channel, int group, Ti
   const bool is_lossless = basis.header().coding != BasisCoding::quantised;
   return pack(basis, tiles, is_lossless ? 2 : 1,
               count(basis.group_end(group) - basis.group_begin(group)),
-              [&](int tile, const PagePlaces& places, PageList& list) {
+              [&](int tile, const PageOffsets& places, PageList& list) {
                 if (basis.is_group_empty(tile, channel, group)) {
                   return;
                 }
@@ -224,7 +224,7 @@ std::string coefficient_pages(const BasisFile& basis, int channel, int group, Ti
 std::string gain_pages(const BasisFile& basis, int channel, TileRun tiles) {
   require_channel(basis, channel);
   const bool has_plate = basis.header().plate_rank > 0;
-  return pack(basis, tiles, 2, 1, [&](int tile, const PagePlaces& places, PageList& list) {
+  return pack(basis, tiles, 2, 1, [&](int tile, const PageOffsets& places, PageList& list) {
     if (!has_plate) {
       return;
     }
@@ -259,7 +259,7 @@ std::string plate_polynomials(const BasisFile& basis, int channel, TileRun tiles
 std::string shift_pages(const BasisFile& basis, int channel, TileRun tiles) {
   require_channel(basis, channel);
   const bool is_quantised = basis.header().coding == BasisCoding::quantised;
-  return pack(basis, tiles, 1, 1, [&](int tile, const PagePlaces& places, PageList& list) {
+  return pack(basis, tiles, 1, 1, [&](int tile, const PageOffsets& places, PageList& list) {
     if (!is_quantised) {
       return;
     }

@@ -21,8 +21,8 @@ constexpr double kFullLevel = 65535.0;
   throw Error(what, (session.folder() / "session.json").string(), cure);
 }
 
-std::vector<LightDrive> drive_levels_of(const std::vector<LightLevel>& pattern) {
-  std::vector<LightDrive> drives;
+std::vector<LightDriveLevel> drive_levels_of(const std::vector<LightLevel>& pattern) {
+  std::vector<LightDriveLevel> drives;
   drives.reserve(pattern.size());
   for (const LightLevel& level : pattern) {
     drives.push_back({level.light, level.level / kFullLevel});
@@ -33,7 +33,7 @@ std::vector<LightDrive> drive_levels_of(const std::vector<LightLevel>& pattern) 
 /// Patterns without parameters: as they are.
 MatchedShots match_any(const Session& session, PatternParameters recipe,
                        const std::vector<std::vector<LightLevel>>& patterns) {
-  std::vector<std::vector<LightDrive>> shots;
+  std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<std::size_t> order;
   for (const auto& pattern : patterns) {
     order.push_back(shots.size());
@@ -85,7 +85,7 @@ MatchedShots match_shots(const Session& session,
   }
   const std::vector<std::vector<int>> expected = lit_lights(recipe);
   std::vector<std::size_t> order;
-  std::vector<std::vector<LightDrive>> shots;
+  std::vector<std::vector<LightDriveLevel>> shots;
   std::vector<bool> is_used(patterns.size(), false);
   for (std::size_t j = 0; j < expected.size(); ++j) {
     const auto it = by_lights.find(expected[j]);

@@ -71,8 +71,8 @@ TEST(Advice, TheExposureAndTheDarksEnterAsTheyShould) {
 
 TEST(Advice, SMatrixGainIsTheFormula) {
   const PatternParameters recipe{PatternFamily::s_matrix, {{9, 7}}, 0, {}};
-  std::vector<std::vector<LightDrive>> shots;
-  std::vector<std::vector<LightDrive>> singles;
+  std::vector<std::vector<LightDriveLevel>> shots;
+  std::vector<std::vector<LightDriveLevel>> singles;
   for (const auto& lit : lit_lights(recipe)) {
     shots.emplace_back();
     for (const int k : lit) {

@@ -27,8 +27,9 @@ std::vector<double> random_values(std::size_t n, std::uint64_t seed) {
   return values;
 }
 
-std::vector<std::vector<LightDrive>> shots_of(const PatternParameters& recipe, double drive) {
-  std::vector<std::vector<LightDrive>> shots;
+std::vector<std::vector<LightDriveLevel>> shots_of(const PatternParameters& recipe,
+                                                   double drive) {
+  std::vector<std::vector<LightDriveLevel>> shots;
   for (const std::vector<int>& lights : lit_lights(recipe)) {
     shots.emplace_back();
     for (const int light : lights) {
@@ -184,7 +185,7 @@ TEST(PatternInverse, APixelThatThePlateDoesNotSeeIsSharedEvenly) {
 TEST(PatternInverse, ATargetShotGivesItsLightingBackExactly) {
   PatternParameters recipe;
   recipe.family = PatternFamily::target;
-  std::vector<std::vector<LightDrive>> shots(3);
+  std::vector<std::vector<LightDriveLevel>> shots(3);
   for (std::size_t c = 0; c < 3; ++c) {
     for (int k = 0; k < 20; ++k) {
       const double drive = random_value(static_cast<std::uint64_t>(k), c, 8);
@@ -206,7 +207,7 @@ TEST(PatternInverse, ATargetShotGivesItsLightingBackExactly) {
 TEST(PatternInverse, EqualColoursOfATargetDoNotBlowUp) {
   PatternParameters recipe;
   recipe.family = PatternFamily::target;
-  const std::vector<LightDrive> shot{{0, 1.0}, {1, 0.5}, {2, 0.25}};
+  const std::vector<LightDriveLevel> shot{{0, 1.0}, {1, 0.5}, {2, 0.25}};
   const PatternInverse inverse(recipe, {shot, shot}, 3);
   std::vector<double> lights(3);
   const std::vector<double> measured{1.01, 0.99};  // the same shot twice, noisy
@@ -330,7 +331,7 @@ TEST(PatternInverse, SMatrixNoiseIsTheWeighingDesigns) {
 
 TEST(PatternInverse, RefusesOtherShotsThanTheRecipes) {
   const PatternParameters recipe = parameters_of(PatternFamily::s_matrix, {{4, 4}});
-  std::vector<std::vector<LightDrive>> shots = shots_of(recipe, 1.0);
+  std::vector<std::vector<LightDriveLevel>> shots = shots_of(recipe, 1.0);
   std::swap(shots[0], shots[1]);
   EXPECT_THROW(PatternInverse(recipe, shots, 16), ContractViolation);
   EXPECT_THROW(PatternInverse({}, {{{0, 1.0}, {1, 1.0}}}, 2), Error);

@@ -15,9 +15,9 @@ namespace {
 TEST(Report, HasTheFieldsOfItsSchema) {
   Report report("relight");
   report.add_input("a.hlb");
-  report.add_asked("max_error", 0.01);
-  report.add_reached("relative_l2", 0.008);
-  report.add_reached("psnr_db", std::numeric_limits<double>::infinity());
+  report.add_requested("max_error", 0.01);
+  report.add_achieved("relative_l2", 0.008);
+  report.add_achieved("psnr_db", std::numeric_limits<double>::infinity());
   report.add_detail("lights", std::vector<double>{1, 2});
   report.set_bytes(77);
   const testing::TemporaryFolder folder;

@@ -74,7 +74,7 @@ TEST(DirectLight, UnoccludedLambertEqualsTheClosedForm) {
   const Scene scene = ground();
   const RayCaster caster(scene);
   const std::vector<SquareLight> lights = led_face(8, 30.0, 28.0, 900.0);
-  std::vector<LightShare> shares(lights.size());
+  std::vector<LightContribution> shares(lights.size());
   for (const bool share_tests : {true, false}) {
     const DirectLight direct(caster, lights, {.share_tests = share_tests});
     for (const double x : {0.0, 150.0, -420.0}) {
@@ -117,7 +117,7 @@ TEST(DirectLight, HoldsTheGoldenOccludedLeds) {
     light.width_mm = light.height_mm = 2.0 * kScale * number(geometry["led_half_width"]);
     const SurfacePoint surface = on_plane(kScale * number(geometry["receiver"][0]),
                                           kScale * number(geometry["receiver"][1]));
-    std::vector<LightShare> share(1);
+    std::vector<LightContribution> share(1);
     double sum = 0.0;
     double error2 = 0.0;
     constexpr int kRuns = 400;
@@ -158,7 +158,7 @@ std::vector<double> around_a_box(double size, const Vector3d& moved) {
   }
   const RayCaster caster(scene);
   const DirectLight direct(caster, lights);
-  std::vector<LightShare> shares(lights.size());
+  std::vector<LightContribution> shares(lights.size());
   std::vector<double> found;
   std::uint64_t key = 0;
   for (const double gap : {0.02, 0.2, 1.0, 3.0, 10.0}) {  // from the box's walls
@@ -167,7 +167,7 @@ std::vector<double> around_a_box(double size, const Vector3d& moved) {
       SurfacePoint surface = on_plane(0.0, 0.0);
       surface.point = size * place + moved;
       direct.evaluate(surface, scene.materials[0], ++key, shares);
-      for (const LightShare& share : shares) {
+      for (const LightContribution& share : shares) {
         found.push_back(share.diffuse);
       }
     }
@@ -205,7 +205,7 @@ TEST(DirectLight, StatedErrorIsTheErrorsSize) {
   SquareLight light;
   light.centre = {0, 0, 900};
   light.width_mm = light.height_mm = 28.0;
-  std::vector<LightShare> share(1);
+  std::vector<LightContribution> share(1);
   double z2 = 0.0;
   constexpr int kRuns = 64;
   for (std::uint64_t run = 0; run < kRuns; ++run) {
@@ -228,8 +228,8 @@ TEST(DirectLight, SharedTestsFindWhatSeparateTestsFind) {
   const std::vector<SquareLight> lights = led_face(32, 30.0, 28.0, 900.0);
   const DirectLight shared(caster, lights, {.share_tests = true});
   const DirectLight separate(caster, lights, {.share_tests = false});
-  std::vector<LightShare> a(lights.size());
-  std::vector<LightShare> b(lights.size());
+  std::vector<LightContribution> a(lights.size());
+  std::vector<LightContribution> b(lights.size());
   double difference2 = 0.0;
   double norm2 = 0.0;
   std::uint64_t rays_shared = 0;
@@ -255,7 +255,7 @@ TEST(DirectLight, GlossyLobeEqualsFineQuadrature) {
   const Scene scene = ground();
   const RayCaster caster(scene);
   const std::vector<SquareLight> lights = led_face(4, 30.0, 28.0, 900.0);
-  std::vector<LightShare> shares(lights.size());
+  std::vector<LightContribution> shares(lights.size());
   const DirectLight direct(caster, lights);
   const SurfacePoint surface = on_plane(20.0, -30.0, Vector3d(-0.1, 0.05, 1.0));
   for (const double exponent : {1.0, 60.0, 200.0, 5000.0}) {
@@ -291,7 +291,7 @@ TEST(DirectLight, NothingComesFromBehindOrBelow) {
   lights[0].emits = Vector3d::UnitZ();  // away
   lights[1].centre = {0, 0, -100};
   lights[1].emits = Vector3d::UnitZ();  // towards, but below the horizon
-  std::vector<LightShare> shares(2);
+  std::vector<LightContribution> shares(2);
   const DirectLight direct(caster, lights);
   direct.evaluate(on_plane(0, 0), scene.materials[0], 1, shares);
   EXPECT_EQ(shares[0].diffuse, 0.0);
@@ -308,7 +308,7 @@ TEST(DirectLight, ALightCutByTheHorizonEqualsTheClosedForm) {
   light.v = Vector3d::UnitZ();
   light.emits = -Vector3d::UnitX();
   light.width_mm = light.height_mm = 60.0;  // z from -20 to 40
-  std::vector<LightShare> share(1);
+  std::vector<LightContribution> share(1);
   double sum = 0.0;
   const DirectLight direct(caster, {&light, 1});
   for (std::uint64_t key = 0; key < 200; ++key) {

@@ -414,8 +414,8 @@ PackedTile code_integers(const TileCoding& coding, const TileRect& rect, int cha
 }
 
 bool is_float_enough(const BasisHeader& header) {
-  return header.asked_relative_l2 >= kFloatIsEnough &&
-         header.asked_worst_pixel >= kFloatIsEnough;
+  return header.requested_relative_l2 >= kFloatIsEnough &&
+         header.requested_worst_pixel >= kFloatIsEnough;
 }
 
 template <class Real>

@@ -36,13 +36,13 @@ std::array<double, kMaxPlateDegree + 1> chebyshev(double x, int degree) {
 }
 
 /// Centre of pixel i of n, from -1 to 1.
-double unit_place(int i, int n) { return (2.0 * i + 1.0) / n - 1.0; }
+double unit_position(int i, int n) { return (2.0 * i + 1.0) / n - 1.0; }
 
 /// T_0 .. T_degree at n pixels, (degree + 1, n).
 std::vector<double> chebyshev_table(int n, int degree) {
   std::vector<double> table((count(degree) + 1) * count(n));
   for (int i = 0; i < n; ++i) {
-    const auto t = chebyshev(unit_place(i, n), degree);
+    const auto t = chebyshev(unit_position(i, n), degree);
     for (std::size_t a = 0; a <= count(degree); ++a) {
       table[a * count(n) + count(i)] = t[a];
     }
@@ -51,8 +51,8 @@ std::vector<double> chebyshev_table(int n, int degree) {
 }
 
 void terms_at(const TileRect& rect, int x, int y, int degree, double* out) {
-  const auto along_x = chebyshev(unit_place(x, rect.width), degree);
-  const auto along_y = chebyshev(unit_place(y, rect.height), degree);
+  const auto along_x = chebyshev(unit_position(x, rect.width), degree);
+  const auto along_y = chebyshev(unit_position(y, rect.height), degree);
   for (std::size_t b = 0; b <= count(degree); ++b) {
     for (std::size_t a = 0; a <= count(degree); ++a) {
       *out++ = along_x[a] * along_y[b];
@@ -66,7 +66,7 @@ struct Place {
 };
 
 /// Pixels of a tile at which a closed-form source is evaluated: a grid denser at the edges.
-std::vector<Place> node_places(const TileRect& rect, int degree) {
+std::vector<Place> node_positions(const TileRect& rect, int degree) {
   const int n = degree + 2;
   const auto along = [n](int size) {
     std::vector<int> at;
@@ -123,7 +123,7 @@ MatrixXd directions(const StackSource& plate, int channel, const TileRect& rect,
   return found;
 }
 
-std::vector<Place> all_places(const TileRect& rect) {
+std::vector<Place> all_positions(const TileRect& rect) {
   std::vector<Place> places;
   places.reserve(count(rect.n_pixels()));
   for (int y = 0; y < rect.height; ++y) {
@@ -195,7 +195,7 @@ std::vector<double> plate_terms(const TileRect& rect, int degree) {
 std::vector<float> fit_tile_plate(const StackSource& plate, int channel, const TileRect& rect,
                                   const PlateVectors& vectors, int degree) {
   const std::vector<Place> places =
-      plate.is_closed_form() ? node_places(rect, degree) : all_places(rect);
+      plate.is_closed_form() ? node_positions(rect, degree) : all_positions(rect);
   return fit(directions(plate, channel, rect, places, vectors), places, rect, degree);
 }
 

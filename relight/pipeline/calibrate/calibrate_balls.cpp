@@ -126,7 +126,7 @@ FoundLights by_several_balls(const CalibratePipelineOptions& options, const Seen
                              BallFindings& findings, PipelineNotes& notes) {
   const std::vector<double> radii = radii_of(options, seen.balls.size());
   const BallScene scene = ball_scene(camera, seen.balls, radii);
-  const BallPlaces places = ball_places(camera, seen.balls, radii, seen.highlights.at);
+  const BallPositions places = ball_positions(camera, seen.balls, radii, seen.highlights.at);
   const double width_mm = camera.width * scene.camera_mm / camera.fx;
   FoundLights found;
   found.frame = fmt::format(
@@ -139,7 +139,7 @@ FoundLights by_several_balls(const CalibratePipelineOptions& options, const Seen
   findings.ray_chi2 = places.chi2 / std::max(places.freedom, 1);
   const bool is_wrong = places.is_model_wrong();
   for (std::size_t k = 0; k < places.lights.size(); ++k) {
-    const BallPlace& place = places.lights[k];
+    const BallPosition& place = places.lights[k];
     FoundLight light;
     light.name = pictures.names()[k];
     if (place.freedom > 0) {

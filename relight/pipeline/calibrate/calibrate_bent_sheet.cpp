@@ -67,7 +67,7 @@ FoundLights find_by_bent_sheet(const CalibratePipelineOptions& options, const Re
   first.aim_sigma_deg = 0.0;
   first.lights.lobe = Lobe::given;
   first.lights.sheet = {};
-  first.lights.outlier_share = 0.0;
+  first.lights.outlier_fraction = 0.0;
   const LightCalibration flat = find_free_lights(sheet.samples, first);
   std::vector<NearLight> start;
   for (const CalibratedLight& light : flat.lights) {

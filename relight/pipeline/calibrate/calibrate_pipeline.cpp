@@ -88,39 +88,39 @@ void report_balls(const BallFindings& balls, Report& report) {
   for (const MeasuredBall& ball : balls.balls) {
     numbers.insert(numbers.end(), {ball.circle.x, ball.circle.y, ball.circle.radius});
   }
-  report.add_reached("balls_px", numbers);
+  report.add_achieved("balls_px", numbers);
   if (balls.camera_mm) {
-    report.add_reached("camera_mm", *balls.camera_mm);
+    report.add_achieved("camera_mm", *balls.camera_mm);
   }
   if (balls.width_mm) {
-    report.add_reached("width_mm", *balls.width_mm);
+    report.add_achieved("width_mm", *balls.width_mm);
   }
   if (balls.ray_chi2) {
-    report.add_reached("ray_chi2", *balls.ray_chi2);
+    report.add_achieved("ray_chi2", *balls.ray_chi2);
   }
 }
 
 void report_sheet(const SheetFindings& sheet, Report& report) {
-  report.add_reached("block_noise", sheet.block_noise);
+  report.add_achieved("block_noise", sheet.block_noise);
   report.add_detail("blocks", std::vector<double>{static_cast<double>(sheet.block_rows),
                                                   static_cast<double>(sheet.block_cols)});
   if (sheet.array_start_rms_mm) {
     report.add_detail("array_start_rms_mm", *sheet.array_start_rms_mm);
   }
   if (sheet.flat) {
-    report.add_reached("reduced_chi2", sheet.flat->reduced_chi2);
-    report.add_reached("lobe_mu", sheet.flat->mu);
-    report.add_reached("model_test_sigma", sheet.flat->test.z);
-    report.add_reached("model_test_lobe_sigma", sheet.flat->test.lobe_z);
-    report.add_reached("is_model_right", sheet.flat->test.is_passed());
+    report.add_achieved("reduced_chi2", sheet.flat->reduced_chi2);
+    report.add_achieved("lobe_mu", sheet.flat->mu);
+    report.add_achieved("model_test_sigma", sheet.flat->test.z);
+    report.add_achieved("model_test_lobe_sigma", sheet.flat->test.lobe_z);
+    report.add_achieved("is_model_right", sheet.flat->test.is_passed());
   }
   if (sheet.bent) {
-    report.add_reached("sheet_range_mm", bent_range_mm(*sheet.bent));
-    report.add_reached("rounds", static_cast<std::int64_t>(sheet.bent->moves_mm.size()));
-    report.add_reached("chi2_flat", sheet.bent->chi2.front());
-    report.add_reached("is_settled", sheet.bent->has_converged);
-    report.add_reached("reduced_chi2", sheet.bent->lights.reduced_chi2);
-    report.add_reached("lobe_mu", sheet.bent->lights.mu);
+    report.add_achieved("sheet_range_mm", bent_range_mm(*sheet.bent));
+    report.add_achieved("rounds", static_cast<std::int64_t>(sheet.bent->moves_mm.size()));
+    report.add_achieved("chi2_flat", sheet.bent->chi2.front());
+    report.add_achieved("is_settled", sheet.bent->has_converged);
+    report.add_achieved("reduced_chi2", sheet.bent->lights.reduced_chi2);
+    report.add_achieved("lobe_mu", sheet.bent->lights.mu);
   }
 }
 
@@ -151,7 +151,7 @@ CalibrateSummary calibrate_capture_lights(const CalibratePipelineOptions& option
 }
 
 void report_calibration(const CalibrateSummary& summary, Report& report) {
-  report.add_asked("target", summary.method);
+  report.add_requested("target", summary.method);
   if (summary.balls) {
     report_balls(*summary.balls, report);
   }

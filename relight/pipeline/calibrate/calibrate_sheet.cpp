@@ -19,7 +19,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kRegionShare = 0.9;  // of the picture, where no region is given
+constexpr double kRegionFraction = 0.9;  // of the picture, where no region is given
 
 CameraModel camera_of(const CalibratePipelineOptions& options, const LightPictures& pictures,
                       const Eigen::Vector2d& tilt = Eigen::Vector2d::Zero()) {
@@ -45,8 +45,8 @@ ReadSheet read_sheet(const CalibratePipelineOptions& options, const LightPicture
   const CameraModel camera = camera_of(options, pictures);
   const PixelPoints points = PixelPoints::on_plane(camera, Vector3d::UnitZ(), 0.0);
   const double mm_per_pixel = camera.centre_world().z() / camera.fx;
-  const double half_u = 0.5 * kRegionShare * mm_per_pixel * camera.width;
-  const double half_v = 0.5 * kRegionShare * mm_per_pixel * camera.height;
+  const double half_u = 0.5 * kRegionFraction * mm_per_pixel * camera.width;
+  const double half_v = 0.5 * kRegionFraction * mm_per_pixel * camera.height;
   const SheetRegion region =
       options.sheet.region.value_or(SheetRegion{-half_u, half_u, -half_v, half_v});
   const Eigen::Isometry3d here = Eigen::Isometry3d::Identity();
@@ -79,8 +79,8 @@ RigidArray array_of(const CalibratePipelineOptions& options, int n_pictures) {
   for (int k = 0; k < n_pictures; ++k) {
     const int row = k / cols;
     const int col = k % cols;
-    array.places_mm.emplace_back(grid.pitch_mm * (col - 0.5 * (cols - 1)),
-                                 grid.pitch_mm * (0.5 * (rows - 1) - row), 0.0);
+    array.positions_mm.emplace_back(grid.pitch_mm * (col - 0.5 * (cols - 1)),
+                                    grid.pitch_mm * (0.5 * (rows - 1) - row), 0.0);
     array.axes.emplace_back(0.0, 0.0, -1.0);
     if (options.sheet.led_mm > 0.0) {
       Eigen::Matrix<double, 3, 2> edges;
@@ -93,16 +93,16 @@ RigidArray array_of(const CalibratePipelineOptions& options, int n_pictures) {
 
 /// The array's pose from free lights, the better of both handednesses: a grid may be numbered
 /// as seen from its back. @return  the pose, and the rms residual, mm
-std::pair<Eigen::Isometry3d, double> place_array(const RigidArray& array,
-                                                 const LightCalibration& free) {
-  const auto n = static_cast<Eigen::Index>(array.places_mm.size());
+std::pair<Eigen::Isometry3d, double> fit_array_pose(const RigidArray& array,
+                                                    const LightCalibration& free) {
+  const auto n = static_cast<Eigen::Index>(array.positions_mm.size());
   Eigen::Matrix3Xd from(3, n);
   Eigen::Matrix3Xd to(3, n);
   Eigen::Index used = 0;
   for (Eigen::Index k = 0; k < n; ++k) {
     const CalibratedLight& light = free.lights[static_cast<std::size_t>(k)];
     if (light.finding != LightFinding::unseen) {
-      from.col(used) = array.places_mm[static_cast<std::size_t>(k)];
+      from.col(used) = array.positions_mm[static_cast<std::size_t>(k)];
       to.col(used++) = light.light.position_mm;
     }
   }
@@ -120,7 +120,7 @@ Eigen::Isometry3d array_start(const CalibratePipelineOptions& options, const Rig
   FreeLightOptions first = free_light_options(options);
   first.aim = Aim::down;
   first.lights.sheet = {};
-  const auto [pose, rms] = place_array(array, find_free_lights(samples, first));
+  const auto [pose, rms] = fit_array_pose(array, find_free_lights(samples, first));
   if (pose.linear()(2, 2) <= 0.0) {
     throw Error("the pictures show the grid from its back", "--grid",
                 "count row by row as the camera would see the lights from above: x to the "

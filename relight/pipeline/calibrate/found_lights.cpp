@@ -246,18 +246,18 @@ std::string found_line(const FoundLights& found) {
 
 void report_found(const FoundLights& found, Report& report) {
   const FoundStatistics all = statistics_of(found);
-  report.add_reached("lights", static_cast<std::int64_t>(found.lights.size()));
-  report.add_reached("lights_seen", all.n_seen);
-  report.add_reached("lights_weak", all.n_weak);
+  report.add_achieved("lights", static_cast<std::int64_t>(found.lights.size()));
+  report.add_achieved("lights_seen", all.n_seen);
+  report.add_achieved("lights_weak", all.n_weak);
   if (!all.mm.empty()) {
-    report.add_reached("position_sigma_mm_median", median_or_0(all.mm));
-    report.add_reached("position_sigma_mm_largest",
-                       *std::max_element(all.mm.begin(), all.mm.end()));
+    report.add_achieved("position_sigma_mm_median", median_or_0(all.mm));
+    report.add_achieved("position_sigma_mm_largest",
+                        *std::max_element(all.mm.begin(), all.mm.end()));
   }
   if (!all.degrees.empty()) {
-    report.add_reached("direction_sigma_deg_median", median_or_0(all.degrees));
-    report.add_reached("direction_sigma_deg_largest",
-                       *std::max_element(all.degrees.begin(), all.degrees.end()));
+    report.add_achieved("direction_sigma_deg_median", median_or_0(all.degrees));
+    report.add_achieved("direction_sigma_deg_largest",
+                        *std::max_element(all.degrees.begin(), all.degrees.end()));
   }
   report.add_detail("frame", found.frame);
 }

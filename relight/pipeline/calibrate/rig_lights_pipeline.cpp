@@ -163,15 +163,15 @@ void add_face_notes(const Rig& rig, const RigFaces& fit, PipelineNotes& notes) {
 void report_faces(const Rig& rig, const RigFaces& fit, Report& report) {
   for (const FaceCalibration& found : fit.faces) {
     const Face& face = rig.faces[static_cast<std::size_t>(found.face)];
-    report.add_reached("moved_mm_" + face.id, found.moved_mm);
-    report.add_reached("turned_deg_" + face.id, found.turned_deg);
+    report.add_achieved("moved_mm_" + face.id, found.moved_mm);
+    report.add_achieved("turned_deg_" + face.id, found.turned_deg);
     if (!found.lights.is_model_wrong()) {
-      report.add_reached("centre_sigma_mm_" + face.id,
-                         measured_face(face, found).centre_sigma.norm());
+      report.add_achieved("centre_sigma_mm_" + face.id,
+                          measured_face(face, found).centre_sigma.norm());
     }
-    report.add_reached("model_test_sigma_" + face.id, found.lights.test.z);
-    report.add_reached("lobe_mu_" + face.id, found.lights.mu);
-    report.add_reached("reduced_chi2_" + face.id, found.lights.reduced_chi2);
+    report.add_achieved("model_test_sigma_" + face.id, found.lights.test.z);
+    report.add_achieved("lobe_mu_" + face.id, found.lights.mu);
+    report.add_achieved("reduced_chi2_" + face.id, found.lights.reduced_chi2);
   }
 }
 

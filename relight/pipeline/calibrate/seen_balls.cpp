@@ -17,7 +17,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-constexpr double kRivalShare = 0.25;  // of a picture's brightest value: a highlight
+constexpr double kRivalFraction = 0.25;  // of a picture's brightest value: a highlight
 
 double value_at(ImageView<const float> picture, int y, int x) {
   double sum = 0.0;
@@ -51,7 +51,7 @@ BallHighlights find_highlights(const LightPictures& pictures,
         found = measure_highlight(picture.view(), ball.circle);
         const int x = std::clamp(static_cast<int>(found->at.x()), 0, picture.width() - 1);
         const int y = std::clamp(static_cast<int>(found->at.y()), 0, picture.height() - 1);
-        if (value_at(picture.view(), y, x) < kRivalShare * most) {
+        if (value_at(picture.view(), y, x) < kRivalFraction * most) {
           found.reset();
           out.why[light] = "the ball's brightest spot is far below the picture's";
         }

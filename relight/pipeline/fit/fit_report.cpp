@@ -15,16 +15,16 @@ std::string words_of(const std::optional<FitFile>& file) {
                        : "; " + file->name;
 }
 
-void report_asked(const FitOptions& options, Report& report) {
+void report_requested(const FitOptions& options, Report& report) {
   report.add_input(options.capture);
   if (options.size.quality) {
-    report.add_asked("quality", *options.size.quality);
+    report.add_requested("quality", *options.size.quality);
   }
   if (options.size.bytes) {
-    report.add_asked("bytes", static_cast<std::int64_t>(*options.size.bytes));
+    report.add_requested("bytes", static_cast<std::int64_t>(*options.size.bytes));
   }
   if (options.size.psnr_db) {
-    report.add_asked("file dB", *options.size.psnr_db);
+    report.add_requested("file dB", *options.size.psnr_db);
   }
 }
 
@@ -87,26 +87,26 @@ std::string fit_table_row(const FormFit& fit) {
 std::string fit_table_row(const HaarSize& haar) {
   return fmt::format(
       "{:<9} {:>6} {:>10} {:>9.2f} {:>9} {:>8.2f} {:>8}  at its own lights (none between)\n",
-      "haar", "-", "-", 8.0 * haar.bytes_a_pixel, "-", haar.psnr_db, "-");
+      "haar", "-", "-", 8.0 * haar.bytes_per_pixel, "-", haar.psnr_db, "-");
 }
 
 void report_fit(const FitOptions& options, const FitSummary& summary, Report& report) {
-  report_asked(options, report);
+  report_requested(options, report);
   const FormFit& fit = summary.fits.front();
   if (fit.file && !options.out.empty()) {
     report.set_bytes(fit.file->bytes);
   }
   report.add_detail("basis", std::string(to_string(fit.score.form)));
   report.add_detail("recipe", to_string(fit.score.recipe));
-  report.add_reached("left out dB", fit.score.psnr_db);
-  report.add_reached("file dB", fit.mean_psnr_db());
+  report.add_achieved("left out dB", fit.score.psnr_db);
+  report.add_achieved("file dB", fit.mean_psnr_db());
   report.add_detail("file dB against", std::string(to_string(summary.truth)));
   report.add_detail("file dB each", fit.psnr_db);
   if (summary.truth == FitTruth::held) {
-    report.add_reached("held out dB", fit.mean_psnr_db());
+    report.add_achieved("held out dB", fit.mean_psnr_db());
   }
   if (fit.file && fit.file->quality) {
-    report.add_reached("quality", *fit.file->quality);
+    report.add_achieved("quality", *fit.file->quality);
   }
   report.add_detail("quantisation rms", fit.quantisation_rms);
   report.add_detail("clipped share", fit.clipped_share);
@@ -114,16 +114,16 @@ void report_fit(const FitOptions& options, const FitSummary& summary, Report& re
 }
 
 void report_fits(const FitOptions& options, const FitSummary& summary, Report& report) {
-  report_asked(options, report);
+  report_requested(options, report);
   for (const FormFit& fit : summary.fits) {
-    report.add_reached(fmt::format("{} dB", to_string(fit.score.form)), fit.mean_psnr_db());
+    report.add_achieved(fmt::format("{} dB", to_string(fit.score.form)), fit.mean_psnr_db());
     if (fit.file) {
-      report.add_reached(fmt::format("{} bytes", to_string(fit.score.form)),
-                         static_cast<std::int64_t>(fit.file->bytes));
+      report.add_achieved(fmt::format("{} bytes", to_string(fit.score.form)),
+                          static_cast<std::int64_t>(fit.file->bytes));
     }
   }
   if (summary.haar) {
-    report.add_reached("haar dB at its own lights", summary.haar->psnr_db);
+    report.add_achieved("haar dB at its own lights", summary.haar->psnr_db);
   }
 }
 

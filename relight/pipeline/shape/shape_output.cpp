@@ -13,7 +13,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kWhiteSigmaDeg = 20.0;  // sigma.png: white is this or more
-constexpr double kShownShare = 0.99;     // of the known values, not clipped in a .png
+constexpr double kShownFraction = 0.99;  // of the known values, not clipped in a .png
 
 Image<float> as_picture(const Image<std::uint8_t>& mask) {
   Image<float> picture(mask.height(), mask.width(), 1);
@@ -29,7 +29,7 @@ void write_measured(const ShapeSummary& summary, const fs::path& folder) {
   write_image(folder / "albedo.exr", surface.albedo.view(), 1.0, notes);
   write_image(folder / "error.exr", surface.error.view(), 1.0, notes);
   write_image(folder / "error.png", surface.error.view(),
-              display_exposure(known_values(surface.error, surface.is_good()), kShownShare),
+              display_exposure(known_values(surface.error, surface.is_good()), kShownFraction),
               notes);
   write_image(folder / "sigma.exr", surface.sigma_deg.view(), 1.0, notes);
   write_image(folder / "sigma.png", surface.sigma_deg.view(), 1.0 / kWhiteSigmaDeg, notes);
@@ -86,7 +86,7 @@ std::uint64_t write_shape(const ShapePipelineOptions& options, const ShapeSummar
   write_image(folder / "normals.png", normal_map(normals.view()).view(), 1.0, notes);
   write_image(folder / "normals.exr", normals.view(), 1.0, notes);
   const double exposure =
-      display_exposure(known_values(surface.albedo, surface.is_good()), kShownShare);
+      display_exposure(known_values(surface.albedo, surface.is_good()), kShownFraction);
   write_image(folder / picture, surface.albedo.view(), exposure, notes);
   if (summary.is_measured) {
     write_measured(summary, folder);

@@ -140,7 +140,7 @@ ReflectanceModel fit_rti(const ShapePipelineOptions& options, const Session& ses
   SessionRowsOptions rows;
   rows.develop.memory_bytes = options.settings.memory_bytes;
   rows.develop.unknown_as = options.transfer;
-  LightRecipe recipe;
+  LightInterpolation recipe;
   recipe.basis = is_ptm ? ReflectanceBasis::ptm : ReflectanceBasis::hsh;
   recipe.n_terms = is_ptm ? 6 : 9;
   FarFitOptions fit_options;

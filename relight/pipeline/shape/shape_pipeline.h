@@ -50,7 +50,7 @@ struct ShapePipelineOptions {
   std::filesystem::path input;  ///< a session's folder; .ptm, .rti or web folder
   std::filesystem::path out;    ///< folder to write
   ShapeMethod method = ShapeMethod::automatic;
-  /// Loss, keep and dark_share of the fit; method of the integration; rounds. The pipeline
+  /// Loss, keep and dark_fraction of the fit; method of the integration; rounds. The pipeline
   /// itself sets what it knows better (errors, clipped values, progress, method of the fit).
   ShapeOptions shape{};
   ShapeLight light = ShapeLight::automatic;

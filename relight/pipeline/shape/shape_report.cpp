@@ -191,14 +191,14 @@ void report_shape(const ShapeSummary& summary, Report& report) {
   report.add_detail("light", summary.are_near ? "near" : "far");
   const Shape& shape = summary.shape;
   const SurfaceEstimate& surface = shape.surface;
-  report.add_reached("good_pixels", surface.n_in(PixelState::good));
+  report.add_achieved("good_pixels", surface.n_in(PixelState::good));
   report.add_detail("masked_pixels", surface.n_in(PixelState::masked));
   if (summary.is_measured) {
     report.add_detail("dark_pixels", surface.n_in(PixelState::too_dark));
     report.add_detail("saturated_pixels", surface.n_in(PixelState::saturated));
     report.add_detail("ambiguous_pixels", surface.n_in(PixelState::ambiguous));
-    report.add_reached("sigma_deg_median", sigma_below(summary, 0.5));
-    report.add_reached("sigma_deg_nine_tenths", sigma_below(summary, 0.9));
+    report.add_achieved("sigma_deg_median", sigma_below(summary, 0.5));
+    report.add_achieved("sigma_deg_nine_tenths", sigma_below(summary, 0.9));
     report.add_detail("mask_by", summary.mask_by);
     report.add_detail("mask_pixels", summary.mask.n_object);
     add_fit(shape, report);
@@ -206,8 +206,8 @@ void report_shape(const ShapeSummary& summary, Report& report) {
   } else {
     report.add_detail("pixels_without_a_peak", surface.n_in(PixelState::too_dark));
   }
-  report.add_reached("heights_range", shape.bow_mm);
-  report.add_reached("is_settled", shape.is_settled);
+  report.add_achieved("heights_range", shape.bow_mm);
+  report.add_achieved("is_settled", shape.is_settled);
   report.add_detail("height_changes", shape.changes);
   report.add_detail("parts", std::int64_t{shape.map.n_parts});
   add_parts(shape, report);

@@ -15,13 +15,13 @@ namespace haarlight {
 struct LightAxes {
   Eigen::MatrixXd matrix;  ///< (n_planes, 3 * n_lights): a pixel's planes
   Eigen::VectorXd added;   ///< (n_planes)
-  Eigen::MatrixXf axes;    ///< (n_planes + 1, 3 * n_knots), row 0 the mean, 0..1
+  Eigen::MatrixXf axes;    ///< (n_planes + 1, 3 * n_nodes), row 0 the mean, 0..1
   /// Mean square, over the weighted knots and channels, of the planes' error.
   double dropped = 0.0;
 };
 
-/// @param knots    (n_knots, n_lights): values at the knots from those at the lights
-/// @param weights  (n_knots), sum 1: weight of an error at a knot
+/// @param knots    (n_nodes, n_lights): values at the knots from those at the lights
+/// @param weights  (n_nodes), sum 1: weight of an error at a knot
 [[nodiscard]] LightAxes find_light_axes(const Eigen::MatrixXd& knots,
                                         const Eigen::VectorXd& weights,
                                         const LightSample& sample, int n_planes);

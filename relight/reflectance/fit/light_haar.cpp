@@ -50,7 +50,7 @@ HaarSize measure_light_haar(const LightSample& sample, const HaarGrid& grid, int
     const double mean = square / (3.0 * static_cast<double>(sample.values.cols()));
     size.psnr_db -= 10.0 * std::log10(std::max(mean, 1e-10)) / static_cast<double>(n_lights);
   }
-  size.bytes_a_pixel = 3.0 * std::min<double>(n_kept, static_cast<double>(values.size()));
+  size.bytes_per_pixel = 3.0 * std::min<double>(n_kept, static_cast<double>(values.size()));
   return size;
 }
 

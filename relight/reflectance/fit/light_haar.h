@@ -11,8 +11,8 @@
 namespace haarlight {
 
 struct HaarSize {
-  double psnr_db = 0.0;        ///< mean over the lights, at the lights themselves
-  double bytes_a_pixel = 0.0;  ///< index and value of each number kept: 3 bytes
+  double psnr_db = 0.0;          ///< mean over the lights, at the lights themselves
+  double bytes_per_pixel = 0.0;  ///< index and value of each number kept: 3 bytes
 };
 
 /// The `n_kept` largest of a pixel's coefficients over all three channels, unquantised.

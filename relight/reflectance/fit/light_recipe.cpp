@@ -30,7 +30,7 @@ constexpr double kFlat = 1e-3;
 
 Index count(const Directions& directions) { return static_cast<Index>(directions.size()); }
 
-double kernel_at(const LightRecipe& recipe, double r) {
+double kernel_at(const LightInterpolation& recipe, double r) {
   switch (recipe.kernel) {
     case KrigingKernel::linear:
       return -r;
@@ -50,7 +50,7 @@ double distance(LightSpace space, const Eigen::Vector3d& a, const Eigen::Vector3
 }
 
 /// (n_directions, n_lights + 4): kernels, then the drift.
-MatrixXd kriging_rows(const LightRecipe& recipe, const Directions& lights,
+MatrixXd kriging_rows(const LightInterpolation& recipe, const Directions& lights,
                       const Directions& directions) {
   const Index n = count(lights);
   MatrixXd rows(count(directions), n + kDrift);
@@ -66,7 +66,7 @@ MatrixXd kriging_rows(const LightRecipe& recipe, const Directions& lights,
 }
 
 /// First n_lights columns of the inverse of [K + ridge, P; P', 0].
-MatrixXd kriging_inverse(const LightRecipe& recipe, const Directions& lights) {
+MatrixXd kriging_inverse(const LightInterpolation& recipe, const Directions& lights) {
   const Index n = count(lights);
   MatrixXd system = MatrixXd::Zero(n + kDrift, n + kDrift);
   system.topRows(n) = kriging_rows(recipe, lights, lights);
@@ -87,8 +87,8 @@ MatrixXd radial_rows(const Directions& lights, double sigma, const Directions& d
   model.rbf_sigma = sigma;
   MatrixXd rows = MatrixXd::Zero(count(directions), count(lights));
   for (Index i = 0; i < rows.rows(); ++i) {
-    for (const KnotWeight& weight :
-         knot_weights(model, directions[static_cast<std::size_t>(i)])) {
+    for (const NodeWeight& weight :
+         node_weights(model, directions[static_cast<std::size_t>(i)])) {
       rows(i, weight.knot) += weight.weight;
     }
   }
@@ -102,13 +102,13 @@ Directions without(const Directions& lights, std::size_t i) {
 }
 
 /// Where no closed form is known: the fit repeated on the other lights.
-MatrixXd leave_out_each(const LightRecipe& recipe, const Directions& lights) {
+MatrixXd leave_out_each(const LightInterpolation& recipe, const Directions& lights) {
   const Index n = count(lights);
   MatrixXd residual = MatrixXd::Identity(n, n);
   for (Index i = 0; i < n; ++i) {
     const auto at = static_cast<std::size_t>(i);
     const VectorXd weights =
-        recipe_weights(recipe, without(lights, at), {lights[at]}).row(0).transpose();
+        interpolation_weights(recipe, without(lights, at), {lights[at]}).row(0).transpose();
     residual.row(i).head(i) -= weights.head(i).transpose();
     residual.row(i).tail(n - i - 1) -= weights.tail(n - i - 1).transpose();
   }
@@ -145,20 +145,20 @@ std::string name_of(KrigingKernel kernel) {
 
 }  // namespace
 
-std::string to_string(const LightRecipe& recipe) {
+std::string to_string(const LightInterpolation& recipe) {
   switch (recipe.kind) {
-    case RecipeKind::terms:
+    case InterpolationKind::terms:
       return fmt::format("{} of {} terms, ridge {:g}",
                          recipe.basis == ReflectanceBasis::ptm ? "PTM" : "HSH", recipe.n_terms,
                          recipe.ridge);
-    case RecipeKind::kriging: {
+    case InterpolationKind::kriging: {
       const std::string width = recipe.kernel == KrigingKernel::matern
                                     ? fmt::format(" of width {:g}", recipe.width)
                                     : std::string();
       return fmt::format("{} kriging{} on the {}, noise {:g}", name_of(recipe.kernel), width,
                          recipe.space == LightSpace::sphere ? "sphere" : "disc", recipe.ridge);
     }
-    case RecipeKind::radial:
+    case InterpolationKind::radial:
       return fmt::format("Gaussians of width {:g}, noise {:g}", recipe.width, recipe.ridge);
   }
   return "?";
@@ -193,7 +193,7 @@ VectorXd ridge_shape(ReflectanceBasis basis, int n_terms) {
 }
 
 // (X'X / n + ridge R) c = X' v / n, solved as least squares on [X; sqrt(n ridge R)].
-MatrixXd term_matrix(const LightRecipe& recipe, const Directions& lights) {
+MatrixXd term_matrix(const LightInterpolation& recipe, const Directions& lights) {
   const MatrixXd x = terms_of(recipe.basis, recipe.n_terms, lights);
   const Index n = x.rows();
   MatrixXd stacked = MatrixXd::Zero(n + recipe.n_terms, recipe.n_terms);
@@ -205,7 +205,7 @@ MatrixXd term_matrix(const LightRecipe& recipe, const Directions& lights) {
 }
 
 // Values c at the centres with W c = v by least squares, regularised towards v.
-MatrixXd radial_centres(const LightRecipe& recipe, const Directions& lights) {
+MatrixXd radial_centres(const LightInterpolation& recipe, const Directions& lights) {
   const MatrixXd w = radial_rows(lights, recipe.width, lights);
   const Index n = w.rows();
   const MatrixXd drawn = recipe.ridge * MatrixXd::Identity(n, n);
@@ -214,32 +214,33 @@ MatrixXd radial_centres(const LightRecipe& recipe, const Directions& lights) {
   return solve_symmetric(normal, right);
 }
 
-MatrixXd recipe_weights(const LightRecipe& recipe, const Directions& lights,
-                        const Directions& directions) {
+MatrixXd interpolation_weights(const LightInterpolation& recipe, const Directions& lights,
+                               const Directions& directions) {
   switch (recipe.kind) {
-    case RecipeKind::terms:
+    case InterpolationKind::terms:
       return terms_of(recipe.basis, recipe.n_terms, directions) * term_matrix(recipe, lights);
-    case RecipeKind::kriging:
+    case InterpolationKind::kriging:
       return kriging_rows(recipe, lights, directions) * kriging_inverse(recipe, lights);
-    case RecipeKind::radial:
+    case InterpolationKind::radial:
       return radial_rows(lights, recipe.width, directions) * radial_centres(recipe, lights);
   }
   return {};
 }
 
-MatrixXd leave_one_out(const LightRecipe& recipe, const Directions& lights) {
+MatrixXd leave_one_out(const LightInterpolation& recipe, const Directions& lights) {
   const Index n = count(lights);
   if (n < 2) {
     return MatrixXd::Constant(n, n, std::numeric_limits<double>::quiet_NaN());
   }
   constexpr Index kEachAlone = 128;  // beyond, as if the centre were kept: an approximation
-  if (recipe.kind == RecipeKind::radial && n <= kEachAlone) {
+  if (recipe.kind == InterpolationKind::radial && n <= kEachAlone) {
     return leave_out_each(recipe, lights);
   }
-  if (recipe.kind == RecipeKind::kriging) {
+  if (recipe.kind == InterpolationKind::kriging) {
     return divide_by_diagonal(kriging_inverse(recipe, lights).topRows(n));
   }
-  return divide_by_diagonal(MatrixXd::Identity(n, n) - recipe_weights(recipe, lights, lights));
+  return divide_by_diagonal(MatrixXd::Identity(n, n) -
+                            interpolation_weights(recipe, lights, lights));
 }
 
 TermsCondition terms_condition(ReflectanceBasis basis, int n_terms, const Directions& lights) {

@@ -17,7 +17,7 @@
 
 namespace haarlight {
 
-enum class RecipeKind {
+enum class InterpolationKind {
   terms,    ///< least squares on PTM or HSH terms
   kriging,  ///< the smoothest field of a kernel about the drift 1, x, y, z
   radial,   ///< Gaussians around the lights, normalised to sum 1
@@ -36,8 +36,8 @@ enum class LightSpace {
   disc,    ///< between their x, y: lights near the horizon count as close together
 };
 
-struct LightRecipe {
-  RecipeKind kind = RecipeKind::terms;
+struct LightInterpolation {
+  InterpolationKind kind = InterpolationKind::terms;
   ReflectanceBasis basis = ReflectanceBasis::hsh;  ///< terms: ptm or hsh
   int n_terms = 9;                                 ///< terms
   KrigingKernel kernel = KrigingKernel::thin_plate;
@@ -47,7 +47,7 @@ struct LightRecipe {
   /// 1 / n_lights); kriging and radial: noise variance.
   double ridge = 0.0;
 };
-[[nodiscard]] std::string to_string(const LightRecipe& recipe);
+[[nodiscard]] std::string to_string(const LightInterpolation& recipe);
 
 /// The terms at the directions, (n, n_terms).
 [[nodiscard]] Eigen::MatrixXd terms_of(ReflectanceBasis basis, int n_terms,
@@ -60,24 +60,24 @@ struct LightRecipe {
 
 /// The fit's matrix, (n_terms, n_lights): coefficients = matrix * values. If the lights cannot
 /// separate all terms: the minimum-norm coefficients (ridge 0), or as regularised by the ridge.
-[[nodiscard]] Eigen::MatrixXd term_matrix(const LightRecipe& recipe,
+[[nodiscard]] Eigen::MatrixXd term_matrix(const LightInterpolation& recipe,
                                           const std::vector<Eigen::Vector3d>& lights);
 
 /// Values at `directions` = weights * values at lights; (n_directions, n_lights).
-[[nodiscard]] Eigen::MatrixXd recipe_weights(const LightRecipe& recipe,
-                                             const std::vector<Eigen::Vector3d>& lights,
-                                             const std::vector<Eigen::Vector3d>& directions);
+[[nodiscard]] Eigen::MatrixXd interpolation_weights(
+    const LightInterpolation& recipe, const std::vector<Eigen::Vector3d>& lights,
+    const std::vector<Eigen::Vector3d>& directions);
 
 /// Residual of each light when it is predicted from the others: (n_lights, n_lights), row i
 /// times the values is light i's own value minus its prediction. Rows of NaN where the others
 /// do not determine it.
-[[nodiscard]] Eigen::MatrixXd leave_one_out(const LightRecipe& recipe,
+[[nodiscard]] Eigen::MatrixXd leave_one_out(const LightInterpolation& recipe,
                                             const std::vector<Eigen::Vector3d>& lights);
 
 /// radial: values at the Gaussians' centres, the lights, from those photographed; (n_lights,
-/// n_lights). Between the centres, knot_weights() of relight/reflectance/formats/reflectance.h
+/// n_lights). Between the centres, node_weights() of relight/reflectance/formats/reflectance.h
 /// applies.
-[[nodiscard]] Eigen::MatrixXd radial_centres(const LightRecipe& recipe,
+[[nodiscard]] Eigen::MatrixXd radial_centres(const LightInterpolation& recipe,
                                              const std::vector<Eigen::Vector3d>& lights);
 
 /// How well lights separate a basis's terms.

@@ -344,15 +344,15 @@ class NearFitter {
 
   /// Rows of the picture that lie among the same kTaps rows of knots as row y.
   [[nodiscard]] std::size_t n_rows_alike(std::size_t y) const {
-    const std::size_t first = first_knots(y);
+    const std::size_t first = first_knot_row(y);
     std::size_t n = 1;
-    while (y + n < static_cast<std::size_t>(shape_.height) && first_knots(y + n) == first) {
+    while (y + n < static_cast<std::size_t>(shape_.height) && first_knot_row(y + n) == first) {
       ++n;
     }
     return n;
   }
   /// The first of the rows of knots that a row of pixels needs.
-  [[nodiscard]] std::size_t first_knots(std::size_t y) const {
+  [[nodiscard]] std::size_t first_knot_row(std::size_t y) const {
     return down_.first_around(static_cast<double>(y) + 0.5);
   }
 
@@ -374,7 +374,7 @@ class NearFitter {
   }
 
   /// Rows interpolated from the rows of knots around them. @param knots  kTaps rows from
-  /// first_knots(y0)
+  /// first_knot_row(y0)
   void between_rows(const std::vector<MatrixRow>& knots, std::size_t y0,
                     std::span<RowBetween> rows) const {
     for (RowBetween& row : rows) {
@@ -559,7 +559,7 @@ class KnotRows {
   explicit KnotRows(const NearFitter& fitter) : fitter_(fitter) {}
   /// kTaps rows of knots.
   const std::vector<MatrixRow>& around(std::size_t y) {
-    const std::size_t first = fitter_.first_knots(y);
+    const std::size_t first = fitter_.first_knot_row(y);
     const std::size_t known = first_ + rows_.size();
     const std::size_t past = std::min(first - first_, rows_.size());
     rows_.erase(rows_.begin(), rows_.begin() + static_cast<std::ptrdiff_t>(past));

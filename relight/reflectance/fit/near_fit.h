@@ -37,7 +37,7 @@ enum class NearSolve {
 struct NearFitOptions {
   ReflectanceBasis basis = ReflectanceBasis::hsh;  ///< ptm or hsh, in rgb
   int n_terms = 9;
-  double ridge = 1e-4;  ///< as LightRecipe::ridge
+  double ridge = 1e-4;  ///< as LightInterpolation::ridge
   NearSolve solve = NearSolve::exact;
   int grid = 64;  ///< interpolated: largest number of pixels between knots
   /// The transfer applied to the corrected values before the fit: viewers expect srgb. The rows

@@ -37,7 +37,7 @@ struct NearLoops {
 
 /// Pixels' centres along a block, 1 at the end of the first step.
 static_assert(kNearBlock == 2 * kNearStep);
-constexpr std::array<float, kNearBlock> kStepPlaces = [] {
+constexpr std::array<float, kNearBlock> kStepPositions = [] {
   std::array<float, kNearBlock> places{};
   for (std::size_t k = 0; k < kNearBlock; ++k) {
     places[k] = (static_cast<float>(k) + 0.5F) / static_cast<float>(kNearStep);

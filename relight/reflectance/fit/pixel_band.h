@@ -22,7 +22,7 @@ class PixelBand {
   }
 
  private:
-  LargeBuffer bytes_;
+  HugePageBuffer bytes_;
 };
 
 }  // namespace haarlight

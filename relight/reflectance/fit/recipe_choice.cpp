@@ -68,9 +68,10 @@ int n_planes_of_form(FitForm form, std::size_t n_lights, const FormOptions& opti
   return std::max(3, std::min(options.max_planes, all) / 3 * 3);
 }
 
-void add_terms(FitForm form, const FormOptions& options, std::vector<LightRecipe>& recipes) {
-  LightRecipe recipe;
-  recipe.kind = RecipeKind::terms;
+void add_terms(FitForm form, const FormOptions& options,
+               std::vector<LightInterpolation>& recipes) {
+  LightInterpolation recipe;
+  recipe.kind = InterpolationKind::terms;
   recipe.basis = form == FitForm::ptm || form == FitForm::lptm ? ReflectanceBasis::ptm
                                                                : ReflectanceBasis::hsh;
   recipe.n_terms = n_terms_of(form);
@@ -80,9 +81,9 @@ void add_terms(FitForm form, const FormOptions& options, std::vector<LightRecipe
   }
 }
 
-void add_kriging(const FormOptions& options, std::vector<LightRecipe>& recipes) {
-  LightRecipe recipe;
-  recipe.kind = RecipeKind::kriging;
+void add_kriging(const FormOptions& options, std::vector<LightInterpolation>& recipes) {
+  LightInterpolation recipe;
+  recipe.kind = InterpolationKind::kriging;
   const auto add_noises = [&] {
     for (const LightSpace space : {LightSpace::sphere, LightSpace::disc}) {
       recipe.space = space;
@@ -104,9 +105,9 @@ void add_kriging(const FormOptions& options, std::vector<LightRecipe>& recipes) 
   }
 }
 
-void add_radial(const FormOptions& options, std::vector<LightRecipe>& recipes) {
-  LightRecipe recipe;
-  recipe.kind = RecipeKind::radial;
+void add_radial(const FormOptions& options, std::vector<LightInterpolation>& recipes) {
+  LightInterpolation recipe;
+  recipe.kind = InterpolationKind::radial;
   for (const double width : {0.2, 0.3, 0.4, 0.55, 0.75, 1.0}) {
     for (const double noise : {1e-3, 1e-2, 0.1}) {
       recipe.width = width;
@@ -158,7 +159,7 @@ Luminance luminance_of(const LightSample& sample) {
 
 /// lrgb is no sum over lights: its residuals are taken pixel by pixel (the colour is that of
 /// all lights, including the one left out: it contributes 1 / n_lights).
-double left_out_psnr_lrgb(const LightRecipe& recipe, const Directions& lights,
+double left_out_psnr_lrgb(const LightInterpolation& recipe, const Directions& lights,
                           const LightSample& sample, const Luminance& luminance) {
   const Eigen::MatrixXf residual = leave_one_out(recipe, lights).cast<float>();
   if (!residual.allFinite()) {
@@ -191,14 +192,14 @@ Directions octahedral_directions(int resolution) {
   return directions;
 }
 
-/// Interpolation from the knots to the lights: (n_lights, n_knots).
-MatrixXd knots_to_lights(const ReflectanceModel& model, const Directions& lights) {
-  const int n_knots = model.basis == ReflectanceBasis::rbf
+/// Interpolation from the knots to the lights: (n_lights, n_nodes).
+MatrixXd nodes_to_lights(const ReflectanceModel& model, const Directions& lights) {
+  const int n_nodes = model.basis == ReflectanceBasis::rbf
                           ? static_cast<int>(model.lights.size())
                           : model.resolution * model.resolution;
-  MatrixXd rows = MatrixXd::Zero(static_cast<Index>(lights.size()), n_knots);
+  MatrixXd rows = MatrixXd::Zero(static_cast<Index>(lights.size()), n_nodes);
   for (std::size_t i = 0; i < lights.size(); ++i) {
-    for (const KnotWeight& weight : knot_weights(model, lights[i])) {
+    for (const NodeWeight& weight : node_weights(model, lights[i])) {
       rows(static_cast<Index>(i), weight.knot) += weight.weight;
     }
   }
@@ -211,7 +212,7 @@ struct AxesFit {
   double dropped = 0.0;
 };
 
-AxesFit make_axes_fit(FitForm form, const LightRecipe& recipe, const Directions& lights,
+AxesFit make_axes_fit(FitForm form, const LightInterpolation& recipe, const Directions& lights,
                       const LightSample& sample, const FormOptions& options) {
   AxesFit made;
   ReflectanceModel& model = made.fit.model;
@@ -226,10 +227,10 @@ AxesFit make_axes_fit(FitForm form, const LightRecipe& recipe, const Directions&
     model.basis = ReflectanceBasis::bilinear;
     model.resolution = options.resolution;
     model.lights = lights;
-    knots = recipe_weights(recipe, lights, octahedral_directions(options.resolution));
+    knots = interpolation_weights(recipe, lights, octahedral_directions(options.resolution));
   }
   // Errors count where lights are; a tenth is spread evenly, so that no knot is ignored.
-  const MatrixXd spread = knots_to_lights(model, lights);
+  const MatrixXd spread = nodes_to_lights(model, lights);
   const VectorXd weights = 0.9 * spread.colwise().mean().transpose().array() +
                            0.1 / static_cast<double>(knots.rows());
   model.n_terms = n_planes_of_form(form, lights.size(), options);
@@ -237,7 +238,7 @@ AxesFit make_axes_fit(FitForm form, const LightRecipe& recipe, const Directions&
   model.axes = std::move(axes.axes);
   made.fit.matrix = std::move(axes.matrix);
   made.fit.added = std::move(axes.added);
-  const MatrixXd missed = spread * knots - recipe_weights(recipe, lights, lights);
+  const MatrixXd missed = spread * knots - interpolation_weights(recipe, lights, lights);
   made.dropped = axes.dropped + left_out_squares(missed, sample.products()).mean();
   return made;
 }
@@ -274,7 +275,7 @@ const std::vector<FitForm>& all_fit_forms() {
   return kAll;
 }
 
-// The inverse of knot_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2, y =
+// The inverse of node_weights()' map of directions: with (a, b) in -1..1, x = (a - b) / 2, y =
 // (a + b) / 2, z = 1 - |x| - |y|, scaled to length 1.
 Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
   HAARLIGHT_EXPECTS(resolution >= 2, "a grid of 2 x 2 knots or more");
@@ -285,8 +286,8 @@ Eigen::Vector3d octahedral_direction(int row, int column, int resolution) {
   return Eigen::Vector3d(x, y, std::max(0.0, 1.0 - std::abs(x) - std::abs(y))).normalized();
 }
 
-std::vector<LightRecipe> recipes_of(FitForm form, const FormOptions& options) {
-  std::vector<LightRecipe> recipes;
+std::vector<LightInterpolation> candidates_of(FitForm form, const FormOptions& options) {
+  std::vector<LightInterpolation> recipes;
   if (form == FitForm::rbf) {
     add_radial(options, recipes);
   } else if (form == FitForm::bilinear) {
@@ -297,7 +298,7 @@ std::vector<LightRecipe> recipes_of(FitForm form, const FormOptions& options) {
   return recipes;
 }
 
-double left_out_psnr(const LightRecipe& recipe, const Directions& lights,
+double left_out_psnr(const LightInterpolation& recipe, const Directions& lights,
                      const MatrixXd& products, double dropped) {
   const MatrixXd residual = leave_one_out(recipe, lights);
   return residual.allFinite() ? mean_psnr(left_out_squares(residual, products), dropped)
@@ -312,12 +313,12 @@ std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Dire
   std::vector<FormScore> scores;
   for (const FitForm form : forms) {
     FormScore score{form, {}, n_planes_of_form(form, lights.size(), options), kNothing};
-    std::vector<LightRecipe> recipes = recipes_of(form, options);
+    std::vector<LightInterpolation> recipes = candidates_of(form, options);
     score.recipe = recipes.back();  // the smoothest, where leave-one-out is uninformative
     if (lights.size() > kManyLights && is_pca(form)) {
       // One of each kind: medium noise. The more lights, the less the choice matters.
       recipes.erase(std::remove_if(recipes.begin(), recipes.end(),
-                                   [](const LightRecipe& recipe) {
+                                   [](const LightInterpolation& recipe) {
                                      return recipe.ridge != 1e-2 ||
                                             recipe.space == LightSpace::disc ||
                                             recipe.kernel != KrigingKernel::thin_plate;
@@ -326,7 +327,7 @@ std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Dire
       score.recipe = recipes.empty() ? score.recipe : recipes.back();
     }
     const Luminance luminance = form == FitForm::lptm ? luminance_of(sample) : Luminance{};
-    for (const LightRecipe& recipe : recipes) {
+    for (const LightInterpolation& recipe : recipes) {
       const double psnr = form == FitForm::lptm
                               ? left_out_psnr_lrgb(recipe, lights, sample, luminance)
                               : left_out_psnr(recipe, lights, products);
@@ -347,7 +348,7 @@ std::vector<FormScore> score_forms(const std::vector<FitForm>& forms, const Dire
   return scores;
 }
 
-FarFit make_far_fit(FitForm form, const LightRecipe& recipe, const Directions& lights,
+FarFit make_far_fit(FitForm form, const LightInterpolation& recipe, const Directions& lights,
                     const LightSample& sample, const FormOptions& options) {
   if (is_pca(form)) {
     return make_axes_fit(form, recipe, lights, sample, options).fit;

@@ -36,7 +36,7 @@ struct FormOptions {
 /// A form with the parameters that best predict lights left out.
 struct FormScore {
   FitForm form = FitForm::ptm;
-  LightRecipe recipe;
+  LightInterpolation recipe;
   int n_planes = 0;
   /// Mean over the lights of the PSNR at a light left out, dB, before rounding to 8 bits;
   /// includes the loss of PCA.
@@ -44,12 +44,13 @@ struct FormScore {
 };
 
 /// All candidate parameters of a form.
-[[nodiscard]] std::vector<LightRecipe> recipes_of(FitForm form, const FormOptions& options);
+[[nodiscard]] std::vector<LightInterpolation> candidates_of(FitForm form,
+                                                            const FormOptions& options);
 
 /// Mean PSNR at lights left out with given parameters, dB. `products` as
 /// LightSample::products(). Minus infinity where some light is not determined by the others.
 /// @param dropped  additional mean square error
-[[nodiscard]] double left_out_psnr(const LightRecipe& recipe,
+[[nodiscard]] double left_out_psnr(const LightInterpolation& recipe,
                                    const std::vector<Eigen::Vector3d>& lights,
                                    const Eigen::MatrixXd& products, double dropped = 0.0);
 
@@ -61,7 +62,7 @@ struct FormScore {
                                                  const FormOptions& options);
 
 /// The fit defined by a form and its parameters; PCA's axes come from the sample.
-[[nodiscard]] FarFit make_far_fit(FitForm form, const LightRecipe& recipe,
+[[nodiscard]] FarFit make_far_fit(FitForm form, const LightInterpolation& recipe,
                                   const std::vector<Eigen::Vector3d>& lights,
                                   const LightSample& sample, const FormOptions& options);
 

@@ -20,13 +20,13 @@ bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' |
 
 }  // namespace
 
-std::string place_in_file(const std::string& file, std::size_t offset) {
+std::string location_in_file(const std::string& file, std::size_t offset) {
   return fmt::format("{}: byte {}", file, offset);
 }
 
 void HeaderReader::refuse_at(std::size_t offset, const std::string& what,
                              const std::string& cure) const {
-  throw Error(what, place_in_file(where_, offset), cure);
+  throw Error(what, location_in_file(where_, offset), cure);
 }
 
 void HeaderReader::refuse(const std::string& what) const {

@@ -48,6 +48,6 @@ class HeaderReader {
 };
 
 /// "FILE: byte N": a location in a file.
-[[nodiscard]] std::string place_in_file(const std::string& file, std::size_t offset);
+[[nodiscard]] std::string location_in_file(const std::string& file, std::size_t offset);
 
 }  // namespace haarlight

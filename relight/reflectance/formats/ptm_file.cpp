@@ -204,7 +204,7 @@ ReflectanceModel read_jpeg_planes(const PtmHeader& header, HeaderReader& reader,
   const std::vector<std::string_view> pictures = split_payload(part, reader);
   const auto place = [&](std::size_t p) {
     const auto at = static_cast<std::size_t>(pictures[p].data() - reader.rest().data());
-    return fmt::format("{}, plane {}", place_in_file(where, reader.offset() + at), p);
+    return fmt::format("{}, plane {}", location_in_file(where, reader.offset() + at), p);
   };
   for (std::size_t p = 0; p < n_planes; ++p) {  // before anything large is allocated
     const JpegShape shape = jpeg_shape(pictures[p], place(p));

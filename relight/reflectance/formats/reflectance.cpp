@@ -150,12 +150,12 @@ void require_consistent(const ReflectanceModel& model, std::string_view where) {
   if (is_bilinear && model.resolution < 2) {
     refuse(fmt::format("a grid of {} knots a side", model.resolution));
   }
-  const auto n_knots = is_bilinear ? Eigen::Index{model.resolution} * model.resolution
+  const auto n_nodes = is_bilinear ? Eigen::Index{model.resolution} * model.resolution
                                    : static_cast<Eigen::Index>(model.lights.size());
-  if (n_knots < 1 || model.axes.rows() != model.n_terms + 1 ||
-      model.axes.cols() != 3 * n_knots) {
+  if (n_nodes < 1 || model.axes.rows() != model.n_terms + 1 ||
+      model.axes.cols() != 3 * n_nodes) {
     refuse(fmt::format("{} x {} numbers of axes for {} planes and {} knots", model.axes.rows(),
-                       model.axes.cols(), model.n_terms, n_knots));
+                       model.axes.cols(), model.n_terms, n_nodes));
   }
   if (!model.axes.allFinite() || !std::isfinite(model.rbf_sigma) || model.rbf_sigma < 0.0 ||
       !std::all_of(model.lights.begin(), model.lights.end(),
@@ -166,7 +166,7 @@ void require_consistent(const ReflectanceModel& model, std::string_view where) {
 
 namespace {
 
-std::vector<KnotWeight> bilinear_weights(int resolution, const Eigen::Vector3d& direction) {
+std::vector<NodeWeight> bilinear_weights(int resolution, const Eigen::Vector3d& direction) {
   const Eigen::Vector3d d(direction.x(), direction.y(), std::max(direction.z(), 0.0));
   const double s = d.lpNorm<1>();
   const double side = resolution - 1.0;
@@ -184,7 +184,7 @@ std::vector<KnotWeight> bilinear_weights(int resolution, const Eigen::Vector3d& 
 }
 
 /// As OpenLIME 1.2.6, which ignores sigma (its AdaptiveRBF).
-std::vector<KnotWeight> adaptive_weights(const ReflectanceModel& model,
+std::vector<NodeWeight> adaptive_weights(const ReflectanceModel& model,
                                          const Eigen::Vector3d& direction) {
   constexpr double kAlpha = 8.0;
   constexpr double kBeta = 2.0;
@@ -200,20 +200,20 @@ std::vector<KnotWeight> adaptive_weights(const ReflectanceModel& model,
   }
   // A single light exactly in that direction: it alone counts, whatever the width.
   const double factor = distances > 0.0 ? kAlpha * shares / distances : 0.0;
-  std::vector<KnotWeight> weights;
+  std::vector<NodeWeight> weights;
   double sum = 0.0;
   for (std::size_t i = 0; i < model.lights.size(); ++i) {
     const double square = (direction - model.lights[i]).squaredNorm();
     weights.push_back({static_cast<int>(i), std::exp(-factor * (square - nearest * nearest))});
     sum += weights.back().weight;
   }
-  for (KnotWeight& weight : weights) {
+  for (NodeWeight& weight : weights) {
     weight.weight /= sum;
   }
   return weights;
 }
 
-std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
+std::vector<NodeWeight> rbf_weights(const ReflectanceModel& model,
                                     const Eigen::Vector3d& direction) {
   if (model.rbf_sigma <= 0.0) {
     return adaptive_weights(model, direction);
@@ -231,7 +231,7 @@ std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
     square = std::exp((nearest - square) / (sigma * sigma));
     sum += square;
   }
-  std::vector<KnotWeight> weights;
+  std::vector<NodeWeight> weights;
   double kept = 0.0;
   for (std::size_t i = 0; i < squares.size(); ++i) {
     // The nearest counts even if very many are as near.
@@ -240,7 +240,7 @@ std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
       kept += squares[i];
     }
   }
-  for (KnotWeight& weight : weights) {
+  for (NodeWeight& weight : weights) {
     weight.weight /= kept;
   }
   return weights;
@@ -248,7 +248,7 @@ std::vector<KnotWeight> rbf_weights(const ReflectanceModel& model,
 
 }  // namespace
 
-std::vector<KnotWeight> knot_weights(const ReflectanceModel& model,
+std::vector<NodeWeight> node_weights(const ReflectanceModel& model,
                                      const Eigen::Vector3d& direction) {
   HAARLIGHT_EXPECTS(model.colour == ReflectanceColour::pca, "a model with knots");
   return model.basis == ReflectanceBasis::bilinear
@@ -261,7 +261,7 @@ namespace {
 ColourMap map_of_axes(const ReflectanceModel& model, const Eigen::Vector3d& direction) {
   ColourMap map;
   map.factors.setZero(3, model.n_terms);
-  for (const KnotWeight& weight : knot_weights(model, direction)) {
+  for (const NodeWeight& weight : node_weights(model, direction)) {
     const auto colours = model.axes.middleCols(Eigen::Index{3} * weight.knot, 3);
     map.added += weight.weight * colours.row(0).transpose().cast<double>();
     map.factors += weight.weight * colours.bottomRows(model.n_terms).transpose().cast<double>();

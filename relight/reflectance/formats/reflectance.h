@@ -71,12 +71,12 @@ struct ReflectanceModel {
   Image<std::uint8_t> planes;           ///< (height, width, n_planes)
   std::vector<PlaneScale> scales;       ///< (n_planes)
   std::vector<Eigen::Vector3d> lights;  ///< rbf: the RBF centres
-  double rbf_sigma = 0.0;               ///< rbf: width of a radial function; 0: knot_weights()
+  double rbf_sigma = 0.0;               ///< rbf: width of a radial function; 0: node_weights()
   /// hsh: lights lower than this are raised to it, radians; kWebLeastElevation for a web
   /// folder.
   double least_elevation = 0.0;
   int resolution = 0;  ///< bilinear: grid points per side of the octahedral map
-  /// pca: (n_terms + 1, n_knots * 3), knot by knot R, G, B; row 0 is the mean. A knot is an RBF
+  /// pca: (n_terms + 1, n_nodes * 3), knot by knot R, G, B; row 0 is the mean. A knot is an RBF
   /// centre, that is a light (rbf), or a grid point, row by row (bilinear).
   Eigen::MatrixXf axes;
   PictureFacts photographed;  ///< of the pictures it was fitted to; only web folders keep them
@@ -99,7 +99,7 @@ struct ReflectanceModel {
 inline constexpr double kWebLeastElevation = 0.15;
 
 /// Weight of a knot of a pca model at a direction.
-struct KnotWeight {
+struct NodeWeight {
   int knot = 0;
   double weight = 0.0;
 };
@@ -112,7 +112,7 @@ struct KnotWeight {
 /// OpenLIME 1.2.6's rule: exp(-8 |d - l|^2 / m), scaled to sum 1, where m is the lights' mean
 /// distance |d - l|, each counting exp(-2 |d - l|).
 /// @param direction  unit vector
-[[nodiscard]] std::vector<KnotWeight> knot_weights(const ReflectanceModel& model,
+[[nodiscard]] std::vector<NodeWeight> node_weights(const ReflectanceModel& model,
                                                    const Eigen::Vector3d& direction);
 
 /// The model's terms at a direction, (n_terms): ptm and hsh.

@@ -141,17 +141,17 @@ void ycc_to_rgb(Eigen::MatrixXf& axes, int n_triples) {
 
 void read_axes(const JsonValue& root, const JsonValue& material, ColourSpace space,
                const WebInfo& info, ReflectanceModel& model) {
-  const auto n_knots = model.basis == ReflectanceBasis::rbf
+  const auto n_nodes = model.basis == ReflectanceBasis::rbf
                            ? model.lights.size()
                            : static_cast<std::size_t>(model.resolution) *
                                  static_cast<std::size_t>(model.resolution);
-  const std::size_t n_columns = 3 * n_knots;
+  const std::size_t n_columns = 3 * n_nodes;
   const JsonValue list = root["basis"];
   const std::vector<JsonValue> bytes = list.elements();
   const std::size_t n_rows = static_cast<std::size_t>(model.n_terms) + 1;
   if (bytes.size() != n_rows * n_columns) {
     list.refuse(fmt::format("{} numbers where {} rows of {} knots are {}", bytes.size(), n_rows,
-                            n_knots, n_rows * n_columns),
+                            n_nodes, n_rows * n_columns),
                 "make the folder again with its program");
   }
   const std::vector<double> range = read_numbers(material["range"], n_rows - 1);

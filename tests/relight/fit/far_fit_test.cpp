@@ -52,7 +52,7 @@ FarFit fit_of(FitForm form, const std::vector<Eigen::Vector3d>& lights, PictureR
               double ridge = 0.0) {
   FormOptions options;
   options.ridge = ridge;
-  return make_far_fit(form, recipes_of(form, options).front(), lights, sample_lights(rows),
+  return make_far_fit(form, candidates_of(form, options).front(), lights, sample_lights(rows),
                       options);
 }
 
@@ -266,7 +266,7 @@ TEST(LightHaar, KeepsAsMuchAsItIsAllowed) {
     }
   }
   EXPECT_GT(measure_light_haar(sample, {4, 4}, 6).psnr_db, 99.0);
-  EXPECT_EQ(measure_light_haar(sample, {4, 4}, 6).bytes_a_pixel, 18.0);
+  EXPECT_EQ(measure_light_haar(sample, {4, 4}, 6).bytes_per_pixel, 18.0);
   // Three numbers: the means, and 0.25 is missing everywhere in half of the pixels.
   EXPECT_NEAR(measure_light_haar(sample, {4, 4}, 3).psnr_db, -10.0 * std::log10(0.5 * 0.0625),
               0.01);

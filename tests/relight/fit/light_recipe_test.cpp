@@ -15,30 +15,30 @@ namespace {
 
 using testing::spiral_lights;
 
-LightRecipe kriging(KrigingKernel kernel, double noise) {
-  LightRecipe recipe;
-  recipe.kind = RecipeKind::kriging;
+LightInterpolation kriging(KrigingKernel kernel, double noise) {
+  LightInterpolation recipe;
+  recipe.kind = InterpolationKind::kriging;
   recipe.kernel = kernel;
   recipe.ridge = noise;
   return recipe;
 }
 
 /// Leaving out a light by making the recipe again without it.
-double predicted_without(const LightRecipe& recipe, std::vector<Eigen::Vector3d> lights,
+double predicted_without(const LightInterpolation& recipe, std::vector<Eigen::Vector3d> lights,
                          const Eigen::VectorXd& values, int i) {
   const Eigen::Vector3d at = lights[static_cast<std::size_t>(i)];
   lights.erase(lights.begin() + i);
   Eigen::VectorXd others(values.size() - 1);
   others << values.head(i), values.tail(values.size() - i - 1);
-  return recipe_weights(recipe, lights, {at}).row(0) * others;
+  return interpolation_weights(recipe, lights, {at}).row(0) * others;
 }
 
-TEST(LightRecipe, TermsInTheBasisComeBack) {
+TEST(LightInterpolation, TermsInTheBasisComeBack) {
   const auto lights = spiral_lights(30);
   for (const auto& [basis, n] :
        {std::pair{ReflectanceBasis::ptm, 6}, std::pair{ReflectanceBasis::hsh, 4},
         std::pair{ReflectanceBasis::hsh, 9}, std::pair{ReflectanceBasis::hsh, 16}}) {
-    LightRecipe recipe;
+    LightInterpolation recipe;
     recipe.basis = basis;
     recipe.n_terms = n;
     const Eigen::VectorXd coefficients = Eigen::VectorXd::LinSpaced(n, -1.0, 2.0);
@@ -49,14 +49,15 @@ TEST(LightRecipe, TermsInTheBasisComeBack) {
   }
 }
 
-TEST(LightRecipe, KrigingContinuesAMatteSurfaceExactly) {
+TEST(LightInterpolation, KrigingContinuesAMatteSurfaceExactly) {
   // Lambert without attached shadow is linear in the direction: the drift has it whole.
   const auto lights = spiral_lights(20);
   const auto others = spiral_lights(37, 0.05);
   const Eigen::Vector3d normal = Eigen::Vector3d(0.2, -0.3, 0.9).normalized();
   for (const KrigingKernel kernel : {KrigingKernel::linear, KrigingKernel::thin_plate,
                                      KrigingKernel::cubic, KrigingKernel::matern}) {
-    const Eigen::MatrixXd weights = recipe_weights(kriging(kernel, 0.01), lights, others);
+    const Eigen::MatrixXd weights =
+        interpolation_weights(kriging(kernel, 0.01), lights, others);
     Eigen::VectorXd values(20);
     for (int i = 0; i < 20; ++i) {
       values[i] = normal.dot(lights[static_cast<std::size_t>(i)]);
@@ -68,19 +69,19 @@ TEST(LightRecipe, KrigingContinuesAMatteSurfaceExactly) {
   }
 }
 
-TEST(LightRecipe, LeavingOneOutInClosedFormIsLeavingOneOut) {
+TEST(LightInterpolation, LeavingOneOutInClosedFormIsLeavingOneOut) {
   const auto lights = spiral_lights(24);
   Eigen::VectorXd values(24);
   for (int i = 0; i < 24; ++i) {
     values[i] = std::sin(5.0 * lights[static_cast<std::size_t>(i)].x()) + 0.1 * i;
   }
-  LightRecipe terms;
+  LightInterpolation terms;
   terms.n_terms = 9;
-  LightRecipe radial;
-  radial.kind = RecipeKind::radial;
+  LightInterpolation radial;
+  radial.kind = InterpolationKind::radial;
   radial.width = 0.5;
   radial.ridge = 0.01;
-  for (const LightRecipe& recipe :
+  for (const LightInterpolation& recipe :
        {terms, kriging(KrigingKernel::thin_plate, 0.01), kriging(KrigingKernel::matern, 0.1),
         kriging(KrigingKernel::linear, 1e-4), radial}) {
     const Eigen::VectorXd residual = leave_one_out(recipe, lights) * values;
@@ -91,21 +92,21 @@ TEST(LightRecipe, LeavingOneOutInClosedFormIsLeavingOneOut) {
   }
 }
 
-RC_GTEST_PROP(LightRecipe, WeightsOfAConstantSumToOne, ()) {
+RC_GTEST_PROP(LightInterpolation, WeightsOfAConstantSumToOne, ()) {
   const int n = *rc::gen::inRange(5, 40);
   const auto lights = spiral_lights(n, 0.01 * *rc::gen::inRange(1, 80));
-  LightRecipe radial;
-  radial.kind = RecipeKind::radial;
+  LightInterpolation radial;
+  radial.kind = InterpolationKind::radial;
   radial.width = 0.4;
   radial.ridge = 0.01;
-  for (const LightRecipe& recipe : {kriging(KrigingKernel::cubic, 0.01), radial}) {
+  for (const LightInterpolation& recipe : {kriging(KrigingKernel::cubic, 0.01), radial}) {
     const Eigen::VectorXd sums =
-        recipe_weights(recipe, lights, spiral_lights(11)).rowwise().sum();
+        interpolation_weights(recipe, lights, spiral_lights(11)).rowwise().sum();
     RC_ASSERT((sums.array() - 1.0).abs().maxCoeff() < 1e-6);
   }
 }
 
-TEST(LightRecipe, OctahedralKnotsAreWhereTheFormatsSay) {
+TEST(LightInterpolation, OctahedralKnotsAreWhereTheFormatsSay) {
   ReflectanceModel model;
   model.basis = ReflectanceBasis::bilinear;
   model.colour = ReflectanceColour::pca;
@@ -113,8 +114,8 @@ TEST(LightRecipe, OctahedralKnotsAreWhereTheFormatsSay) {
   for (int row = 0; row < 9; ++row) {
     for (int column = 0; column < 9; ++column) {
       double own = 0.0;
-      for (const KnotWeight& weight :
-           knot_weights(model, octahedral_direction(row, column, 9))) {
+      for (const NodeWeight& weight :
+           node_weights(model, octahedral_direction(row, column, 9))) {
         own += weight.knot == row * 9 + column ? weight.weight : 0.0;
       }
       EXPECT_NEAR(own, 1.0, 1e-12);
@@ -122,8 +123,8 @@ TEST(LightRecipe, OctahedralKnotsAreWhereTheFormatsSay) {
   }
 }
 
-TEST(LightRecipe, FewerLightsThanTermsFollowTheRidge) {
-  LightRecipe recipe;
+TEST(LightInterpolation, FewerLightsThanTermsFollowTheRidge) {
+  LightInterpolation recipe;
   recipe.n_terms = 9;
   recipe.ridge = 1e-4;
   const auto lights = spiral_lights(5);
@@ -136,20 +137,20 @@ TEST(LightRecipe, FewerLightsThanTermsFollowTheRidge) {
   EXPECT_EQ(terms_condition(recipe.basis, 9, lights).rank, 5);
 }
 
-TEST(LightRecipe, CoincidentLightsCountAsTheirMean) {
+TEST(LightInterpolation, CoincidentLightsCountAsTheirMean) {
   auto lights = spiral_lights(12);
   lights.push_back(lights[3]);
   Eigen::VectorXd values = Eigen::VectorXd::Constant(13, 0.5);
   values[3] = 0.4;
   values[12] = 0.6;
-  const LightRecipe recipe = kriging(KrigingKernel::thin_plate, 0.01);
-  const double found = recipe_weights(recipe, lights, {lights[3]}).row(0) * values;
+  const LightInterpolation recipe = kriging(KrigingKernel::thin_plate, 0.01);
+  const double found = interpolation_weights(recipe, lights, {lights[3]}).row(0) * values;
   EXPECT_NEAR(found, 0.5, 1e-9);
   ASSERT_EQ(light_warnings(lights).size(), 1U);
   EXPECT_NE(light_warnings(lights)[0].find("3 and 12"), std::string::npos);
 }
 
-TEST(LightRecipe, LightsInOnePlaneNameTheAmbiguousDirection) {
+TEST(LightInterpolation, LightsInOnePlaneNameTheAmbiguousDirection) {
   std::vector<Eigen::Vector3d> fan;
   for (int i = 1; i < 10; ++i) {
     const double a = 0.1 * i * std::numbers::pi;
@@ -164,11 +165,12 @@ TEST(LightRecipe, LightsInOnePlaneNameTheAmbiguousDirection) {
   EXPECT_NEAR(condition.ambiguous[0], 0.0, 1e-9);
   EXPECT_NEAR(condition.ambiguous[3], 0.0, 1e-9);
   EXPECT_NEAR(condition.ambiguous[5], 0.0, 1e-9);
-  EXPECT_TRUE(recipe_weights(kriging(KrigingKernel::thin_plate, 0.01), fan, spiral_lights(9))
-                  .allFinite());
+  EXPECT_TRUE(
+      interpolation_weights(kriging(KrigingKernel::thin_plate, 0.01), fan, spiral_lights(9))
+          .allFinite());
 }
 
-TEST(LightRecipe, LightsOnACircleAreNamed) {
+TEST(LightInterpolation, LightsOnACircleAreNamed) {
   std::vector<Eigen::Vector3d> ring;
   for (int i = 0; i < 12; ++i) {
     const double a = i * std::numbers::pi / 6.0;
@@ -178,10 +180,11 @@ TEST(LightRecipe, LightsOnACircleAreNamed) {
   ASSERT_EQ(warnings.size(), 1U);
   EXPECT_NE(warnings[0].find("circle"), std::string::npos);
   EXPECT_TRUE(
-      recipe_weights(kriging(KrigingKernel::linear, 0.01), ring, spiral_lights(9)).allFinite());
+      interpolation_weights(kriging(KrigingKernel::linear, 0.01), ring, spiral_lights(9))
+          .allFinite());
 }
 
-TEST(LightRecipe, NoWarningsForADome) {
+TEST(LightInterpolation, NoWarningsForADome) {
   EXPECT_TRUE(light_warnings(spiral_lights(48)).empty());
 }
 

@@ -120,7 +120,7 @@ TEST(NearFit, ReachesTheCoefficientsThatTheFarFitMisses) {
   }
   FormOptions ridge;
   ridge.ridge = 0.0;
-  const FarFit far = make_far_fit(FitForm::hsh9, recipes_of(FitForm::hsh9, ridge).front(),
+  const FarFit far = make_far_fit(FitForm::hsh9, candidates_of(FitForm::hsh9, ridge).front(),
                                   directions, sample_lights(*rows), ridge);
   FarFitOptions far_options;
   far_options.planes.ends = RangeEnds::extremes;

@@ -281,7 +281,7 @@ TEST(WebFolder, RadialFunctionsSumToOne) {
   const ReflectanceModel model = pca_model(ReflectanceBasis::rbf, 6);
   for (const Eigen::Vector3d& direction : spread_directions(40, -0.5)) {
     double sum = 0.0;
-    for (const KnotWeight& weight : knot_weights(model, direction)) {
+    for (const NodeWeight& weight : node_weights(model, direction)) {
       sum += weight.weight;
     }
     EXPECT_NEAR(sum, 1.0, 1e-12);
@@ -294,15 +294,15 @@ TEST(WebFolder, RadialFunctionsSumToOne) {
   const double m =
       (std::exp(-2.0) + 2.0 * std::exp(-4.0)) / (1.0 + std::exp(-2.0) + std::exp(-4.0));
   const double sum = 1.0 + std::exp(-8.0 / m) + std::exp(-32.0 / m);
-  const auto three = knot_weights(adaptive, {0, 0, 1});
+  const auto three = node_weights(adaptive, {0, 0, 1});
   ASSERT_EQ(three.size(), 3U);
   EXPECT_NEAR(three[0].weight, 1.0 / sum, 1e-12);
   EXPECT_NEAR(three[1].weight, std::exp(-8.0 / m) / sum, 1e-12);
   adaptive.lights = {{0, 0, 1}};
-  EXPECT_EQ(knot_weights(adaptive, {0, 0, 1})[0].weight, 1.0);
+  EXPECT_EQ(node_weights(adaptive, {0, 0, 1})[0].weight, 1.0);
   ReflectanceModel narrow = model;
   narrow.rbf_sigma = 1e-3;  // all underflow but one
-  const auto weights = knot_weights(narrow, narrow.lights[3]);
+  const auto weights = node_weights(narrow, narrow.lights[3]);
   ASSERT_EQ(weights.size(), 1U);
   EXPECT_EQ(weights[0].knot, 3);
 }

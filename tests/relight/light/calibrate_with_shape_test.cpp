@@ -134,7 +134,7 @@ TEST(Alternation, FindsACurvedTargetFromAFlatStart) {
   const double flat = rms_height_error(s.points_mm, truth);
   AlternationOptions options;
   options.lights.lobe = Lobe::given;
-  options.lights.outlier_share = 0.0;
+  options.lights.outlier_fraction = 0.0;
   options.max_rounds = 40;
   std::vector<NearLight> start = paper_start(s, 1.0);
   const Alternation found = calibrate_with_shape(s, start, smooth_surface, options);

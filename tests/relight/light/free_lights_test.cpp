@@ -80,7 +80,7 @@ TEST(AimedLight, DerivativesFollowTheAxis) {
     };
     const Eigen::ArrayXd slope = (at(1e-3) - at(-1e-3)) / 2e-3;
     // Differences of numbers of size 10: 1e-15 * 10 / 1e-3.
-    EXPECT_LT((slope - per_place(terms, light).col(c).array()).abs().maxCoeff(), 1e-9) << c;
+    EXPECT_LT((slope - per_position(terms, light).col(c).array()).abs().maxCoeff(), 1e-9) << c;
   }
 }
 

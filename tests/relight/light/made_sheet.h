@@ -123,7 +123,7 @@ inline MadePictures make_pictures(const MadeSheet& sheet, std::uint64_t seed) {
   out.pose.translate(Eigen::Vector3d(0.0, 0.0, kHeight));
   for (NearLight& light : out.lights) {
     light.emitter_mm.topRows<2>() = sheet.led_mm * Eigen::Matrix2d::Identity();
-    out.array.places_mm.push_back(out.pose.inverse() * light.position_mm);
+    out.array.positions_mm.push_back(out.pose.inverse() * light.position_mm);
     out.array.axes.push_back(light.axis);
     out.array.emitters_mm.push_back(light.emitter_mm);
   }

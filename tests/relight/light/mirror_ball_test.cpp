@@ -121,7 +121,7 @@ Scene made_scene(const CameraModel& camera, double whole, std::uint64_t seed) {
   return out;
 }
 
-TEST(BallPlaces, AreAsExactAsTheySay) {
+TEST(BallPositions, AreAsExactAsTheySay) {
   const CameraModel camera = camera_above();
   const std::vector<double> radii(kMiddles.size(), kRadius);
   for (const double whole : {0.0, 0.5}) {
@@ -129,10 +129,10 @@ TEST(BallPlaces, AreAsExactAsTheySay) {
     int n = 0;
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
       const Scene scene = made_scene(camera, whole, seed);
-      const BallPlaces found = ball_places(camera, scene.balls, radii, scene.highlights);
+      const BallPositions found = ball_positions(camera, scene.balls, radii, scene.highlights);
       EXPECT_FALSE(found.is_model_wrong()) << seed << " " << found.chi2 / found.freedom;
       for (std::size_t k = 0; k < found.lights.size(); ++k) {
-        const BallPlace& light = found.lights[k];
+        const BallPosition& light = found.lights[k];
         EXPECT_EQ(light.freedom, 7);
         const Vector3d e = light.position_mm - lamps()[k];
         sum += e.dot(light.covariance_mm2.ldlt().solve(e)) / 3.0;
@@ -146,7 +146,7 @@ TEST(BallPlaces, AreAsExactAsTheySay) {
   }
 }
 
-TEST(BallPlaces, OfExactRaysAreThoseOfTheLamps) {
+TEST(BallPositions, OfExactRaysAreThoseOfTheLamps) {
   const CameraModel camera = camera_above();
   const std::vector<double> radii(kMiddles.size(), kRadius);
   Scene scene;
@@ -162,7 +162,7 @@ TEST(BallPlaces, OfExactRaysAreThoseOfTheLamps) {
     }
   }
   scene.highlights[3][1].reset();  // hidden behind something
-  const BallPlaces found = ball_places(camera, scene.balls, radii, scene.highlights);
+  const BallPositions found = ball_positions(camera, scene.balls, radii, scene.highlights);
   for (std::size_t k = 0; k < found.lights.size(); ++k) {
     EXPECT_LT((found.lights[k].position_mm - lamps()[k]).norm(), 1e-3) << k;
   }
@@ -172,12 +172,12 @@ TEST(BallPlaces, OfExactRaysAreThoseOfTheLamps) {
   EXPECT_LT((where.spheres[1].centre_mm - kMiddles[1]).norm(), 1e-3);
 }
 
-TEST(BallPlaces, OfAWrongRadiusAreToldToBeWrong) {
+TEST(BallPositions, OfAWrongRadiusAreToldToBeWrong) {
   const CameraModel camera = camera_above();
   const Scene scene = made_scene(camera, 0.0, 1);
   std::vector<double> radii(kMiddles.size(), kRadius);
   radii[1] *= 1.15;
-  EXPECT_TRUE(ball_places(camera, scene.balls, radii, scene.highlights).is_model_wrong());
+  EXPECT_TRUE(ball_positions(camera, scene.balls, radii, scene.highlights).is_model_wrong());
 }
 
 TEST(BallDirection, IsAsExactAsItSays) {

@@ -319,7 +319,7 @@ TEST(FreeLights, ThePaperModeIsWrongUnderALobeAndSaysSo) {
   const TargetSamples s = simulate_target(lights, small_target());
   CalibrationOptions options;
   options.lobe = Lobe::paper;
-  options.outlier_share = 0.0;
+  options.outlier_fraction = 0.0;
   const LightCalibration found = calibrate_free_lights(s, paper_start(s, 1.0), options);
   EXPECT_EQ(found.mu, 0.0);
   EXPECT_GT(furthest(found, lights), 20.0);
@@ -482,7 +482,7 @@ TEST(FreeLightExtremes, AStartBelowTheTargetIsRefused) {
 RigidArray rigid(std::span<const NearLight> lights, const Eigen::Isometry3d& world_from_array) {
   RigidArray array;
   for (const NearLight& light : lights) {
-    array.places_mm.push_back(world_from_array.inverse() * light.position_mm);
+    array.positions_mm.push_back(world_from_array.inverse() * light.position_mm);
     array.axes.emplace_back(world_from_array.linear().transpose() * light.axis);
   }
   return array;
@@ -527,7 +527,7 @@ TEST(RigidArray, BoundIsThatOfTheLikelihoodsCurvature) {
     target.seed = seed;
     const TargetSamples s = simulate_target(lights, target);
     CalibrationOptions options;
-    options.outlier_share = 0.0;
+    options.outlier_fraction = 0.0;
     const LightCalibration found = calibrate_rigid_array(s, array, pose, options);
     Eigen::Matrix<double, 6, 1> e;
     const Eigen::AngleAxisd turn(found.world_from_array->linear());

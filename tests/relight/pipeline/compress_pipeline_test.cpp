@@ -34,8 +34,8 @@ TEST(CompressPipeline, KeepsEveryFloatWhereNoErrorIsAllowed) {
   EXPECT_EQ(header.dims.height, 6);
   EXPECT_EQ(header.dims.n_lights, 5);
   EXPECT_EQ(header.reached.relative_l2, 0.0);
-  EXPECT_EQ(summary.relative_l2_asked, 0.0);
-  EXPECT_EQ(summary.asked_reason, "as asked");
+  EXPECT_EQ(summary.relative_l2_requested, 0.0);
+  EXPECT_EQ(summary.request_reason, "as asked");
   EXPECT_FALSE(summary.noise);
   EXPECT_EQ(summary.compressed.bytes, std::filesystem::file_size(options.output));
   ASSERT_EQ(summary.notes.size(), 1U);
@@ -49,7 +49,7 @@ TEST(CompressPipeline, TellsWhatItChoseForLightsWithoutGridsAndNoise) {
   options.settings.tell = [&told](const PipelineNote& note) { told.push_back(note); };
   const CompressCaptureSummary summary = compress_capture(options);
   EXPECT_EQ(summary.compressed.header.basis, BasisKind::direct);
-  EXPECT_EQ(summary.relative_l2_asked, 0.01);  // floats of a file: nobody measured noise
+  EXPECT_EQ(summary.relative_l2_requested, 0.01);  // floats of a file: nobody measured noise
   EXPECT_LE(summary.compressed.header.reached.relative_l2, 0.01);
   EXPECT_EQ(told, summary.notes);
   ASSERT_EQ(told.size(), 2U);

@@ -64,7 +64,7 @@ TEST_F(ShadowPipeline, AnEmptyPlaneCastsNoShadow) {
   EXPECT_EQ(summary.reprojected.n_lights, 1);
   const CameraModel& eye = rig_.cameras[0].model;
   EXPECT_EQ(summary.reprojected.n_receivers, std::int64_t{eye.width} * eye.height);
-  EXPECT_NEAR(summary.reprojected.on_share, 1.0, 1e-12);
+  EXPECT_NEAR(summary.reprojected.on_fraction, 1.0, 1e-12);
   EXPECT_TRUE(summary.reprojected.points.is_exact);
   ASSERT_EQ(summary.plates.size(), 1U);
   EXPECT_GT(summary.plates[0].known_share, 0.9);
@@ -90,7 +90,7 @@ TEST_F(ShadowPipeline, AgreesWithTheTracedShadowOfNothing) {
   options_.difference = folder_ / "difference.exr";
   options_.subpixels = 1;
   const ShadowSummary summary = cast_shadow(options_);
-  EXPECT_NEAR(summary.reprojected.below_share, 1.0, 1e-12);
+  EXPECT_NEAR(summary.reprojected.below_fraction, 1.0, 1e-12);
   ASSERT_TRUE(summary.truth);
   EXPECT_LT(summary.truth->reached.relative_l2, 2e-3);
   EXPECT_TRUE(summary.truth->shadow);

@@ -221,7 +221,7 @@ Widths measure_widths(double receiver_height) {
   std::vector<std::vector<double>> profiles(4);
   constexpr double kStep = 0.02;
   for (double x = -30.0; x < 30.0; x += kStep) {
-    const PlaneSpot receiver = place_point(frame, {x, 0.0, receiver_height});
+    const PlaneSpot receiver = locate_point(frame, {x, 0.0, receiver_height});
     profiles[0].push_back(true_visibility(light_x, x, receiver_height));
     for (const WindowRule rule : {WindowRule::none, WindowRule::plain, WindowRule::corrected}) {
       profiles[1 + static_cast<std::size_t>(rule)].push_back(

@@ -113,7 +113,7 @@ TEST(Reproject, WithoutAShadowItIsLambertsLaw) {
   EXPECT_NEAR(
       static_cast<double>(result.picture(12, 12, 1)) / (0.5 / std::numbers::pi * 2.0 * E), 1.0,
       1e-5);
-  EXPECT_NEAR(result.report.below_share, 1.0, 1e-12);
+  EXPECT_NEAR(result.report.below_fraction, 1.0, 1e-12);
   EXPECT_EQ(result.report.n_lights, 1);
 }
 
@@ -161,7 +161,7 @@ TEST(Reproject, UnknownRegionGivesTheMiddleAndTheSpread) {
   EXPECT_DOUBLE_EQ(result.report.unknown_share, 1.0);
   EXPECT_DOUBLE_EQ(result.report.affected_receivers, 1.0);
   EXPECT_NEAR(result.report.spread_relative, 1.0, 1e-6);
-  EXPECT_DOUBLE_EQ(result.report.on_share, 1.0);
+  EXPECT_DOUBLE_EQ(result.report.on_fraction, 1.0);
 }
 
 TEST(Reproject, ReceiversOverTheObjectAreLit) {
@@ -174,11 +174,11 @@ TEST(Reproject, ReceiversOverTheObjectAreLit) {
   const ReprojectResult over = reproject_shadow(flat_receiver(60.0), camera_from_above(), frame,
                                                 lights, weights, dark, options);
   EXPECT_DOUBLE_EQ(total(over.picture), total(over.unshadowed));
-  EXPECT_DOUBLE_EQ(over.report.over_object_share, 1.0);
+  EXPECT_DOUBLE_EQ(over.report.over_object_fraction, 1.0);
   const ReprojectResult among = reproject_shadow(flat_receiver(20.0), camera_from_above(),
                                                  frame, lights, weights, dark, options);
   EXPECT_EQ(total(among.picture), 0.0);
-  EXPECT_DOUBLE_EQ(among.report.under_object_share, 1.0);
+  EXPECT_DOUBLE_EQ(among.report.under_object_fraction, 1.0);
   EXPECT_GT(among.report.worst_widening, 1.0);
 }
 
@@ -290,9 +290,9 @@ TEST(ShadowError, CountsShadowAndKnownPlacesByHand) {
     truth.pixels()[i] = traced[i];
   }
   const ShadowError error = compare_shadow(result, truth);
-  EXPECT_DOUBLE_EQ(error.wrong_share, 1.0);        // (0.5 + 0.5)/1
-  EXPECT_DOUBLE_EQ(error.known_wrong_share, 0.5);  // 0.5/1
-  EXPECT_DOUBLE_EQ(error.known_relative_l2, 0.5);  // sqrt(0.25/1)
+  EXPECT_DOUBLE_EQ(error.wrong_fraction, 1.0);        // (0.5 + 0.5)/1
+  EXPECT_DOUBLE_EQ(error.known_wrong_fraction, 0.5);  // 0.5/1
+  EXPECT_DOUBLE_EQ(error.known_relative_l2, 0.5);     // sqrt(0.25/1)
   EXPECT_DOUBLE_EQ(error.known_share, 2.0 / 3.0);
 }
 

@@ -338,7 +338,7 @@ TEST(ShadowLookup, IsProjectWindowAndWindowVisibility) {
       const double object = 40.0 + 200.0 * (0.5 + 0.5 * draw());
       const HeightRange range{object, object};
       const ShadowLook found = look_up(frame, range, {rule, false}, place_light(frame, light),
-                                       sums, place_point(frame, vertex));
+                                       sums, locate_point(frame, vertex));
       if (found.side == PlaneSide::above && frame.height_of(vertex) >= object) {
         EXPECT_EQ(found.value, 1.0);
         continue;
@@ -374,7 +374,7 @@ TEST(ShadowLookup, WhereABlockIsAllLitEveryLightIs) {
     const HeightRange range{50.0, 120.0};
     const Vector3d vertex(200.0 * (draw() - 0.5), 200.0 * (draw() - 0.5),
                           250.0 * (draw() - 0.7));
-    const PlaneSpot spot = place_point(frame, vertex);
+    const PlaneSpot spot = locate_point(frame, vertex);
     for (std::size_t at = 1; at < root.nodes.size(); ++at) {
       const LightNode& node = root.nodes[at];
       const auto rule = static_cast<WindowRule>(i % 3);

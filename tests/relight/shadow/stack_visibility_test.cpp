@@ -72,7 +72,7 @@ Twin photograph(double noise) {
   const std::vector<SquareLight> lights = rig_of_lights();
   const DirectLight direct(caster, lights);
   Twin twin;
-  std::vector<LightShare> shares(lights.size());
+  std::vector<LightContribution> shares(lights.size());
   for (int y = 0; y < 60; ++y) {
     for (int x = 0; x < 80; ++x) {
       const auto seen = visible_surface(caster, test_camera(), x + 0.5, y + 0.5);
@@ -135,7 +135,7 @@ TEST(StackVisibility, FindsScaleObjectAndShadow) {
   box.meshes.erase(box.meshes.begin());
   const RayCaster caster(box);
   const DirectLight direct(caster, lights);
-  std::vector<LightShare> shares(lights.size());
+  std::vector<LightContribution> shares(lights.size());
   double error = 0.0;
   double n = 0.0;
   for (int k = 0; k < kLights; k += 7) {

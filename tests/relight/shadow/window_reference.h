@@ -18,10 +18,10 @@ namespace haarlight::shadow_scene {
 
 /// Visibility of one light at a vertex by the rule. The window is never smaller than a pixel:
 /// then it is bilinear interpolation.
-/// @param object_share  h_o/H for the corrected rule; negative: unknown, W is used
+/// @param object_height_fraction  h_o/H for the corrected rule; negative: unknown, W is used
 inline WindowMean window_visibility(const PlaneFrame& frame, const WindowSums& sums,
                                     const LightWindow& window, WindowRule rule,
-                                    double object_share) {
+                                    double object_height_fraction) {
   const Eigen::Vector2d c = frame.picture_of(window.centre);
   const auto interpolate = [&] {
     return sums.mean(c.x() - 0.5, c.x() + 0.5, c.y() - 0.5, c.y() + 0.5);
@@ -33,8 +33,8 @@ inline WindowMean window_visibility(const PlaneFrame& frame, const WindowSums& s
     return interpolate();
   }
   double scale = 1.0;
-  if (rule == WindowRule::corrected && object_share > 0.0) {
-    scale = corrected_window_scale(window.ratio, object_share);
+  if (rule == WindowRule::corrected && object_height_fraction > 0.0) {
+    scale = corrected_window_scale(window.ratio, object_height_fraction);
   }
   std::array<Eigen::Vector2d, 4> quad;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());

@@ -191,7 +191,7 @@ TEST(NormalSigma, CountsWhatTheFitTookFromTheGroupsMeans) {
         fitter.add(lights.directions[static_cast<std::size_t>(k)], double{stack.at(0, y, x, k)},
                    k);
       }
-      const double found = fitter.shared_residual(fitter.fit());
+      const double found = fitter.common_residual(fitter.fit());
       shared += found * found / (kSize * kSize);
     }
   }

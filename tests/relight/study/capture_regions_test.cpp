@@ -57,8 +57,8 @@ std::vector<float> pixel(const std::vector<StudyLight>& lights, const Vector3d& 
 TEST(Regions, AMatteSurfaceUnderEveryLightIsDiffuse) {
   const auto lights = array16();
   const Vector3d at(40, -30, 0);
-  const PixelVerdict found =
-      judge_pixel(pixel(lights, at, Vector3d::UnitZ(), 0.0, 0), light_factors(lights, at), 0.0);
+  const PixelVerdict found = classify_pixel(pixel(lights, at, Vector3d::UnitZ(), 0.0, 0),
+                                            light_factors(lights, at), 0.0);
   EXPECT_EQ(found.region, Region::diffuse);
   EXPECT_NEAR(found.matte.normalized().z(), 1.0, 1e-9);
   EXPECT_EQ(found.attached, 0.0);
@@ -71,8 +71,8 @@ TEST(Regions, HiddenLightsAreACastShadowToTheLight) {
   const Vector3d at(40, -30, 0);
   for (const int n_hidden : {8, 40, 100}) {
     const PixelVerdict found =
-        judge_pixel(pixel(lights, at, Vector3d::UnitZ(), 0.0, n_hidden, 0.01),
-                    light_factors(lights, at), 0.0);
+        classify_pixel(pixel(lights, at, Vector3d::UnitZ(), 0.0, n_hidden, 0.01),
+                       light_factors(lights, at), 0.0);
     EXPECT_EQ(found.region, Region::cast) << n_hidden;
     EXPECT_EQ(found.cast, n_hidden / 256.0);
     EXPECT_EQ(found.attached, 0.0);
@@ -84,8 +84,8 @@ TEST(Regions, ASurfaceTurnedAwayHasAttachedShadowWhereItsNormalSays) {
   const Vector3d at(0, 0, 60);
   const Vector3d n = Vector3d(0.9, 0.1, 0.15).normalized();
   // Judged as if it lay on the plane: the rule does not know its height.
-  const PixelVerdict found =
-      judge_pixel(pixel(lights, at, n, 0.0, 0), light_factors(lights, Vector3d(0, 64, 0)), 0.0);
+  const PixelVerdict found = classify_pixel(pixel(lights, at, n, 0.0, 0),
+                                            light_factors(lights, Vector3d(0, 64, 0)), 0.0);
   EXPECT_EQ(found.region, Region::attached);
   int behind = 0;
   for (const StudyLight& light : lights) {
@@ -100,7 +100,7 @@ TEST(Regions, AHighlightIsSpecularAndItsShadowToo) {
   // Tilted so that the lobe meets the array.
   const Vector3d n = (Vector3d(0, -560, 520).normalized() + Vector3d(0, 0.2, 1)).normalized();
   const PixelVerdict found =
-      judge_pixel(pixel(lights, at, n, 0.3, 0), light_factors(lights, at), 0.0);
+      classify_pixel(pixel(lights, at, n, 0.3, 0), light_factors(lights, at), 0.0);
   EXPECT_EQ(found.region, Region::specular);
   EXPECT_GT(found.excess, 2.0 * RegionRules{}.excess);
 }
@@ -142,7 +142,7 @@ TEST(Regions, OfASphereOverAPlaneAreThoseOfItsGeometry) {
                                                : Region::cast;
       const std::size_t at = static_cast<std::size_t>(y * scene.width + x) * 256;
       const PixelVerdict found =
-          judge_pixel(stack.values().subspan(at, 256), light_factors(lights, ground), 0.0);
+          classify_pixel(stack.values().subspan(at, 256), light_factors(lights, ground), 0.0);
       ++n_clear;
       n_right += found.region == truth ? 1 : 0;
     }
@@ -160,7 +160,8 @@ TEST(Regions, DirectionsAloneWillDo) {
     lights[k].place = Vector3d(r * std::cos(2.4 * double(k)), r * std::sin(2.4 * double(k)), z);
     values.push_back(k >= 30 ? 0.0F : static_cast<float>(0.5 * z));
   }
-  const PixelVerdict found = judge_pixel(values, light_factors(lights, Vector3d::Zero()), 0.0);
+  const PixelVerdict found =
+      classify_pixel(values, light_factors(lights, Vector3d::Zero()), 0.0);
   EXPECT_EQ(found.region, Region::cast);
   EXPECT_EQ(found.cast, 0.25);
 }
@@ -168,13 +169,13 @@ TEST(Regions, DirectionsAloneWillDo) {
 TEST(Regions, DarkPixelsAndFewLightsTellNothing) {
   const auto lights = array16();
   const Eigen::Matrix3Xd factors = light_factors(lights, Vector3d::Zero());
-  EXPECT_EQ(judge_pixel(std::vector<float>(256), factors, 0.0).region, Region::none);
-  EXPECT_EQ(judge_pixel(std::vector<float>(256, 1e-6F), factors, 1.0).region, Region::none);
+  EXPECT_EQ(classify_pixel(std::vector<float>(256), factors, 0.0).region, Region::none);
+  EXPECT_EQ(classify_pixel(std::vector<float>(256, 1e-6F), factors, 1.0).region, Region::none);
   std::vector<float> three(256);
   three[0] = three[1] = three[2] = 1.0F;
-  EXPECT_EQ(judge_pixel(three, factors, 0.0).region, Region::none);
-  EXPECT_EQ(judge_pixel(std::vector<float>{1.0F},
-                        light_factors({StudyLight{}}, Vector3d::Zero()), 0.0)
+  EXPECT_EQ(classify_pixel(three, factors, 0.0).region, Region::none);
+  EXPECT_EQ(classify_pixel(std::vector<float>{1.0F},
+                           light_factors({StudyLight{}}, Vector3d::Zero()), 0.0)
                 .region,
             Region::none);
 }
