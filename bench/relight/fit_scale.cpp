@@ -76,7 +76,7 @@ class PeriodicRows final : public PictureRows {
  public:
   PeriodicRows(int width, int height, const std::vector<Eigen::Vector3d>& places,
                Transfer transfer)
-      : shape_{width, height, static_cast<int>(places.size())}, transfer_(transfer) {
+      : shape_{width, height, 3, static_cast<int>(places.size())}, transfer_(transfer) {
     const auto n_row = static_cast<std::size_t>(width) * 3;
     rows_.resize(kPeriod * places.size() * n_row);
     parallel_for(kPeriod, 1, [&](std::size_t begin, std::size_t end) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include <Eigen/Cholesky>
@@ -228,6 +229,13 @@ class FreeSystem {
     std::vector<OwnVector> own;  ///< (K)
     double predicted = 0.0;      ///< predicted decrease of chi^2, by the linear model
   };
+  /// What a step without damping would lower chi^2 by. Even a little damping stops the steps
+  /// along a weak direction, such as power against distance, far from its minimum.
+  [[nodiscard]] double decrement(const Equations& eq) const {
+    const Factored undamped = factor(eq, 0.0);
+    return undamped.is_sound() ? solve(eq, undamped).predicted
+                               : std::numeric_limits<double>::infinity();
+  }
   [[nodiscard]] Step solve(const Equations& eq, const Factored& f) const {
     const std::size_t n_lights = eq.own.size();
     Eigen::VectorXd rhs = eq.rhs;
@@ -606,7 +614,8 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
     ++fit.n_iterations;
     const FreeSystem::Factored factored = system.factor(eq, damping);
     const FreeSystem::Step step = system.solve(eq, factored);
-    if (factored.is_sound() && step.predicted < options.tolerance_chi2 && damping <= 1e-3) {
+    if (factored.is_sound() && step.predicted < options.tolerance_chi2 &&
+        (damping == 0.0 || system.decrement(eq) < options.tolerance_chi2)) {
       fit.has_converged = true;
       // The last step still helps and costs nothing more.
       system.take(step, fit.lights, fit.albedo, fit.sheet);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include <Eigen/Geometry>
 
@@ -191,6 +192,30 @@ class RigidSystem {
     return out;
   }
 
+  struct Step {
+    Eigen::VectorXd light;   ///< (K), of ln power
+    Eigen::VectorXd common;  ///< (Q), of the pose and the shared terms
+    Eigen::VectorXd point;   ///< (P), of ln albedo
+    double predicted = 0.0;  ///< predicted decrease of chi^2, by the linear model
+  };
+  /// @return  nothing where the equations are not positive definite
+  [[nodiscard]] std::optional<Step> solve(const Equations& eq, double damping) const {
+    const Reduced reduced = reduce(eq, damping);
+    const Cholesky factored(reduced.matrix);
+    if (!factored.is_positive_definite()) {
+      return std::nullopt;
+    }
+    const Eigen::VectorXd both = factored.solve(reduced.rhs);
+    Step step;
+    step.light = both.head(eq.light.size());
+    step.common = both.tail(n_common());
+    step.point = (eq.point_rhs - eq.weight * step.light - eq.point_pose * step.common)
+                     .cwiseProduct(reduced.inverse_point);
+    step.predicted = step.light.dot(eq.light_rhs) + step.common.dot(eq.pose_rhs) +
+                     step.point.dot(eq.point_rhs);
+    return step;
+  }
+
   [[nodiscard]] double unit_mm() const { return unit_mm_; }
 
  private:
@@ -330,27 +355,18 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
       break;
     }
     ++fit.n_iterations;
-    const RigidSystem::Reduced reduced = system.reduce(eq, damping);
-    const Cholesky factored(reduced.matrix);
-    bool is_better = factored.is_positive_definite();
-    double predicted = 0.0;
+    const std::optional<RigidSystem::Step> step = system.solve(eq, damping);
+    bool is_better = step.has_value();
     std::vector<NearLight> next_lights;
     std::vector<double> next_albedo = fit.albedo;
     Eigen::Isometry3d next_pose = out.world_from_array;
     double next_mu = mu;
     SheetValues next_sheet = fit.sheet;
     if (is_better) {
-      const Eigen::VectorXd step = factored.solve(reduced.rhs);
-      const Eigen::VectorXd pose = step.tail(system.n_common());
-      const Eigen::VectorXd point =
-          (eq.point_rhs - eq.weight * step.head(n_lights) - eq.point_pose * pose)
-              .cwiseProduct(reduced.inverse_point);
-      predicted = step.head(n_lights).dot(eq.light_rhs) + pose.dot(eq.pose_rhs) +
-                  point.dot(eq.point_rhs);
       const Eigen::Vector3d middle = middle_of(fit.lights);
-      const Eigen::Vector3d turn = pose.head<3>();
+      const Eigen::Vector3d turn = step->common.head<3>();
       const double angle = std::min(turn.norm(), 0.3);
-      const Eigen::Vector3d shift = system.unit_mm() * pose.segment<3>(3);
+      const Eigen::Vector3d shift = system.unit_mm() * step->common.segment<3>(3);
       const double longest = 0.3 * system.unit_mm();
       Eigen::Isometry3d move = Eigen::Isometry3d::Identity();
       move.translate(shift * std::min(1.0, longest / std::max(shift.norm(), 1e-300)) + middle);
@@ -359,7 +375,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
       }
       move.translate(-middle);
       next_pose = move * out.world_from_array;
-      system.shared().take(pose.tail(system.shared().size()), next_mu, next_sheet);
+      system.shared().take(step->common.tail(system.shared().size()), next_mu, next_sheet);
       next_lights = with_powers(array_at(array, next_pose, next_mu), fit.lights);
       if (options.is_mu_free) {
         for (NearLight& light : next_lights) {
@@ -368,12 +384,12 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
       }
       for (Eigen::Index k = 0; k < n_lights; ++k) {
         next_lights[static_cast<std::size_t>(k)].power *=
-            std::exp(std::clamp(step[k], -1.0, 1.0));
+            std::exp(std::clamp(step->light[k], -1.0, 1.0));
       }
-      const auto n_points = static_cast<std::size_t>(point.size());
+      const auto n_points = static_cast<std::size_t>(step->point.size());
       for (std::size_t i = 0; i < next_albedo.size(); ++i) {
-        next_albedo[i] *=
-            std::exp(std::clamp(point[static_cast<Eigen::Index>(i % n_points)], -1.0, 1.0));
+        next_albedo[i] *= std::exp(
+            std::clamp(step->point[static_cast<Eigen::Index>(i % n_points)], -1.0, 1.0));
       }
       if (samples.n_channels > 1) {
         PowerFit powers = fit_powers(samples, std::move(next_lights), 2, weights, next_sheet);
@@ -381,7 +397,11 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
         next_albedo = std::move(powers.albedo);
       }
     }
-    const bool is_last = is_better && predicted < options.tolerance_chi2 && damping <= 1e-3;
+    const auto is_small = [&](const std::optional<RigidSystem::Step>& any) {
+      return any.has_value() && any->predicted < options.tolerance_chi2;
+    };
+    // Even a little damping stops the steps along a weak direction far from its minimum.
+    const bool is_last = is_small(step) && (damping == 0.0 || is_small(system.solve(eq, 0.0)));
     Equations next;
     if (is_better && !is_last) {
       next = system.assemble(next_lights, next_albedo, next_sheet, weights);
@@ -397,7 +417,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
         fit.has_converged = true;
         break;
       }
-      const double gain = (eq.chi2 - next.chi2) / predicted;
+      const double gain = (eq.chi2 - next.chi2) / step->predicted;
       eq = std::move(next);
       damping = gain > 0.5 ? damping / 10.0 : damping;
       damping = damping < 1e-9 ? 0.0 : damping;

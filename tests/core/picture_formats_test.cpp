@@ -235,21 +235,33 @@ TEST(ReadJpeg, GivesTheSamplesOfGreyAndProgressiveFiles) {
   }
 }
 
-/// Scans cost time for every pixel and next to no bytes.
+/// Scans cost time for every pixel and next to no bytes. Those repeated here give all bits of
+/// the DC coefficients at once, so that none contradicts the one before.
 TEST(ReadJpeg, RefusesAThousandScans) {
   const TemporaryFolder folder;
   const std::vector<std::uint8_t> grey(std::size_t{64} * 64, 100);
   write_jpeg(folder / "a.jpg",
              {.width = 64, .height = 64, .channels = 1, .is_progressive = true}, grey);
   const std::string bytes = read_file(folder / "a.jpg");
-  const std::size_t last = bytes.rfind("\xff\xda"s);
-  ASSERT_NE(last, std::string::npos);
-  std::string many = bytes.substr(0, last);
-  for (int i = 0; i < 1000; ++i) {
-    many += bytes.substr(last, bytes.size() - 2 - last);
-  }
-  write_file_atomically(folder / "b.jpg", many + "\xff\xd9"s);
-  EXPECT_THAT(message_of(folder / "b.jpg"), HasSubstr("scans"));
+  const std::size_t first = bytes.find("\xff\xda"s);
+  ASSERT_NE(first, std::string::npos);
+  const std::size_t end =
+      std::min(bytes.find("\xff\xda"s, first + 2), bytes.find("\xff\xc4"s, first + 2));
+  ASSERT_NE(end, std::string::npos);
+  std::string scan = bytes.substr(first, end - first);
+  constexpr std::size_t kBitPosition = 9;  // successive approximation, of one component
+  scan[kBitPosition] = '\0';
+  const auto repeated = [&](int n) {
+    std::string many = bytes.substr(0, first);
+    for (int i = 0; i < n; ++i) {
+      many += scan;
+    }
+    return many + "\xff\xd9"s;
+  };
+  write_file_atomically(folder / "ten.jpg", repeated(10));
+  EXPECT_EQ(read_picture(folder / "ten.jpg").pixels.width(), 64);
+  write_file_atomically(folder / "thousand.jpg", repeated(1000));
+  EXPECT_THAT(message_of(folder / "thousand.jpg"), HasSubstr("more than 100 scans"));
 }
 
 std::string hdr_text(const std::string& size, const std::string& pixels) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -35,7 +36,7 @@ ListForm form_of(const fs::path& out) {
 }
 
 double median_or_0(std::vector<double> values) {
-  return values.empty() ? 0.0 : upper_median(values);
+  return values.empty() ? 0.0 : upper_median(std::move(values));
 }
 
 /// The list that import, fit and shape read: without unseen lights.

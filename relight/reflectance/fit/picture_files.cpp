@@ -114,7 +114,10 @@ class KeptRows final : public PictureRows {
  public:
   KeptRows(const std::vector<fs::path>& paths, const PictureFile& first,
            const PictureFilesOptions& options)
-      : shape_{first.pixels.width(), first.pixels.height(), static_cast<int>(paths.size())},
+      : shape_{.width = first.pixels.width(),
+               .height = first.pixels.height(),
+               .channels = 3,
+               .n_lights = static_cast<int>(paths.size())},
         n_row_(static_cast<std::size_t>(shape_.width) * 3),
         store_(n_row_ * static_cast<std::size_t>(shape_.height), paths.size(), options) {
     parallel_for(paths.size(), 1, [&](std::size_t begin, std::size_t end) {
