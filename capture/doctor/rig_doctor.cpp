@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 constexpr double kRateTol = 0.03;        // of the frame rate; free-running cameras hold 0.1 %
-constexpr double kFramesPerLight = 2.3;  // free-run, rolling shutter (docs/architecture.md)
+constexpr double kFramesPerLight = 2.3;  // a camera that runs freely, rolling shutter
 
 std::string first_line(const fs::path& file) {
   std::ifstream in(file);

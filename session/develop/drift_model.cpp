@@ -89,7 +89,7 @@ DriftModel::DriftModel(const Session& session, const std::vector<const FrameReco
     if (!(ratio.value > 0.0)) {
       throw Error("a sentinel frame without light that is not clipped",
                   (session.folder() / frame->file).string(),
-                  "choose another sentinel_light, or develop without --steps drift");
+                  "choose another sentinel_light, or give --without drift");
     }
     const double relative = scale(first) / scale(*frame);
     const bool is_first = frame == sentinels.front();
