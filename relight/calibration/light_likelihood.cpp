@@ -590,8 +590,9 @@ ModelTest test_free_lights(const TargetSamples& samples, const LikelihoodFit& fi
 LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLight> lights,
                               const LikelihoodOptions& options) {
   HAARLIGHT_EXPECTS(!options.is_albedo_known, "albedo is fitted");
-  constexpr double kLeastDamping = 1e-9;
+  constexpr double kLeastDamping = 1e-13;
   constexpr double kMostDamping = 1e6;
+  constexpr double kCreeping = 0.05;
   const FreeSystem system(samples, options, lights);
   LikelihoodFit fit;
   fit.sheet = options.sheet_start;
@@ -606,6 +607,7 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
                 "near-light calibration", "start above the target, or mask that part");
   }
   double damping = 0.0;
+  double good_damping = 1e-6;  // of the last step that helped
   bool was_refused = false;
   while (fit.n_iterations < options.max_iterations && damping < kMostDamping) {
     if (options.should_stop && options.should_stop()) {
@@ -615,7 +617,8 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
     const FreeSystem::Factored factored = system.factor(eq, damping);
     const FreeSystem::Step step = system.solve(eq, factored);
     if (factored.is_sound() && step.predicted < options.tolerance_chi2 &&
-        (damping == 0.0 || system.decrement(eq) < options.tolerance_chi2)) {
+        (damping == 0.0 || step.predicted < kCreeping * options.tolerance_chi2 ||
+         system.decrement(eq) < options.tolerance_chi2)) {
       fit.has_converged = true;
       // The last step still helps and costs nothing more.
       system.take(step, fit.lights, fit.albedo, fit.sheet);
@@ -642,12 +645,13 @@ LikelihoodFit fit_free_lights(const TargetSamples& samples, std::vector<NearLigh
       fit.sheet = next_sheet;
       const double gain = (eq.chi2 - next.chi2) / step.predicted;
       eq = std::move(next);
+      good_damping = damping > 0.0 ? damping : good_damping;
       // In a curved valley less damping was just rejected: once is enough.
       damping = gain > 0.5 && !was_refused ? damping / 10.0 : damping;
       damping = damping < kLeastDamping ? 0.0 : damping;
       was_refused = false;
     } else {
-      damping = std::max(10.0 * damping, 1e-6);
+      damping = damping > 0.0 ? 10.0 * damping : good_damping;
       was_refused = true;
     }
   }

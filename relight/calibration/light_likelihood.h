@@ -48,8 +48,10 @@ struct LikelihoodOptions {
   bool is_albedo_known = false;  ///< for bounds only
   Coupling coupling = Coupling::automatic;
   int max_iterations = 200;
-  /// Stops when a step would lower chi^2 by less than this: all parameters together are then
-  /// within about its square root, in standard deviations.
+  /// Stops when a step without damping would lower chi^2 by less than this: all parameters
+  /// together are then within about its square root, in standard deviations. Also where only
+  /// damped steps of a twentieth of this are left, in a curved valley: a light so far away that
+  /// its distance is unknown.
   double tolerance_chi2 = 0.02;
   std::function<bool()> should_stop = {};
   /// > 0: standard deviation of each light's aiming error in each of two directions, rad; the

@@ -331,6 +331,7 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
                          const LikelihoodOptions& options) {
   HAARLIGHT_EXPECTS(!options.is_albedo_known, "albedo is fitted");
   constexpr double kMostDamping = 1e6;
+  constexpr double kCreeping = 0.05;
   RigidFit out;
   out.world_from_array = start;
   double mu = lights.front().mu;
@@ -401,7 +402,10 @@ RigidFit fit_rigid_array(const TargetSamples& samples, const RigidArray& array,
       return any.has_value() && any->predicted < options.tolerance_chi2;
     };
     // Even a little damping stops the steps along a weak direction far from its minimum.
-    const bool is_last = is_small(step) && (damping == 0.0 || is_small(system.solve(eq, 0.0)));
+    const bool is_last =
+        is_small(step) &&
+        (damping == 0.0 || step->predicted < kCreeping * options.tolerance_chi2 ||
+         is_small(system.solve(eq, 0.0)));
     Equations next;
     if (is_better && !is_last) {
       next = system.assemble(next_lights, next_albedo, next_sheet, weights);
