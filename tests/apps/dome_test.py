@@ -134,10 +134,12 @@ class Dome(unittest.TestCase):
         return self.calibrate(name, *SHEET, *words, "-o", f"{name}.lights", expected=expected)
 
     def test_a_dome_of_40_lights_over_a_flat_sheet(self):
-        for aim, words in ((0.0, ["--aim-deg", "0"]), (3.0, [])):
+        # Bow, sheen and lens are what all lights' errors have in common: few independent numbers
+        # a sheet, so that eight are drawn.
+        for aim, n, words in ((0.0, 8, ["--aim-deg", "0"]), (3.0, 3, [])):
             pulls, errors, powers = [], [], []
-            for seed in range(3):
-                made = Sheet(seed, aim_deg=aim)
+            for seed in range(n):
+                made = Sheet(seed, aim_deg=aim, is_drawn=aim == 0.0)
                 name = f"sheet{seed}_{aim:.0f}"
                 self.calibrate_sheet(made, name, *words)
                 e = self.places(f"{name}.lights") - made.places
@@ -151,10 +153,7 @@ class Dome(unittest.TestCase):
             error = np.sqrt(np.mean(np.square(errors)))
             print(f"dome of 500 mm, aim off by {aim} degrees: {error:.2f} mm, normalised {pull:.2f}, "
                   f"power {100 * np.std(powers):.2f} %")
-            # The sheet's terms are drawn where their priors have their middle, so errors are
-            # less than told, and they have one direction in common: over 24 seeds 0.63 where
-            # lights aim truly, 1.13 where they do not.
-            self.assertGreater(pull, 0.3)
+            self.assertGreater(pull, 0.7)
             self.assertLess(pull, 1.5)
             self.assertLess(error, 25.0)
         # Straight back into import and shape.

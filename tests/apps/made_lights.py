@@ -49,11 +49,17 @@ def across(axis):
 
 
 class Sheet:
-    """A flat sheet seen from straight above, one picture a light."""
+    """A flat sheet seen from straight above, one picture per light. is_drawn: bow, sheen and lens
+    are drawn with the standard deviations that `calibrate` takes good matte paper and a calibrated
+    lens to have."""
 
     def __init__(self, seed, n=40, radius=500.0, size=(192, 144), width_mm=250.0, camera_mm=740.0,
-                 mu=1.0, aim_deg=0.0, noise=0.01, slope=0.0, arch_mm=0.0, gauss_deg=0.0, tilt_deg=0.0):
+                 mu=1.0, aim_deg=0.0, noise=0.01, slope=0.0, arch_mm=0.0, gauss_deg=0.0, tilt_deg=0.0,
+                 is_drawn=False):
         rng = np.random.default_rng(seed)
+        drawn = np.random.default_rng([seed, 1]).normal(size=5) if is_drawn else np.zeros(5)
+        self.bow_mm, sheen, lens = drawn[:3], 0.1 * drawn[3], 0.005 * drawn[4]
+        self.arch_mm = arch_mm
         self.size, self.width_mm, self.camera_mm = size, width_mm, camera_mm
         self.places = dome(n, radius, rng)
         self.powers = rng.uniform(0.7, 1.3, n)
@@ -67,15 +73,17 @@ class Sheet:
         focal = width * camera_mm / width_mm
         x, y = np.meshgrid((np.arange(width) + 0.5 - 0.5 * width) / focal,
                            (0.5 * height - np.arange(height) - 0.5) / focal)
+        stretch = 1.0 + lens * (x ** 2 + y ** 2) / (0.25 * (width ** 2 + height ** 2) / focal ** 2)
+        x, y = stretch * x, stretch * y
         tilt = math.radians(tilt_deg)
         ray = np.stack([x, math.cos(tilt) * y - math.sin(tilt), -math.cos(tilt) - math.sin(tilt) * y], 2)
         eye = np.array([0.0, camera_mm * math.sin(tilt), camera_mm * math.cos(tilt)])
         depth = np.full((height, width), eye[2]) / -ray[..., 2]
         for _ in range(20):
             point = eye + depth[..., None] * ray
-            depth = (eye[2] - self.arch(point, arch_mm)) / -ray[..., 2]
+            depth = (eye[2] - self.surface(point)) / -ray[..., 2]
         point = eye + depth[..., None] * ray
-        normal = self.normals(point, arch_mm)
+        normal = self.normals(point)
         texture = 0.8 * (1.0 + 0.1 * rng.uniform(-1.0, 1.0, (height, width)))
         texture *= 1.0 - 0.2 * ((x * focal) ** 2 + (y * focal) ** 2) / (0.25 * (width ** 2 + height ** 2))
         to_eye = unit(eye - point)
@@ -88,20 +96,25 @@ class Sheet:
             lobe = np.exp(-np.arccos(cosine) ** 2 / (2 * math.radians(gauss_deg) ** 2)) if gauss_deg \
                 else cosine ** mu
             self.pictures.append(power * texture * lobe * facing / r ** 3 *
-                                 rough(slope, normal, way / r[..., None], to_eye))
+                                 rough(slope, normal, way / r[..., None], to_eye) *
+                                 shiny(sheen, normal, way / r[..., None], to_eye))
         most = max(p.max() for p in self.pictures)
         self.pictures = [0.9 / most * p for p in self.pictures]
         self.pictures = [np.maximum(0.0, p * (1.0 + noise * rng.normal(size=p.shape)) +
                                     1e-4 * rng.normal(size=p.shape)) for p in self.pictures]
 
-    def arch(self, point, arch_mm):
+    def surface(self, point):
+        """The sheet's height: an arch, and the three shapes of bow, 1 at half of what counts."""
+        half = 0.5 * 0.9 * self.width_mm
+        x, y = point[..., 0] / half, point[..., 1] / half
         along = (point[..., 0] * math.cos(0.5) + point[..., 1] * math.sin(0.5)) / (0.5 * self.width_mm)
-        return arch_mm * np.cos(0.5 * math.pi * along)
+        return (self.arch_mm * np.cos(0.5 * math.pi * along) +
+                self.bow_mm[0] * x * x + self.bow_mm[1] * x * y + self.bow_mm[2] * y * y)
 
-    def normals(self, point, arch_mm):
+    def normals(self, point):
         d = 1e-3
-        dx = (self.arch(point + [d, 0, 0], arch_mm) - self.arch(point - [d, 0, 0], arch_mm)) / (2 * d)
-        dy = (self.arch(point + [0, d, 0], arch_mm) - self.arch(point - [0, d, 0], arch_mm)) / (2 * d)
+        dx = (self.surface(point + [d, 0, 0]) - self.surface(point - [d, 0, 0])) / (2 * d)
+        dy = (self.surface(point + [0, d, 0]) - self.surface(point - [0, d, 0])) / (2 * d)
         return unit(np.stack([-dx, -dy, np.ones_like(dx)], 2))
 
     def write(self, folder):
@@ -123,6 +136,12 @@ def rough(slope, normal, to_light, to_eye):
     s2 = slope * slope
     return (1 - 0.5 * s2 / (s2 + 0.33) + 0.45 * s2 / (s2 + 0.09) * np.maximum(0.0, cos_phi) *
             np.sin(np.maximum(theta_i, theta_r)) * np.tan(np.minimum(theta_i, theta_r)))
+
+
+def shiny(sheen, normal, to_light, to_eye):
+    """A broad lobe about the mirror direction, over Lambert's."""
+    half = unit(to_light + to_eye)
+    return 1.0 + sheen * np.maximum(0.0, (normal * half).sum(2)) ** 10
 
 
 class Balls:
