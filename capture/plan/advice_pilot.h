@@ -3,7 +3,7 @@
 
 #include "capture/plan/advice.h"
 #include "core/stack/light_stack.h"
-#include "session/develop/demultiplex.h"
+#include "session/develop/develop_options.h"
 #include "session/session.h"
 
 /// @file

@@ -7,7 +7,7 @@
 
 #include "relight/basis/compress.h"
 #include "relight/basis/plate/plate_source.h"
-#include "session/develop/demultiplex.h"
+#include "session/develop/develop_options.h"
 #include "session/session.h"
 
 /// @file

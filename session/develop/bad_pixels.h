@@ -13,12 +13,6 @@
 
 namespace haarlight {
 
-/// What develop does with them.
-enum class BadPixels {
-  inpaint,  ///< the median of the good neighbours in 3 x 3 (mosaic, or none good: 5 x 5)
-  keep,     ///< as measured; still counted
-};
-
 struct BadPixelMap {
   std::vector<bool> is_bad;  ///< per pixel, row by row; empty: none
   int n_hot = 0;

@@ -1,24 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <string_view>
-
 #include "core/image.h"
 #include "core/rig/rig.h"
+#include "session/develop/develop_options.h"
 
 /// @file
 /// Bayer mosaic to three channels, linear in and out. Error on a known picture:
 /// docs/reference/session-format.md, "Demosaic". Pure.
 
 namespace haarlight {
-
-/// Conversion of a Bayer mosaic to three channels.
-enum class Demosaic {
-  bilinear,    ///< mean of the nearest samples of a colour: exact where the picture is linear
-  edge_aware,  ///< green along the smaller gradient, then colour differences [Hamilton97]
-  none,        ///< leave the mosaic as one channel
-};
-[[nodiscard]] std::string_view to_string(Demosaic method) noexcept;
 
 /// Rows above and below that a row's result depends on; even, so that bands keep the phase.
 inline constexpr int kDemosaicMargin = 4;

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <functional>
-#include <span>
-#include <string>
 #include <vector>
 
 #include "core/image.h"
 #include "core/rig/pattern_inverse.h"
+#include "session/develop/develop_options.h"
 #include "session/session.h"
 
 /// @file
@@ -16,14 +14,6 @@
 /// at once.
 
 namespace haarlight {
-
-/// The clean plate, pixel by pixel: how the light of a shot is distributed among its LEDs.
-struct PlatePixels {
-  /// Writes (x1 - x0, n_lights) of row y, not negative. Called from several threads.
-  std::function<void(int y, int x0, int x1, std::span<float> out)> read;
-  std::string key;  ///< identifies its inputs: part of the light stack's key
-  [[nodiscard]] bool is_empty() const { return !read; }
-};
 
 /// The patterns of a session in the order of its pattern parameters.
 struct MatchedShots {

@@ -16,6 +16,7 @@
 #include "core/json_value.h"
 #include "core/log.h"
 #include "core/parallel.h"
+#include "session/develop/demosaic.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/radiometry.h"

@@ -2,18 +2,13 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "core/picture/image_io.h"
-#include "core/progress.h"
 #include "core/stack/light_stack.h"
-#include "session/develop/demosaic.h"
-#include "session/develop/demultiplex.h"
-#include "session/develop/radiometry.h"
+#include "session/develop/develop_options.h"
 #include "session/session.h"
 
 /// @file
@@ -21,29 +16,6 @@
 /// which the daemon does not link).
 
 namespace haarlight {
-
-struct DevelopOptions {
-  std::uint64_t memory_bytes = std::uint64_t{4} << 30U;
-  Demosaic demosaic = Demosaic::bilinear;
-  bool keep_bayer = false;  ///< the same as Demosaic::none
-  /// The curve assumed in place of an unknown one (Transfer::unknown); empty: refused.
-  std::optional<Transfer> unknown_as{};
-  bool use_cache = true;  ///< false: recompute even if the cached one matches
-  /// Empty: SESSION/cache. Give a folder for a read-only archive.
-  std::filesystem::path cache_folder{};
-  ProgressStyle progress = ProgressStyle::none;
-  /// For bins, target and partial haar captures: clean plate by which a shot's light is
-  /// distributed. Empty: an error for these, unless distribute_evenly.
-  PlatePixels plate{};
-  bool distribute_evenly = false;
-  RadiometryOptions radiometry{};
-  /// Make a second stack of the values' standard errors; -1 where every exposure (of a shot
-  /// that the light needs) is clipped. Noise only: does not include what a clean plate
-  /// distributes wrongly.
-  bool has_standard_error = false;
-  /// For Developer::rows(): mark the values that are lower bounds.
-  bool marks_clipped = false;
-};
 
 /// A light stack and what is known about it.
 struct Developed {

@@ -1,25 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <string_view>
 #include <vector>
 
 #include "session/develop/bad_pixels.h"
 #include "session/develop/dark_model.h"
+#include "session/develop/develop_options.h"
 
 /// @file
 /// The pixels' relative sensitivity, from frames of an evenly lit target.
 
 namespace haarlight {
-
-/// Which part of the flat frames is sensitivity.
-enum class FlatKind {
-  whole,  ///< all of it: the target was lit evenly (integrating sphere, opal glass, sky)
-  /// What a polynomial of degree 4 in x and y does not explain: pixels, dust, fixed pattern.
-  /// For a white sheet lit by the rig itself; the lens's vignetting stays in the pictures.
-  fine,
-};
-[[nodiscard]] std::string_view to_string(FlatKind kind) noexcept;
 
 struct FlatField {
   Image<float> relative;  ///< mean 1 over the good pixels of each colour; empty: none

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "session/develop/develop_options.h"
 #include "session/develop/drift_model.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/flat_field.h"
@@ -16,22 +17,6 @@
 /// is reported as JSON.
 
 namespace haarlight {
-
-/// The steps that can be disabled, and how the others work.
-struct RadiometryOptions {
-  bool has_dark = true;   ///< subtract the dark frames' picture
-  bool has_flat = true;   ///< divide by the flat field
-  bool has_drift = true;  ///< divide by the sentinel's brightness
-  FlatKind flat = FlatKind::whole;
-  /// A session of flat frames (or of an evenly lit target under every light) instead of this
-  /// session's own; empty: its own.
-  std::filesystem::path flat_session{};
-  BadPixels bad_pixels = BadPixels::inpaint;
-  double max_drift = 0.25;  ///< refused beyond
-  /// Relative deviation between two exposures' levels beyond which the merge is refused.
-  double max_level_error = 0.1;
-  [[nodiscard]] std::string key() const;
-};
 
 /// The level of a longer exposure against the prediction from the one before it, over samples
 /// selected by their neighbours of the same colour: whether a sample counts is independent of

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "session/develop/demosaic.h"
 #include "session/develop/develop.h"
 
 #include <algorithm>

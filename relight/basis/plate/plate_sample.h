@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "core/rig/rig.h"
-#include "session/develop/demultiplex.h"
+#include "session/develop/develop_options.h"
 
 /// @file
 /// Parts of the computed clean plate, for predictions that need no picture.
