@@ -11,7 +11,7 @@
 #include <variant>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// The command line of every program: arguments, options, flags, verbs, --help, --version and

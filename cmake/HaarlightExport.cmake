@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 # What other projects find by find_package(haarlight): the component "development".
 #
-# haarlight_install_module(TARGET)   a library and its headers, as haarlight::NAME
+# haarlight_install_module(TARGET)   a library and its public headers, as haarlight::NAME
 # haarlight_install_package()        haarlightConfig.cmake; once, after all modules
 
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
-# In a folder of our own: our rooms have names like core and http.
-set(HAARLIGHT_HEADER_DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/haarlight)
 set(HAARLIGHT_PACKAGE_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/haarlight)
 
 function(haarlight_install_module TARGET)
   install(TARGETS ${TARGET} EXPORT haarlightTargets
           ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT development
-          FILE_SET HEADERS DESTINATION ${HAARLIGHT_HEADER_DESTINATION} COMPONENT development
-          FILE_SET of_sources DESTINATION ${HAARLIGHT_HEADER_DESTINATION} COMPONENT development)
+          FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT development
+          FILE_SET of_sources DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT development)
 endfunction()
 
 function(haarlight_install_package)

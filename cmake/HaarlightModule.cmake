@@ -7,8 +7,8 @@
 #   CONTROL: decides and talks, but for LOOPS, its sources that go over pixels: -O1 does for it,
 #   and compiles in two thirds of -O3's time. OWN_FLAGS: its flags are not those of the
 #   precompiled headers. INTERNAL: for our programs or tests alone, not installed.
-#   A source's header is the one of its name beside it, found again below HAARLIGHT_HEADER_BASE:
-#   what programs of others write after #include is the path from there.
+#   Public headers are below include/haarlight, by the folders of their sources, and installed;
+#   the others stand beside their sources, and only haarlight's own targets find them.
 #
 # haarlight_add_test(NAME SOURCES a_test.cpp ... DEPS haarlight::x ... [LABELS unit ...]
 #                    [SLOW Suite.Test ... [SLOW_SOURCES a_test.cpp ...]] [COST seconds]
@@ -42,22 +42,35 @@ function(haarlight_add_module)
   add_library(${target} STATIC ${ARG_SOURCES})
   add_library(haarlight::${ARG_NAME} ALIAS ${target})
   file(RELATIVE_PATH room ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
-  set(folder ${HAARLIGHT_HEADER_BASE}/${room})
-  list(TRANSFORM ARG_HEADERS PREPEND ${folder}/)
+  set(public ${PROJECT_SOURCE_DIR}/include)
   set(of_sources)
+  set(alone)
+  set(alone_private)
   foreach(source ${ARG_SOURCES})
     cmake_path(REPLACE_EXTENSION source LAST_ONLY .h OUTPUT_VARIABLE header)
-    if(EXISTS ${folder}/${header})
-      list(APPEND of_sources ${folder}/${header})
+    if(EXISTS ${public}/haarlight/${room}/${header})
+      list(APPEND of_sources ${public}/haarlight/${room}/${header})
     endif()
   endforeach()
-  target_sources(${target}
-    PUBLIC FILE_SET HEADERS BASE_DIRS ${HAARLIGHT_HEADER_BASE} FILES ${ARG_HEADERS}
-           FILE_SET of_sources TYPE HEADERS BASE_DIRS ${HAARLIGHT_HEADER_BASE} FILES ${of_sources})
+  foreach(header ${ARG_HEADERS})
+    if(EXISTS ${public}/haarlight/${room}/${header})
+      list(APPEND alone ${public}/haarlight/${room}/${header})
+    else()
+      list(APPEND alone_private ${CMAKE_CURRENT_SOURCE_DIR}/${header})
+    endif()
+  endforeach()
+  target_sources(${target} PUBLIC FILE_SET HEADERS BASE_DIRS ${public} FILES ${alone}
+                                  FILE_SET of_sources TYPE HEADERS BASE_DIRS ${public} FILES ${of_sources})
   set_target_properties(${target} PROPERTIES INTERFACE_HEADER_SETS_TO_VERIFY HEADERS
                                              EXPORT_NAME ${ARG_NAME})
+  if(alone_private)
+    # A target of their own: what an installed target has must be installed.
+    add_library(${target}_private INTERFACE)
+    target_sources(${target}_private INTERFACE FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR}
+                                               FILES ${alone_private})
+    target_link_libraries(${target}_private INTERFACE ${target} haarlight::warnings)
+  endif()
   target_compile_features(${target} PUBLIC cxx_std_20)
-  target_include_directories(${target} PUBLIC $<BUILD_INTERFACE:${HAARLIGHT_HEADER_BASE}>)
   target_link_libraries(${target} PUBLIC ${ARG_PUBLIC_DEPS}
                         PRIVATE $<BUILD_INTERFACE:haarlight::warnings> ${ARG_PRIVATE_DEPS})
   if(NOT ARG_INTERNAL)

@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/enum_words.h"
+#include "haarlight/core/enum_words.h"
 
 /// @file
 /// Reads a hand-written TOML file key by key. Every problem is collected with file:line, so the

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -9,8 +9,8 @@
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

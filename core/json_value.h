@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/enum_words.h"
+#include "haarlight/core/enum_words.h"
 
 /// @file
 /// An external JSON text, read value by value: whatever is missing or of the wrong type throws

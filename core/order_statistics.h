@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// Medians and quantiles, O(n). Of a vector they take a copy; of a span they reorder the values

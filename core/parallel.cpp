@@ -6,7 +6,7 @@
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 #if defined(HAARLIGHT_TSAN)
 #include <sanitizer/tsan_interface.h>

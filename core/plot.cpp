@@ -8,8 +8,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/markup.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/progress.h"
+#include "haarlight/core/progress.h"
 
 #include <algorithm>
 #include <cstdio>

@@ -4,8 +4,8 @@
 
 #include <cstdlib>
 
-#include "core/error.h"
 #include "core/ranks.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

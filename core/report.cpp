@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <sys/resource.h>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -5,7 +5,7 @@
 
 #include <openssl/evp.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

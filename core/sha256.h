@@ -10,7 +10,7 @@
 
 /// @file
 /// SHA-256 (OpenSSL's, which uses the processor's own instructions) and the Merkle tree of RFC
-/// 6962 over named files. XXH3 (core/files.h) detects damage faster; this also withstands
+/// 6962 over named files. XXH3 (haarlight/core/files.h) detects damage faster; this also withstands
 /// deliberate collisions. Only the .cpp sees OpenSSL.
 
 namespace haarlight {

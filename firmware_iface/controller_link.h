@@ -6,9 +6,9 @@
 #include <memory>
 #include <string>
 
-#include "core/error.h"
 #include "firmware_iface/link_state.h"
 #include "firmware_iface/register_bus.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// A controller's bus, and how much the host knows of the controller behind it.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "firmware_iface/controller_profile.h"
+#include "haarlight/firmware_iface/controller_profile.h"
 
 #include <array>
 #include <system_error>
@@ -7,9 +7,9 @@
 #include <fmt/format.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
-#include "core/files.h"
-#include "firmware_iface/register_map.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 namespace haarlight {
 

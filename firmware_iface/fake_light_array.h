@@ -6,7 +6,7 @@
 #include <mutex>
 #include <vector>
 
-#include "firmware_iface/light_array.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 /// @file
 /// A light array without a device, for testing the layers above it: remembers every light

@@ -6,9 +6,9 @@
 #include <limits>
 #include <utility>
 
-#include "core/error.h"
 #include "core/random.h"
 #include "firmware_iface/register_codec.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

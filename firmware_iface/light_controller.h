@@ -11,10 +11,10 @@
 #include <string>
 #include <vector>
 
-#include "core/rig/rig.h"
-#include "core/units.h"
 #include "firmware_iface/light_history.h"
-#include "firmware_iface/register_map.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/core/units.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 /// @file
 /// The behaviour of a light controller: registers in, light out. No I/O and no clock: every

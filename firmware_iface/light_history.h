@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "firmware_iface/light_array.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 /// @file
 /// What the light did and when: the input that a simulated camera integrates.

@@ -4,8 +4,8 @@
 #include <chrono>
 #include <string_view>
 
-#include "core/error.h"
 #include "firmware_iface/register_bus.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// The state machine of a controller link, as a pure function. libmodbus's own error recovery

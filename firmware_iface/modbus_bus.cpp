@@ -16,10 +16,10 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "core/files.h"
 #include "core/log.h"
 #include "firmware_iface/register_light_array.h"
 #include "firmware_iface/serial_ports.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "firmware_iface/controller_link.h"
-#include "firmware_iface/controller_profile.h"
-#include "firmware_iface/light_array.h"
 #include "firmware_iface/register_bus.h"
+#include "haarlight/firmware_iface/controller_profile.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 /// @file
 /// A light array using another vendor's registers. What such a controller lacks is reported,

@@ -6,8 +6,8 @@
 #include <span>
 #include <string>
 
-#include "core/error.h"
-#include "firmware_iface/register_map.h"
+#include "haarlight/core/error.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 /// @file
 /// Transport of register requests to a controller: what differs between Modbus TCP, Modbus RTU,

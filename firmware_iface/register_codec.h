@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <span>
 
-#include "core/error.h"
-#include "firmware_iface/light_array.h"
-#include "firmware_iface/register_map.h"
+#include "haarlight/core/error.h"
+#include "haarlight/firmware_iface/light_array.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 /// @file
 /// Converts between register words and values. Pure; safe from any thread.

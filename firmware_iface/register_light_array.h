@@ -8,11 +8,11 @@
 #include <span>
 #include <vector>
 
-#include "core/units.h"
 #include "firmware_iface/controller_link.h"
-#include "firmware_iface/light_array.h"
 #include "firmware_iface/register_bus.h"
 #include "firmware_iface/register_codec.h"
+#include "haarlight/core/units.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 /// @file
 /// The light array behind the register map, whatever bus carries the registers.

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "core/error.h"
-#include "firmware_iface/register_map.h"
+#include "haarlight/core/error.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 /// @file
 /// The host's side of Modbus protocol data units [Modbus12] for transports that libmodbus does

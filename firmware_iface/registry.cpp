@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/rig.h"
-#include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/profile_light_array.h"
 #include "firmware_iface/register_light_array.h"
 #include "firmware_iface/usb_bus.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 /// @file
 /// The available light arrays: one case per kind.

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <array>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight::usb {
 

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "firmware_iface/register_map.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 /// @file
 /// The USB frames between host and light controller, defined once for the driver and the

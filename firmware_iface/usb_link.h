@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// A light controller's USB device: found by its serial number, transfers with a deadline. Only

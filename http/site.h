@@ -10,7 +10,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "http/event_stream.h"
 #include "http/parse.h"
 

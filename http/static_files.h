@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// Files of one folder, and of no other.

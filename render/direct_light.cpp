@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/direct_light.h"
+#include "haarlight/render/direct_light.h"
 
 #include <algorithm>
 #include <array>
@@ -8,8 +8,8 @@
 
 #include <Eigen/Geometry>
 
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

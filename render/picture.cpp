@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/picture.h"
+#include "haarlight/render/picture.h"
 
 #include <chrono>
 #include <cmath>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/ray_caster.h"
+#include "haarlight/render/ray_caster.h"
 
 #include <algorithm>
 #include <array>
@@ -14,7 +14,7 @@
 #include <embree3/rtcore.h>
 #endif
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/rig_lights.h"
+#include "haarlight/render/rig_lights.h"
 
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

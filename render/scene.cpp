@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/scene.h"
+#include "haarlight/render/scene.h"
 
 #include <array>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include <Eigen/Geometry>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
-#include "render/scene.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/scene.h"
 
 namespace haarlight {
 

@@ -8,10 +8,10 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
-#include "render/scene_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/render/scene_io.h"
 
 namespace haarlight {
 

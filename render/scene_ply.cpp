@@ -10,10 +10,10 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
-#include "render/scene_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/render/scene_io.h"
 
 namespace haarlight {
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Holds the includes to the plan of the house (docs/architecture.md).
 
-Every room may include its own files and those of the rooms listed for it. Third-party headers that
+A room's public headers are below include/haarlight, by the room's folders; they include no private
+one. Every room may include its own files and those of the rooms listed for it. Third-party headers that
 are slow or that would leak a device's types stay inside .cpp files. A source includes the header of
 its own name first: so each build shows that the header stands alone.
 """
@@ -69,12 +70,18 @@ FREE_PARSE = re.compile(r"[jJ]son::(parse|accept|sax_parse)\((?!evidence_to_json
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
+PUBLIC = "include/haarlight/"
+
+
 def problems_of(path: pathlib.Path) -> list[str]:
     name = path.relative_to(ROOT).as_posix()
-    room = name.split("/")[0]
+    is_public = name.startswith(PUBLIC)
+    room = name.removeprefix(PUBLIC).split("/")[0]
     allowed = ROOMS[room]
     found = []
     own = path.with_suffix(".h").relative_to(ROOT).as_posix()
+    if (ROOT / PUBLIC / own).exists():
+        own = f"haarlight/{own}"
     first = None
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         match = INCLUDE.match(line)
@@ -82,9 +89,11 @@ def problems_of(path: pathlib.Path) -> list[str]:
             continue
         quote, header = match.groups()
         first = first or header
-        target = header.split("/")[0]
+        target = header.removeprefix("haarlight/").split("/")[0]
         if quote == '"' and target not in ROOMS:
             found.append(f"{name}:{number}: \"{header}\" is not written from the root")
+        elif quote == '"' and is_public and not header.startswith("haarlight/"):
+            found.append(f"{name}:{number}: public, and includes the private {header}")
         elif quote == '"' and allowed is not None and target != room and target not in allowed:
             if header not in DOORS.get(room, set()):
                 found.append(f"{name}:{number}: {room} may not include {header}")
@@ -99,15 +108,15 @@ def problems_of(path: pathlib.Path) -> list[str]:
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             if FREE_PARSE.search(line) and name != "core/text_limits.h":
                 found.append(f"{name}:{number}: JSON is read by parse_json (core/text_limits.h)")
-    if path.suffix == ".cpp" and (ROOT / own).exists() and first != own:
+    if path.suffix == ".cpp" and first != own and any((ROOT / base / own).exists() for base in ("", "include")):
         found.append(f"{name}: its first include is not \"{own}\"")
     return found
 
 
 def main() -> int:
     problems = []
-    for room in ROOMS:
-        for path in sorted((ROOT / room).rglob("*")):
+    for folder in ("include", *ROOMS):
+        for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix in (".h", ".cpp"):
                 problems += problems_of(path)
     for problem in problems:

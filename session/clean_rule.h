@@ -5,8 +5,8 @@
 #include <limits>
 #include <string>
 
-#include "core/rig/rig.h"
-#include "session/evidence.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/session/evidence.h"
 
 /// @file
 /// The clean rule: a frame belongs to a light only when it was exposed entirely while that

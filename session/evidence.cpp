@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/evidence.h"
+#include "haarlight/session/evidence.h"
 
 #include <array>
 #include <cmath>
@@ -8,8 +8,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
 #include "core/json_value.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

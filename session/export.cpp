@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/export.h"
+#include "haarlight/session/export.h"
 
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/transforms_file.h"
 
 namespace haarlight {

@@ -11,9 +11,9 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/sha256.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/clean_rule.h"
 
 namespace haarlight {

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <string>
 
+#include "haarlight/session/session.h"
 #include "session/frame_tiff.h"
-#include "session/session.h"
 
 /// @file
 /// Inspects one frame's file and decides whether it can be trusted: used by recovery before a

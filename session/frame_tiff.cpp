@@ -13,10 +13,10 @@
 #include <nlohmann/json.hpp>
 #include <tiffio.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/json_value.h"
 #include "core/sha256.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "session/evidence.h"
-#include "session/session.h"
+#include "haarlight/core/image.h"
+#include "haarlight/session/evidence.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// One raw frame as a TIFF file in memory: uncompressed, strips of 64 rows, 1 or 3 channels of

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/frame_verdict.h"
+#include "haarlight/session/frame_verdict.h"
 
 namespace haarlight {
 

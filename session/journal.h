@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/storage.h"
 
 /// @file

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/light_file.h"
+#include "haarlight/session/light_file.h"
 
 #include <algorithm>
 #include <array>
@@ -11,9 +11,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/json_value.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/transforms_file.h"
 
 namespace haarlight {

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "core/picture/picture_facts.h"
+#include "haarlight/core/picture/picture_facts.h"
 
 /// @file
 /// The photographs' facts as stored in sessions, basis files and web folders: an object

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "core/rig/rig.h"
-#include "session/session.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// What a session takes from its rig. Separate functions so that `verify` can check

@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "session/session.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// The root of a session: one SHA-256 over everything in it that must not change. Definition:

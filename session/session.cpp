@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/session.h"
+#include "haarlight/session/session.h"
 
 #include <cstring>
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/frame_tiff.h"
 
 namespace haarlight {

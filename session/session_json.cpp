@@ -11,12 +11,12 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
 #include "core/json_value.h"
 #include "core/text_limits.h"
-#include "session/light_file.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/light_file.h"
+#include "haarlight/session/session.h"
 #include "session/photographed.h"
-#include "session/session.h"
 
 namespace haarlight {
 

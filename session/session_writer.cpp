@@ -8,9 +8,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/sha256.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/clean_rule.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"

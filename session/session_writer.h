@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "core/error.h"
-#include "core/image.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/image.h"
+#include "haarlight/session/session.h"
 #include "session/journal.h"
-#include "session/session.h"
 #include "session/storage.h"
 
 /// @file

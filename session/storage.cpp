@@ -10,7 +10,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -7,8 +7,8 @@
 #include <span>
 #include <string>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// The few operations by which a frame reaches the disk, so that tests can inject failures,

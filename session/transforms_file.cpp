@@ -9,8 +9,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
 #include "core/json_value.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -5,8 +5,8 @@
 #include <string_view>
 #include <vector>
 
-#include "core/rig/camera_model.h"
-#include "session/light_file.h"
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/session/light_file.h"
 
 /// @file
 /// transforms.json: cameras as in NeRF's data sets [Mildenhall20], with each frame's point

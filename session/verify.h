@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/progress.h"
+#include "haarlight/core/progress.h"
 #include "session/session_writer.h"
 #include "session/storage.h"
 

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <string>
 
+#include "haarlight/session/session.h"
 #include "session/journal.h"
-#include "session/session.h"
 #include "session/verify.h"
 
 /// @file

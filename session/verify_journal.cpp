@@ -5,9 +5,9 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/json_value.h"
 #include "core/sha256.h"
+#include "haarlight/core/error.h"
 #include "session/frame_tiff.h"
 #include "session/verify_checks.h"
 

@@ -6,11 +6,11 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/json_value.h"
-#include "core/rig/rig.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/rig/rig.h"
 #include "session/rig_session.h"
 #include "session/verify_checks.h"
 

@@ -26,10 +26,10 @@
 
 #include "capture/camera/camera.h"
 #include "capture/camera/remote_camera_protocol.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -7,7 +7,7 @@
 #include <memory>
 #include <optional>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 #include "sim/fault_script.h"
 #include "sim/virtual_camera.h"
 

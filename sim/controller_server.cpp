@@ -28,10 +28,10 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "firmware_iface/modbus_frame.h"
 #include "firmware_iface/modbus_request.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -2,7 +2,7 @@
 #include "sim/fault_script.h"
 
 #include "core/config_table.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -6,12 +6,12 @@
 #include <cstring>
 #include <vector>
 
-#include "core/error.h"
 #include "core/log.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "render/picture.h"
-#include "render/rig_lights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/render/rig_lights.h"
 
 namespace haarlight {
 

@@ -4,10 +4,10 @@
 #include <filesystem>
 #include <string>
 
-#include "core/progress.h"
-#include "core/rig/rig.h"
-#include "render/direct_light.h"
-#include "render/scene.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/render/direct_light.h"
+#include "haarlight/render/scene.h"
 #include "sim/transport_file.h"
 
 /// @file

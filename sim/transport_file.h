@@ -6,8 +6,8 @@
 #include <span>
 #include <string>
 
-#include "core/files.h"
-#include "core/image.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/image.h"
 
 /// @file
 /// The light transport matrix on disk: one float plane per light, in order, so that a virtual

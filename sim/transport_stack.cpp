@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "core/stack/light_stack.h"
+#include "haarlight/core/stack/light_stack.h"
 
 namespace haarlight {
 

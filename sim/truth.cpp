@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "core/config_table.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 #include "sim/virtual_camera.h"
 
 /// @file

@@ -19,11 +19,11 @@
 #include <unistd.h>
 #include <usbredirparser.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
 #include "firmware_iface/register_light_array.h"
 #include "firmware_iface/usb_frame.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -24,9 +24,9 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

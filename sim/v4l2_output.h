@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 #include "sim/camera_server.h"
 #include "sim/virtual_camera.h"
 

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "capture/camera/tag_rows.h"
-#include "core/image.h"
-#include "core/rig/rig.h"
 #include "firmware_iface/light_history.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/rig.h"
 #include "sim/transport_file.h"
 
 /// @file

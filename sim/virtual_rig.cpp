@@ -13,8 +13,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/log.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 #include "sim/camera_server.h"
 #include "sim/controller_server.h"
 #include "sim/fault_script.h"

@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// A good TOML text with each of its numbers, one after the other, made absurd: no key of ours

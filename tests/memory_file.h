@@ -10,7 +10,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// A file in memory with a path, for the fuzzers of readers that want a file.

@@ -8,12 +8,12 @@
 #include "apps/haarlight/verb.h"
 #include "capture/plan/advice_pilot.h"
 #include "capture/plan/advice_words.h"
-#include "core/files.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/basis/plate/plate_sample.h"
 #include "relight/basis/weight_list.h"
-#include "relight/light/light_weights.h"
-#include "session/develop/develop.h"
 
 namespace haarlight {
 

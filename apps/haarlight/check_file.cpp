@@ -4,15 +4,15 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/lighting_reader.h"
-#include "capture/plan/plan.h"
-#include "core/files.h"
 #include "core/rig/measured_rig.h"
 #include "core/text_limits.h"
-#include "firmware_iface/controller_profile.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/files.h"
+#include "haarlight/firmware_iface/controller_profile.h"
+#include "haarlight/render/light/cubemap.h"
+#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/scene.h"
 #include "relight/basis/basis_check.h"
-#include "render/light/cubemap.h"
-#include "render/rig_lights.h"
-#include "render/scene.h"
 #include "sim/fault_script.h"
 
 namespace haarlight {

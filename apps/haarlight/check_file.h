@@ -5,7 +5,7 @@
 #include <string>
 
 #include "apps/haarlight/file_kind.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// One input file of any room, read as the programs read it.

@@ -6,9 +6,9 @@
 
 #include "apps/haarlight/daemon_address.h"
 #include "apps/haarlight/verb.h"
-#include "capture/daemon/daemon_client.h"
 #include "capture/daemon/remote_capture.h"
 #include "core/log.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 
 namespace haarlight {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "apps/haarlight/daemon_address.h"
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

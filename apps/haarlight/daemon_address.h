@@ -4,7 +4,7 @@
 #include <string>
 
 #include "apps/command_line.h"
-#include "capture/daemon/daemon_client.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 
 /// @file
 /// What every verb shares that talks to the daemon.

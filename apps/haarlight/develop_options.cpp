@@ -2,7 +2,7 @@
 #include "apps/haarlight/develop_options.h"
 
 #include "apps/haarlight/pipeline_words.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 #include "relight/pipeline/session_stack.h"
 
 namespace haarlight {

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "apps/haarlight/verb.h"
-#include "core/picture/image_io.h"
-#include "session/develop/develop.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/session/develop/develop.h"
 
 /// @file
 /// What the verbs that develop a session share: the unknown curve's stand-in, and how large an

@@ -2,7 +2,7 @@
 /// @file
 /// `haarlight export SESSION --lp|--dome|--transforms -o FILE`: what other programs read.
 
-#include "session/export.h"
+#include "haarlight/session/export.h"
 
 #include <utility>
 
@@ -10,14 +10,14 @@
 
 #include "apps/haarlight/develop_options.h"
 #include "apps/haarlight/verb.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
-#include "core/picture/image_io.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/pipeline/display_exposure.h"
 #include "relight/pipeline/picture_notes.h"
-#include "session/develop/develop.h"
 
 namespace haarlight {
 

@@ -9,7 +9,7 @@
 
 #include "apps/haarlight/fit_options.h"
 #include "apps/haarlight/fit_page.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
 #include "relight/pipeline/fit/fit_report.h"
 
 namespace haarlight {

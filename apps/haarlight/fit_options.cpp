@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "apps/haarlight/pipeline_words.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

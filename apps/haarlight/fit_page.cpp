@@ -5,7 +5,7 @@
 
 #include "apps/page_folder.h"
 #include "apps/viewer/publish_object.h"
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 
 namespace haarlight {
 

@@ -2,7 +2,7 @@
 /// @file
 /// `haarlight import DIR --lights FILE -o SESSION`: others' pictures become a session.
 
-#include "session/import/import.h"
+#include "haarlight/session/import/import.h"
 
 #include <array>
 #include <cstdio>
@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/picture_options.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -5,10 +5,10 @@
 
 #include <fmt/format.h>
 
-#include "capture/plan/plan.h"
 #include "core/log.h"
-#include "relight/light/light_weights.h"
-#include "render/light/cubemap.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/render/light/cubemap.h"
 
 /// @file
 /// The environment of a lighting plan, for load_plan().

@@ -7,7 +7,7 @@
 #include "apps/haarlight/daemon_address.h"
 #include "apps/haarlight/verb.h"
 #include "capture/daemon/remote_look.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -12,9 +12,9 @@
 
 #include "apps/haarlight/verb.h"
 #include "apps/program_version.h"
-#include "core/files.h"
 #include "core/log.h"
 #include "core/parallel.h"
+#include "haarlight/core/files.h"
 
 namespace {
 

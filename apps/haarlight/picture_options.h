@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "apps/haarlight/verb.h"
-#include "core/picture/picture_rectangle.h"
-#include "session/import/picture_match.h"
+#include "haarlight/core/picture/picture_rectangle.h"
+#include "haarlight/session/import/picture_match.h"
 
 /// @file
 /// What the verbs that take a folder of pictures and a list of lights share.

@@ -2,14 +2,14 @@
 /// @file
 /// `haarlight plan RIG PLAN`: expands a plan for a rig and says what it will cost.
 
-#include "capture/plan/plan.h"
+#include "haarlight/capture/plan/plan.h"
 
 #include <fmt/format.h>
 
 #include "apps/haarlight/lighting_reader.h"
 #include "apps/haarlight/verb.h"
-#include "core/files.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/rig/rig.h"
 
 namespace haarlight {
 

@@ -5,9 +5,9 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
-#include "core/files.h"
-#include "core/rig/rig.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/compress_session.h"
 
 namespace haarlight {
 

@@ -9,7 +9,7 @@
 #include "apps/haarlight/verb.h"
 #include "apps/page_folder.h"
 #include "apps/viewer/publish_site.h"
-#include "relight/reflectance/formats/reflectance_file.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 
 namespace haarlight {
 

@@ -8,8 +8,8 @@
 
 #include "apps/haarlight/rig_commission.h"
 #include "apps/haarlight/verb.h"
-#include "capture/daemon/daemon_client.h"
 #include "capture/doctor/doctor_words.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 
 namespace haarlight {
 

@@ -9,8 +9,8 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include "capture/daemon/daemon_client.h"
 #include "core/log.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 
 namespace haarlight {
 

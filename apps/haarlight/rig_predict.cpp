@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 #include "relight/shadow/rig_predict_words.h"
 
 namespace haarlight {

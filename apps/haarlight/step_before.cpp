@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "session/import/picture_match.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/import/picture_match.h"
 
 namespace haarlight {
 

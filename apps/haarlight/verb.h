@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "apps/command_line.h"
-#include "core/error.h"
-#include "core/progress.h"
 #include "core/report.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/progress.h"
 
 /// @file
 /// A verb of the `haarlight` command. Each has its own file with one function add_VERB;

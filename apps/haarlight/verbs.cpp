@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include "apps/haarlight/verb.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -20,9 +20,9 @@
 #include "apps/page_folder.h"
 #include "apps/viewer/reflectance_site.h"
 #include "apps/viewer/viewer_site.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "http/server.h"
-#include "relight/reflectance/formats/reflectance_file.h"
 
 namespace haarlight {
 

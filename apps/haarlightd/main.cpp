@@ -22,12 +22,12 @@
 #include "apps/page_folder.h"
 #include "apps/program_version.h"
 #include "capture/daemon/daemon.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
 #include "core/report.h"
-#include "core/rig/rig.h"
-#include "firmware_iface/light_array.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/firmware_iface/light_array.h"
 #include "session/storage.h"
 
 namespace {

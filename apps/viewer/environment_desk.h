@@ -12,10 +12,10 @@
 
 #include <Eigen/Core>
 
-#include "core/rig/rig.h"
-#include "relight/basis/basis_file.h"
-#include "relight/light/light_weights.h"
-#include "render/light/cubemap.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/render/light/cubemap.h"
 
 /// @file
 /// Environments that people bring to the viewer, and what each light must give for them. Reads

@@ -13,12 +13,12 @@
 
 #include "apps/viewer/viewer_site.h"
 #include "core/count.h"
-#include "core/error.h"
-#include "core/rig/rig.h"
 #include "core/text_limits.h"
-#include "relight/light/light_weights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/render/light/cubemap.h"
 #include "relight/view/gpu_pages.h"
-#include "render/light/cubemap.h"
 
 namespace haarlight {
 

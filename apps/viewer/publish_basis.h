@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "apps/viewer/publish_folder.h"
-#include "core/progress.h"
-#include "relight/basis/basis_file.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 /// @file
 /// A basis file as a folder of files: what the viewer's server answers, asked ahead.

@@ -14,11 +14,11 @@
 #include <unistd.h>
 #include <zlib.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/markup.h"
 #include "core/report.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -13,14 +13,14 @@
 
 #include "apps/viewer/reflectance_site.h"
 #include "core/count.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
 #include "core/picture/jpeg.h"
 #include "core/picture/png_tile.h"
 #include "core/text_limits.h"
-#include "relight/reflectance/formats/refit.h"
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 
 namespace haarlight {
 

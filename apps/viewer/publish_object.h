@@ -7,8 +7,8 @@
 #include <string>
 
 #include "apps/viewer/publish_folder.h"
-#include "core/progress.h"
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// A picture that is lit by direction as tiles that are loaded as they are seen: a deep zoom

@@ -7,9 +7,9 @@
 
 #include "apps/viewer/publish_basis.h"
 #include "apps/viewer/publish_object.h"
-#include "core/error.h"
-#include "relight/reflectance/formats/reflectance_file.h"
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 
 namespace haarlight {
 

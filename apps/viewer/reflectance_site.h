@@ -5,8 +5,8 @@
 #include <string>
 
 #include "apps/viewer/viewer_site.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 #include "http/site.h"
-#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// What `haarlight view` answers for a picture that is lit by direction (.ptm, .rti, a web

@@ -12,9 +12,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
 #include "core/report.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
 #include "relight/basis/error_gram.h"
 #include "relight/view/gpu_pages.h"
 

@@ -6,8 +6,8 @@
 #include <memory>
 
 #include "apps/viewer/environment_desk.h"
+#include "haarlight/relight/basis/basis_file.h"
 #include "http/site.h"
-#include "relight/basis/basis_file.h"
 
 /// @file
 /// What `haarlight view` answers: the basis file's numbers for the page's graphics processor,

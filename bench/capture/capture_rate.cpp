@@ -23,8 +23,8 @@
 
 #include "apps/command_line.h"
 #include "capture/daemon/daemon.h"
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/storage.h"
 #include "sim/virtual_rig.h"
 

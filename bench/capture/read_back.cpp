@@ -11,8 +11,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "firmware_iface/light_array.h"
+#include "haarlight/core/error.h"
+#include "haarlight/firmware_iface/light_array.h"
 #include "sim/virtual_rig.h"
 
 namespace haarlight {

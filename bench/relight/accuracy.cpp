@@ -20,18 +20,18 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
-#include "core/error.h"
 #include "core/random.h"
 #include "core/report.h"
-#include "core/tolerance.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/render/rig_lights.h"
+#include "haarlight/render/scene.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/basis/plate/plate.h"
-#include "relight/basis/relight.h"
 #include "relight/basis/weight_list.h"
-#include "render/picture.h"
-#include "render/rig_lights.h"
-#include "render/scene.h"
-#include "session/develop/develop.h"
 
 #include "bench/relight/twin.h"
 

@@ -19,9 +19,9 @@
 #include <sys/resource.h>
 
 #include "apps/command_line.h"
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/report.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/light_recipe.h"
 #include "relight/reflectance/fit/near_fit.h"
 #include "relight/reflectance/fit/recipe_choice.h"

@@ -18,13 +18,13 @@
 #include <unistd.h>
 
 #include "apps/command_line.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/report.h"
-#include "relight/basis/compress.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/compress.h"
+#include "haarlight/relight/basis/compress_session.h"
 #include "relight/basis/plate/plate.h"
 
 namespace haarlight {

@@ -16,9 +16,9 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/random.h"
-#include "relight/calibration/mirror_sphere.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/calibration/mirror_sphere.h"
 #include "tests/relight/light/mat_file.h"
 
 namespace haarlight {

@@ -12,7 +12,7 @@
 #include <Eigen/Cholesky>
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/calibration/near_calibration.h"
 #include "tests/relight/light/made_sheet.h"
 

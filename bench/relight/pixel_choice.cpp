@@ -13,11 +13,11 @@
 
 #include <fmt/format.h>
 
+#include "haarlight/session/light_file.h"
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/light_recipe.h"
 #include "relight/reflectance/fit/picture_rows.h"
 #include "relight/reflectance/fit/recipe_choice.h"
-#include "session/light_file.h"
 
 namespace haarlight {
 namespace {

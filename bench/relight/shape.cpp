@@ -16,8 +16,8 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/report.h"
-#include "core/stack/stack_source.h"
-#include "relight/shape/integrate_normals.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/shape/integrate_normals.h"
 #include "relight/shape/near_alternation.h"
 
 #include "bench/relight/record.h"

@@ -18,13 +18,13 @@
 #include <fmt/format.h>
 
 #include "apps/command_line.h"
-#include "core/error.h"
-#include "core/picture/image_io.h"
 #include "core/report.h"
-#include "core/rig/rig.h"
-#include "relight/light/near_light.h"
-#include "render/picture.h"
-#include "render/scene.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/render/scene.h"
 
 namespace haarlight {
 namespace {

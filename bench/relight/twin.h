@@ -3,9 +3,9 @@
 
 #include <string>
 
-#include "core/rig/rig.h"
-#include "core/stack/stack_source.h"
-#include "render/scene.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/render/scene.h"
 
 /// @file
 /// The twin of the published figures: cube32's camera at 128 x 128 pixels over a scene, its

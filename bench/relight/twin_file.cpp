@@ -8,9 +8,9 @@
 #include <fmt/format.h>
 
 #include "apps/command_line.h"
-#include "core/error.h"
 #include "core/report.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/compress.h"
 
 #include "bench/relight/twin.h"
 

@@ -6,7 +6,7 @@
 #include "capture/camera/remote_camera.h"
 #include "capture/camera/replay_camera.h"
 #include "capture/camera/v4l2_camera.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -7,10 +7,10 @@
 #include <memory>
 #include <span>
 
-#include "core/error.h"
-#include "core/image.h"
 #include "core/rig/pixel_format.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// A camera as the capture thread sees it. One thread owns one camera. Implementations:

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <vector>
 
-#include "core/error.h"
 #include "core/picture/jpeg.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

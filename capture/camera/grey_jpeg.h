@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 
 /// @file
 /// Previews for display: an 8-bit grey picture as JPEG. Only the .cpp includes libjpeg.

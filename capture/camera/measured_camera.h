@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "capture/camera/camera.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// Insists on the camera whose delays and noise were measured: with a different one at the same

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "capture/camera/pixel_unpack.h"
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <span>
 
-#include "core/image.h"
 #include "core/rig/pixel_format.h"
+#include "haarlight/core/image.h"
 
 /// @file
 /// Unpacks a camera's packed rows into 16-bit sensor words. Layouts as documented for

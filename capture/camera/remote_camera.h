@@ -8,7 +8,7 @@
 
 #include "capture/camera/camera.h"
 #include "capture/camera/remote_camera_protocol.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// A camera behind a unix SEQPACKET socket: the client of

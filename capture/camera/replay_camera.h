@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "capture/camera/camera.h"
-#include "session/session.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// A finished session as a camera: its frames in order of exposure, each once, with the

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 
 /// @file
 /// Embedded metadata rows: the light's tag as black and white blocks in the extra rows below a

@@ -6,7 +6,7 @@
 
 #include "capture/camera/camera.h"
 #include "capture/camera/v4l2_device.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// Fully manual control: which controls of a V4L2 camera are set, in which order, and what they

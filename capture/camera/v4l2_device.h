@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// A V4L2 node as typed calls: the only file that includes linux/videodev2.h. Policy is in

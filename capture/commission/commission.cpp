@@ -5,8 +5,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/report.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

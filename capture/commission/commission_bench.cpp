@@ -9,8 +9,8 @@
 #include <fmt/format.h>
 
 #include "capture/commission/light_survey.h"
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -9,8 +9,8 @@
 
 #include "capture/camera/camera.h"
 #include "core/rig/measured_rig.h"
-#include "core/rig/rig.h"
-#include "firmware_iface/light_array.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 /// @file
 /// One camera and one light array under a commissioning run's control: keeps the lease, records

@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 
 #include "capture/commission/commission.h"
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

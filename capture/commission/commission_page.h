@@ -4,7 +4,7 @@
 #include <string>
 
 #include "capture/commission/commission.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// A commissioning on one page: what was measured with its uncertainty, the step response, the

@@ -9,11 +9,11 @@
 #include <fmt/format.h>
 
 #include "capture/camera/camera.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/rig/measured_rig.h"
-#include "core/rig/rig.h"
-#include "firmware_iface/light_array.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 namespace haarlight {
 

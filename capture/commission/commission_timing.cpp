@@ -8,8 +8,8 @@
 
 #include "capture/commission/commission.h"
 #include "capture/commission/exposure_verdict.h"
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

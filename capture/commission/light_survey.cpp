@@ -10,9 +10,9 @@
 
 #include <Eigen/Core>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

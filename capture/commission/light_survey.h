@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/rig/measured_rig.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// Which LEDs are dead, dim or wired to another's position, from one picture under each light

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -6,8 +6,8 @@
 #include <span>
 #include <vector>
 
-#include "core/image.h"
 #include "core/rig/measured_rig.h"
+#include "haarlight/core/image.h"
 
 /// @file
 /// A camera's noise from pairs of pictures of the same light: the photon transfer method as

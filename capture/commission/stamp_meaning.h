@@ -6,7 +6,7 @@
 #include <string>
 
 #include "core/rig/measured_rig.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// What a camera's timestamp means, and how the measured offset divides into the light's delay

@@ -20,10 +20,10 @@
 #include "capture/daemon/writer_thread.h"
 #include "capture/plan/timing.h"
 #include "capture/proof/frame_checks.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
 #include "core/rig/pixel_format.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "http/json_text.h"
 #include "http/server.h"
 

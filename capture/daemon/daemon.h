@@ -14,9 +14,9 @@
 #include "capture/daemon/camera_thread.h"
 #include "capture/daemon/rig_watch.h"
 #include "capture/daemon/run_observer.h"
-#include "capture/plan/plan.h"
 #include "capture/sequencer/sequencer.h"
-#include "core/rig/rig.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/rig/rig.h"
 #include "session/session_writer.h"
 
 /// @file

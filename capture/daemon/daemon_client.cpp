@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/daemon/daemon_client.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 
 #include <mutex>
 
@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -13,11 +13,11 @@
 
 #include "capture/daemon/daemon.h"
 #include "capture/daemon/daemon_page.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/report.h"
 #include "core/text_limits.h"
-#include "session/evidence.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/evidence.h"
 #include "session/frame_tiff.h"
 
 namespace haarlight {

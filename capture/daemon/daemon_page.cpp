@@ -18,10 +18,10 @@
 #include "capture/daemon/frame_words.h"
 #include "capture/daemon/run_observer.h"
 #include "capture/daemon/writer_thread.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/report.h"
 #include "core/thread_pulse.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/frame_tiff.h"
 #include "session/rig_session.h"
 

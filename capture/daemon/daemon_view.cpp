@@ -14,8 +14,8 @@
 #include "capture/camera/grey_jpeg.h"
 #include "capture/daemon/daemon.h"
 #include "capture/daemon/preview_png.h"
-#include "core/error.h"
 #include "core/thread_pulse.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

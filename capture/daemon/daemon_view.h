@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "capture/daemon/frame_view.h"
-#include "core/image.h"
+#include "haarlight/core/image.h"
 #include "http/site.h"
 
 /// @file

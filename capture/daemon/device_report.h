@@ -7,7 +7,7 @@
 
 #include "capture/daemon/rig_watch.h"
 #include "capture/doctor/rig_doctor.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// The state of the rig's devices, for the page: from what the daemon observed, and from what

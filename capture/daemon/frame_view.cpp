@@ -7,7 +7,7 @@
 #include <cstdlib>
 
 #include "capture/daemon/preview_png.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/clip_level.h"
 
 namespace haarlight {

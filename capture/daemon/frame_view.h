@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "core/picture/picture_rectangle.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/picture/picture_rectangle.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// What somebody who aims, focuses or sets the exposure needs to see of a frame's words: a crop

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "session/evidence.h"
-#include "session/session.h"
+#include "haarlight/session/evidence.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// A frame's evidence in plain words, for the page and for `haarlight shot`. Pure.

@@ -10,7 +10,7 @@
 #include "capture/daemon/work_queue.h"
 #include "capture/sequencer/sequencer.h"
 #include "core/thread_pulse.h"
-#include "firmware_iface/light_array.h"
+#include "haarlight/firmware_iface/light_array.h"
 
 /// @file
 /// The thread that owns the bus to the lights: runs the sequencer's light jobs in order and

@@ -9,7 +9,7 @@
 
 #include <zlib.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

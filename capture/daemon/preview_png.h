@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <string>
 
-#include "core/image.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// Small pictures for display with clipping marked exactly: an indexed PNG whose entries 0 ..

@@ -8,8 +8,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

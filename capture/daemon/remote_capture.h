@@ -4,9 +4,9 @@
 #include <functional>
 #include <string>
 
-#include "capture/daemon/daemon_client.h"
 #include "capture/daemon/remote_state.h"
-#include "core/progress.h"
+#include "haarlight/capture/daemon/daemon_client.h"
+#include "haarlight/core/progress.h"
 
 /// @file
 /// Runs a capture on a daemon from outside: starts it, waits for it, and moves its session to

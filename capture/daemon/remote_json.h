@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "capture/daemon/daemon_client.h"
-#include "core/error.h"
 #include "core/text_limits.h"
+#include "haarlight/capture/daemon/daemon_client.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// A daemon's answer as a JSON object, for sources that include the JSON library.

@@ -10,7 +10,7 @@
 
 #include "capture/daemon/remote_json.h"
 #include "capture/daemon/remote_state.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "capture/daemon/daemon_client.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 
 /// @file
 /// What the daemon's page shows, from outside: its sessions, a shot's history, a live picture.

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "capture/daemon/daemon_client.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 
 /// @file
 /// Parses a daemon's report at /v1/state; and sends the requests that it answers.

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "capture/sequencer/sequencer_messages.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// What the daemon has recently observed of its devices: whether controller and camera answer,

@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "capture/daemon/frame_words.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

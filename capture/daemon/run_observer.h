@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "capture/sequencer/sequencer.h"
-#include "session/session.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// What the operator wants to know of a run besides its state: why a shot was retaken, which

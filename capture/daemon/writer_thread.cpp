@@ -11,9 +11,9 @@
 #include <fmt/format.h>
 
 #include "capture/plan/timing.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "http/json_text.h"
 #include "session/rig_session.h"
 

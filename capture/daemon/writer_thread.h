@@ -12,9 +12,9 @@
 
 #include "capture/daemon/camera_thread.h"
 #include "capture/daemon/work_queue.h"
-#include "capture/plan/plan.h"
 #include "capture/sequencer/sequencer.h"
 #include "core/thread_pulse.h"
+#include "haarlight/capture/plan/plan.h"
 #include "session/session_writer.h"
 
 /// @file

@@ -14,10 +14,10 @@
 
 #include "capture/doctor/rig_doctor.h"
 #include "core/rig/measured_rig.h"
-#include "firmware_iface/light_array.h"
 #include "firmware_iface/modbus_bus.h"
-#include "firmware_iface/register_map.h"
 #include "firmware_iface/serial_ports.h"
+#include "haarlight/firmware_iface/light_array.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 namespace haarlight {
 

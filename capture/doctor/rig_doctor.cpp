@@ -17,10 +17,10 @@
 #include "capture/camera/camera.h"
 #include "capture/camera/v4l2_camera.h"
 #include "capture/camera/v4l2_list.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/order_statistics.h"
 #include "core/rig/measured_rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "core/rig/rig.h"
 #include "firmware_iface/usb_link.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// `haarlight rig doctor`: what is present of a rig, what was expected, and a hint where the

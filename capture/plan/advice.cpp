@@ -11,7 +11,7 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/clip_level.h"
 
 namespace haarlight {

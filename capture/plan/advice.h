@@ -7,9 +7,9 @@
 
 #include <Eigen/Core>
 
-#include "capture/plan/plan.h"
 #include "core/rig/pattern_inverse.h"
-#include "core/rig/rig.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// Which patterns are worth using: from the camera's noise, the lights' signal and the rig's

@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -2,9 +2,9 @@
 #pragma once
 
 #include "capture/plan/advice.h"
-#include "core/stack/light_stack.h"
-#include "session/develop/develop_options.h"
-#include "session/session.h"
+#include "haarlight/core/stack/light_stack.h"
+#include "haarlight/session/develop/develop_options.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// A capture of the object, or of a similar one, as the basis of advice: the signal of every

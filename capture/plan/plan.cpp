@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/plan/plan.h"
+#include "haarlight/capture/plan/plan.h"
 
 #include <algorithm>
 #include <array>
@@ -14,9 +14,9 @@
 #include "capture/plan/plan_rounds.h"
 #include "capture/plan/timing.h"
 #include "core/config_table.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/rig/pattern_inverse.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

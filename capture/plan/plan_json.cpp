@@ -10,10 +10,10 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "capture/plan/plan.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/text_limits.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

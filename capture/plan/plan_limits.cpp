@@ -7,10 +7,10 @@
 
 #include <fmt/format.h>
 
-#include "capture/plan/plan.h"
 #include "capture/plan/timing.h"
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "capture/plan/plan.h"
+#include "haarlight/capture/plan/plan.h"
 
 /// @file
 /// The order of a plan's shots around its patterns: exposures, repeats, dark frames, sentinels,

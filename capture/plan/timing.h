@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <string>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// The times of one shot, from the rig file: how long light needs to settle, how long a shot

@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/frame_check.h"
 
 namespace haarlight {

@@ -7,12 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "capture/plan/plan.h"
 #include "capture/proof/picture_agreement.h"
 #include "capture/proof/picture_proof.h"
-#include "core/image.h"
-#include "session/evidence.h"
-#include "session/session.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/image.h"
+#include "haarlight/session/evidence.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// What a frame's pixels reveal by themselves, and against other frames of the same lights.

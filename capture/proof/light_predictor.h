@@ -9,7 +9,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig/patterns.h"
+#include "haarlight/core/rig/patterns.h"
 
 /// @file
 /// Predicts what a pattern of lights should look like at some points of the picture from the

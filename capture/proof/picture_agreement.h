@@ -12,8 +12,8 @@
 #include <utility>
 #include <vector>
 
-#include "capture/plan/plan.h"
 #include "capture/proof/picture_points.h"
+#include "haarlight/capture/plan/plan.h"
 
 /// @file
 /// Two pictures of the same lights must be the same picture. A frame that shows, wholly or in

@@ -6,11 +6,11 @@
 
 #include <Eigen/Core>
 
-#include "capture/plan/plan.h"
 #include "capture/proof/light_predictor.h"
-#include "core/image.h"
-#include "core/rig/rig.h"
-#include "session/session.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// The samples for the proof by light: 64 blocks of a picture, their noise, and which shots of

@@ -8,13 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "capture/plan/plan.h"
 #include "capture/proof/light_predictor.h"
 #include "capture/proof/picture_points.h"
-#include "core/image.h"
-#include "core/rig/rig.h"
-#include "session/evidence.h"
-#include "session/session.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/session/evidence.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Proof by light: a frame's own pixels against what the session so far predicts for its

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "capture/camera/camera.h"
-#include "firmware_iface/light_array.h"
-#include "session/evidence.h"
+#include "haarlight/firmware_iface/light_array.h"
+#include "haarlight/session/evidence.h"
 
 /// @file
 /// The sequencer's inputs and outputs: the plan of a run, events (what the world reports) and

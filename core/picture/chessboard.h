@@ -8,8 +8,8 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
-#include "core/image.h"
-#include "core/rig/camera_model.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/camera_model.h"
 
 /// @file
 /// A camera's lens and a plane's position from pictures of a printed chessboard. OpenCV behind

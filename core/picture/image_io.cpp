@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 
 #include <algorithm>
 #include <array>
@@ -12,10 +12,10 @@
 
 #include <fmt/format.h>
 
-#include "core/files.h"
 #include "core/picture/picture_claim.h"
 #include "core/picture/picture_colour.h"
 #include "core/picture/picture_formats.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

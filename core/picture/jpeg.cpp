@@ -11,7 +11,7 @@
 #include <fmt/format.h>
 #include <jpeglib.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

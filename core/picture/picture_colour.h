@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "core/picture/image_io.h"
 #include "core/picture/picture_formats.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/picture/image_io.h"
 
 /// @file
 /// From the numbers of a picture file to linear light of Rec. 709 primaries, where the file

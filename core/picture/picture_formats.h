@@ -8,13 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "core/picture/image_io.h"
 #include "core/picture/picture_tags.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/picture/image_io.h"
 
 /// @file
 /// Between image_io.cpp and the readers and writers of single formats, one file each; all
-/// others use core/picture/image_io.h. A reader must trust nothing that a file says: it calls
+/// others use haarlight/core/picture/image_io.h. A reader must trust nothing that a file says: it calls
 /// require_room before it allocates memory, and fails only with an Error.
 
 namespace haarlight {

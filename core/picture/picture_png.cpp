@@ -8,9 +8,9 @@
 #include <png.h>
 #include <zlib.h>
 
-#include "core/error.h"
 #include "core/picture/picture_formats.h"
 #include "core/picture/png_tile.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

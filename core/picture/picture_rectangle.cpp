@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/picture/picture_rectangle.h"
+#include "haarlight/core/picture/picture_rectangle.h"
 
 #include <algorithm>
 #include <cstdio>

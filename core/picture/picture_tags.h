@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 
 /// @file
 /// The metadata next to the pixels in JPEG, PNG and TIFF: EXIF, colour profiles, PNG's colour

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// The address of a controller: the `address` of a rig file's [controller].

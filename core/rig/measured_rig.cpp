@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

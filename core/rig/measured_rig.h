@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// What a command measured on a rig: NAME.measured.toml next to the hand-written NAME.toml.

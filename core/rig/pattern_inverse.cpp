@@ -11,9 +11,9 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/wavelet_synthesis.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig/patterns.h"
+#include "haarlight/core/rig/patterns.h"
 
 /// @file
 /// Demultiplexing: from measured shots to single lights, for every family of patterns, and what
@@ -27,7 +27,7 @@ void walsh_hadamard(std::span<double> x, std::size_t n, std::size_t width);
 void s_matrix_inverse(int order, std::span<double> x, std::size_t width);
 
 /// In place: coefficient array of an n x n grid to the grid's values and back, orthonormal,
-/// the layout of relight/basis/haar.h. @param x  (n * n, width)
+/// the layout of haarlight/relight/basis/haar.h. @param x  (n * n, width)
 void wavelets_to_lights(int n, std::span<double> x, std::size_t width);
 void lights_to_wavelets(int n, std::span<double> x, std::size_t width);
 

@@ -6,9 +6,9 @@
 #include <algorithm>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/rig/pattern_inverse.h"
 #include "core/wavelet_synthesis.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

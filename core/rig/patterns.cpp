@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/patterns.h"
+#include "haarlight/core/rig/patterns.h"
 
 #include <algorithm>
 #include <bit>
@@ -9,8 +9,8 @@
 
 #include <Eigen/Core>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

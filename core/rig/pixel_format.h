@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// The pixel formats that a camera may deliver, by V4L2's four-letter codes: how many bits are

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 #include <array>
 #include <bit>
@@ -10,13 +10,13 @@
 #include <fmt/format.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/log.h"
 #include "core/rig/controller_address.h"
 #include "core/rig/measured_rig.h"
 #include "core/rig/pixel_format.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 
@@ -27,7 +27,8 @@ constexpr int kMaxLights = 6 * 64 * 64;
 constexpr double kUnitTol = 1e-6;  // a hand-written unit vector carries about six digits
 constexpr double kMaxLengthMm = 1e6;
 constexpr Range kPlace{.min = -kMaxLengthMm, .max = kMaxLengthMm};
-constexpr double kMaxFramePixels = 0x1p28;  // as for a picture (core/picture/image_io.h)
+constexpr double kMaxFramePixels =
+    0x1p28;  // as for a picture (haarlight/core/picture/image_io.h)
 // USB cameras need one or two frames, sensors behind a pipeline up to three.
 constexpr int kUsualExposureDelay = 3;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/stack/light_stack.h"
+#include "haarlight/core/stack/light_stack.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

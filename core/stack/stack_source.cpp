@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/stack/stack_source.h"
+#include "haarlight/core/stack/stack_source.h"
 
 #include <algorithm>
 
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 #include <algorithm>
 #include <array>
@@ -11,11 +11,11 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/basis_header.h"
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/error_gram.h"
-#include "relight/basis/haar.h"
 #include "relight/basis/haar_blocks.h"
 #include "relight/basis/plate/tile_plate.h"
 

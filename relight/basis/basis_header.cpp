@@ -9,10 +9,10 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
 #include "core/json_value.h"
 #include "core/text_limits.h"
-#include "relight/basis/haar.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/plate/tile_plate.h"
 #include "session/photographed.h"
 

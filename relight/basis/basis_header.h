@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 /// @file
 /// The JSON header of a basis file. Fields: docs/reference/basis-format.md.

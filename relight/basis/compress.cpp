@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/compress.h"
+#include "haarlight/relight/basis/compress.h"
 
 #include <algorithm>
 #include <bit>
@@ -16,12 +16,12 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/coder/tile_coder.h"
 #include "relight/basis/compress_recipe.h"
 #include "relight/basis/error_gram.h"
-#include "relight/basis/haar.h"
 #include "relight/basis/picture_bound.h"
 #include "relight/basis/plate/tile_plate.h"
 #include "relight/basis/work_folder.h"

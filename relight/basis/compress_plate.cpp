@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/coder/quantiser.h"
 #include "relight/basis/compress_recipe.h"
 #include "relight/basis/error_gram.h"

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "relight/basis/compress.h"
+#include "haarlight/relight/basis/compress.h"
 #include "relight/basis/plate/plate.h"
 
 /// @file

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "relight/basis/compress.h"
+#include "haarlight/relight/basis/compress.h"
 
 /// @file
 /// Parameters common to all ways to a basis file: the figures of docs/numerics/relight.md, "The

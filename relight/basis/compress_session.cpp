@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/compress_session.h"
+#include "haarlight/relight/basis/compress_session.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,13 +8,13 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/haar.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/compress_plate.h"
-#include "relight/basis/haar.h"
 #include "relight/basis/plate/plate.h"
-#include "session/develop/develop.h"
 #include "session/develop/sensor_response.h"
 
 namespace haarlight {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/stack/stack_source.h"
+#include "haarlight/core/stack/stack_source.h"
 #include "relight/basis/large_buffer.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/relight_kernels.h"

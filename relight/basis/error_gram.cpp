@@ -10,9 +10,9 @@
 #include <Eigen/Core>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "core/stack/stack_source.h"
+#include "haarlight/core/stack/stack_source.h"
 #include "relight/basis/light_query.h"
 
 /// @file

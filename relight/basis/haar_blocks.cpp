@@ -11,9 +11,9 @@
 #include <immintrin.h>
 #endif
 
-#include "core/error.h"
 #include "core/parallel.h"
-#include "relight/basis/haar.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/relight_kernels.h"
 
 namespace haarlight {

@@ -3,7 +3,7 @@
 
 #include <span>
 
-#include "relight/basis/haar.h"
+#include "haarlight/relight/basis/haar.h"
 
 /// @file
 /// The Haar transform of haar.h for many arrays at once: the lights of many pixels, all levels

@@ -10,10 +10,10 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/error_gram.h"
-#include "relight/basis/haar.h"
 
 namespace haarlight {
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "relight/basis/relight.h"
+#include "haarlight/relight/basis/relight.h"
 
 /// @file
 /// What relighting needs from a basis, wherever it is held (file or memory): lighting

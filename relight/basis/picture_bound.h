@@ -3,7 +3,7 @@
 
 #include <span>
 
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 /// @file
 /// From the products of the coefficients' error pictures to the bound that a file stores.

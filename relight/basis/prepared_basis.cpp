@@ -10,8 +10,8 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/float_sums.h"
 #include "relight/basis/plate/tile_plate.h"
 

@@ -10,11 +10,11 @@
 #include <string_view>
 #include <vector>
 
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/basis/relight.h"
 #include "relight/basis/coder/sparse_tile.h"
 #include "relight/basis/dense_half.h"
 #include "relight/basis/large_buffer.h"
-#include "relight/basis/relight.h"
 #include "relight/basis/relight_kernels.h"
 
 /// @file

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/relight.h"
+#include "haarlight/relight/basis/relight.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
-#include "relight/basis/haar.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/light_query.h"
 #include "relight/basis/plate/tile_plate.h"
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <memory>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/half_float.h"
 #include "relight/basis/prefetch.h"
 

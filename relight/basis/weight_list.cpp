@@ -9,9 +9,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

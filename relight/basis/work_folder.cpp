@@ -9,8 +9,8 @@
 #include <fmt/format.h>
 #include <sys/file.h>
 
-#include "core/error.h"
-#include "relight/basis/coder/block_codec.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/coder/block_codec.h"
 
 namespace haarlight {
 

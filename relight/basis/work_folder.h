@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// The finished pieces of a long job, so that a killed one resumes where it stopped and several

@@ -8,8 +8,8 @@
 #include <cstdint>
 #include <numbers>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 #include "relight/calibration/mirror_ball.h"
 
 namespace haarlight {

@@ -8,9 +8,9 @@
 #include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -9,9 +9,9 @@
 #include <Eigen/Cholesky>
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/calibration/light_terms.h"
 
 namespace haarlight {

@@ -7,9 +7,9 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
-#include "core/rig/camera_model.h"
-#include "relight/calibration/mirror_sphere.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/relight/calibration/mirror_sphere.h"
 
 /// @file
 /// Mirror balls in photographs: found, measured, and the lights they show, each number with its

@@ -13,9 +13,9 @@
 #include <fmt/format.h>
 #include <lbfgs.h>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/calibration/light_terms.h"
 #include "relight/calibration/uniform_start.h"
 #include "relight/calibration/variance_objective.h"

@@ -10,9 +10,9 @@
 #include <Eigen/Cholesky>
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
 #include "core/rig/measured_rig.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

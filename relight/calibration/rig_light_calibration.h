@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "core/rig/rig.h"
-#include "core/stack/light_stack.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/core/stack/light_stack.h"
 #include "relight/calibration/near_calibration.h"
 #include "relight/calibration/sheet_layout.h"
 #include "relight/calibration/sheet_model.h"

@@ -8,9 +8,9 @@
 
 #include <Eigen/Geometry>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/calibration/light_terms.h"
 
 namespace haarlight {

@@ -8,8 +8,8 @@
 #include <Eigen/Cholesky>
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -7,9 +7,9 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
+#include "haarlight/relight/light/near_light.h"
 #include "relight/calibration/target_samples.h"
-#include "relight/light/near_light.h"
 
 /// @file
 /// Where a flat sheet's blocks lie in the pictures, and its samples from one picture per light:

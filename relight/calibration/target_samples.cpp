@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -9,7 +9,7 @@
 
 #include <Eigen/Core>
 
-#include "relight/light/near_light.h"
+#include "haarlight/relight/light/near_light.h"
 
 /// @file
 /// Pictures of a matte calibration target, one per light, as numbers: the input of near-light

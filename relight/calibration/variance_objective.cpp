@@ -6,8 +6,8 @@
 #include <atomic>
 #include <cmath>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/light/light_weights.h"
+#include "haarlight/relight/light/light_weights.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +9,10 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
-#include "render/analytic/polygon_light.h"
-#include "render/rig_lights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/analytic/polygon_light.h"
+#include "haarlight/render/rig_lights.h"
 
 namespace haarlight {
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/light/near_light.h"
+#include "haarlight/relight/light/near_light.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include <Eigen/Geometry>
 
-#include "core/error.h"
 #include "core/rig/measured_rig.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

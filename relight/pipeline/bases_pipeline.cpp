@@ -8,13 +8,13 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/session/develop/develop.h"
+#include "haarlight/session/session.h"
 #include "relight/pipeline/result_lines.h"
 #include "relight/study/study_report.h"
-#include "session/develop/develop.h"
-#include "session/session.h"
 
 namespace haarlight {
 

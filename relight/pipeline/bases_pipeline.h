@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "core/picture/image_io.h"
 #include "core/report.h"
-#include "relight/basis/basis_file.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/basis/basis_file.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/study/basis_study.h"
 

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "core/rig/camera_model.h"
+#include "haarlight/core/rig/camera_model.h"
 
 /// @file
 /// A page with every corner of a chessboard's pictures and its residual in a fit.

@@ -10,10 +10,10 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
 #include "relight/pipeline/board_page.h"
 #include "relight/pipeline/calibrate/measured_file.h"
 #include "relight/pipeline/result_lines.h"

@@ -4,8 +4,8 @@
 #include <string>
 
 #include "core/report.h"
-#include "relight/basis/basis_file.h"
-#include "relight/basis/relight.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/basis/relight.h"
 
 /// @file
 /// A command's message about values that were clipped in every exposure: they are lower bounds,

@@ -6,12 +6,12 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/session/session.h"
 #include "relight/pipeline/clipped_words.h"
 #include "relight/pipeline/result_lines.h"
-#include "session/session.h"
 
 namespace haarlight {
 

@@ -5,14 +5,14 @@
 #include <string>
 #include <vector>
 
-#include "core/picture/image_io.h"
 #include "core/report.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/basis/compress.h"
 #include "relight/pipeline/pipeline_settings.h"
 
 /// @file
 /// From a session to a basis file: which basis its lights allow, which error its noise
-/// warrants, and the compression itself (relight/basis/compress_session.h).
+/// warrants, and the compression itself (haarlight/relight/basis/compress_session.h).
 
 namespace haarlight {
 

@@ -8,10 +8,10 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/light_file.h"
 #include "relight/pipeline/bytes_on_disk.h"
-#include "session/light_file.h"
 
 namespace haarlight {
 

@@ -8,11 +8,11 @@
 
 #include <Eigen/Core>
 
-#include "core/picture/image_io.h"
 #include "core/report.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "relight/pipeline/pipeline_settings.h"
-#include "relight/reflectance/formats/refit.h"
-#include "relight/reflectance/formats/reflectance_file.h"
 
 /// @file
 /// Converts relightable pictures between formats, refitted where the target uses another basis,

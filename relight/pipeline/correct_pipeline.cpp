@@ -7,14 +7,14 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/progress.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/session/develop/develop.h"
+#include "haarlight/session/light_file.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/session_stack.h"
-#include "session/develop/develop.h"
-#include "session/light_file.h"
 
 namespace haarlight {
 

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/shape/corrected_light.h"
 

@@ -5,12 +5,12 @@
 
 #include <fmt/format.h>
 
-#include "core/files.h"
-#include "core/progress.h"
-#include "relight/basis/compress_session.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/session/session.h"
 #include "relight/pipeline/picture_notes.h"
-#include "session/session.h"
 
 namespace haarlight {
 

@@ -6,14 +6,14 @@
 #include <string>
 #include <vector>
 
-#include "core/picture/image_io.h"
 #include "core/report.h"
-#include "core/stack/light_stack.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/stack/light_stack.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/pipeline/pipeline_settings.h"
-#include "session/develop/develop.h"
 
 /// @file
-/// A session's raw frames to the light stack (session/develop/develop.h), which stays in a
+/// A session's raw frames to the light stack (haarlight/session/develop/develop.h), which stays in a
 /// cache for every later step, and one OpenEXR picture per light for viewing. Captures of
 /// several lights at once are demultiplexed with a clean plate, so this is in relight, which
 /// has plates.

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "render/light/cubemap.h"
+#include "haarlight/render/light/cubemap.h"
 
 /// @file
 /// The lighting of a picture: an environment, or lights named one by one.

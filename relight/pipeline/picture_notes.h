@@ -6,10 +6,10 @@
 
 #include <Eigen/Core>
 
-#include "core/picture/image_io.h"
-#include "relight/basis/basis_file.h"
-#include "relight/basis/relight.h"
-#include "session/session.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Metadata of a written picture, with names explained in docs/reference/picture-notes.md: its

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/progress.h"
+#include "haarlight/core/progress.h"
 
 /// @file
 /// Settings common to all pipelines, and how they report messages: pipelines print nothing but

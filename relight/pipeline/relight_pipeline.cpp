@@ -11,19 +11,19 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "core/rig/rig.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/session/develop/develop.h"
+#include "haarlight/session/session.h"
 #include "relight/basis/prepared_basis.h"
 #include "relight/basis/weight_list.h"
-#include "relight/light/light_weights.h"
 #include "relight/pipeline/display_exposure.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/result_lines.h"
-#include "session/develop/develop.h"
-#include "session/session.h"
 
 namespace haarlight {
 

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "core/report.h"
-#include "core/tolerance.h"
-#include "relight/basis/basis_file.h"
-#include "relight/basis/relight.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/basis/relight.h"
 #include "relight/pipeline/clipped_words.h"
 #include "relight/pipeline/light_choice.h"
 #include "relight/pipeline/pipeline_settings.h"
@@ -17,7 +17,7 @@
 /// @file
 /// From a basis file to a picture under an environment, chosen lights or a list of light
 /// weights, with a bound on its error; or to an animation, the environment turning once.
-/// Method: relight/basis/relight.h, docs/numerics/relight.md.
+/// Method: haarlight/relight/basis/relight.h, docs/numerics/relight.md.
 
 namespace haarlight {
 

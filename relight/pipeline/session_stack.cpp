@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/pipeline/session_stack.h"
 
-#include "relight/basis/compress_session.h"
+#include "haarlight/relight/basis/compress_session.h"
 
 namespace haarlight {
 

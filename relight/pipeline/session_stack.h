@@ -4,10 +4,10 @@
 #include <optional>
 #include <vector>
 
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/session/develop/develop.h"
+#include "haarlight/session/session.h"
 #include "relight/pipeline/pipeline_settings.h"
-#include "session/develop/develop.h"
-#include "session/session.h"
 
 /// @file
 /// How pipelines develop a session, and where its values end.

@@ -6,9 +6,9 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
-#include "render/rig_lights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/render/rig_lights.h"
 
 namespace haarlight {
 

@@ -7,15 +7,15 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "core/rig/rig.h"
-#include "core/stack/stack_source.h"
-#include "relight/basis/basis_file.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/shadow/plane_frame.h"
+#include "haarlight/render/scene.h"
 #include "relight/pipeline/shadow_pipeline.h"
-#include "relight/shadow/plane_frame.h"
 #include "relight/shadow/shadow_lookup.h"
 #include "relight/shadow/stack_visibility.h"
-#include "render/scene.h"
 
 /// @file
 /// The captures of one object from which a shadow is computed: basis files, their rigs, and the

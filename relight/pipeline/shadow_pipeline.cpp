@@ -9,20 +9,20 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "relight/basis/relight.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/relight/shadow/composite.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/render/rig_lights.h"
 #include "relight/basis/weight_list.h"
-#include "relight/light/light_weights.h"
 #include "relight/pipeline/display_exposure.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/result_lines.h"
 #include "relight/pipeline/shadow_captures.h"
 #include "relight/pipeline/shadow_words.h"
-#include "relight/shadow/composite.h"
-#include "render/picture.h"
-#include "render/rig_lights.h"
 
 namespace haarlight {
 

@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "core/report.h"
-#include "core/tolerance.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/shadow/area_mean.h"
 #include "relight/pipeline/light_choice.h"
 #include "relight/pipeline/pipeline_settings.h"
-#include "relight/shadow/area_mean.h"
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"
 

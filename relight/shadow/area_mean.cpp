@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/area_mean.h"
+#include "haarlight/relight/shadow/area_mean.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "core/error.h"
-#include "render/analytic/polygon_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/analytic/polygon_light.h"
 
 namespace haarlight {
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/composite.h"
+#include "haarlight/relight/shadow/composite.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/plane_frame.h"
+#include "haarlight/relight/shadow/plane_frame.h"
 
 #include <cmath>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

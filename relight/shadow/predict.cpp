@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/predict.h"
+#include "haarlight/relight/shadow/predict.h"
 
 #include <algorithm>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

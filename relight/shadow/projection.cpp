@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/projection.h"
+#include "haarlight/relight/shadow/projection.h"
 
 namespace haarlight {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/receiver_light.h"
+#include "haarlight/relight/shadow/receiver_light.h"
 
 #include <algorithm>
 #include <array>
@@ -7,8 +7,8 @@
 #include <numbers>
 #include <utility>
 
-#include "core/error.h"
-#include "render/analytic/polygon_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/analytic/polygon_light.h"
 
 // Without contraction every width gives the same bits.
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && \

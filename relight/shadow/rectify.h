@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/image.h"
-#include "core/rig/camera_model.h"
-#include "relight/shadow/plane_frame.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/relight/shadow/plane_frame.h"
 
 /// @file
 /// Camera picture -> plane picture, by the calibrated camera with its distortion. The map is

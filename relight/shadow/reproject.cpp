@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "core/parallel.h"
-#include "render/picture.h"
+#include "haarlight/render/picture.h"
 
 namespace haarlight {
 namespace {

@@ -9,15 +9,15 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
-#include "core/progress.h"
-#include "core/rig/camera_model.h"
-#include "relight/shadow/area_mean.h"
-#include "relight/shadow/plane_frame.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/relight/shadow/area_mean.h"
+#include "haarlight/relight/shadow/plane_frame.h"
+#include "haarlight/render/direct_light.h"
+#include "haarlight/render/ray_caster.h"
+#include "haarlight/render/scene.h"
 #include "relight/shadow/shadow_points.h"
-#include "render/direct_light.h"
-#include "render/ray_caster.h"
-#include "render/scene.h"
 
 /// @file
 /// The captured object's shadow on another scene:

@@ -7,9 +7,9 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "relight/shadow/area_mean.h"
-#include "relight/shadow/predict.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shadow/area_mean.h"
+#include "haarlight/relight/shadow/predict.h"
 
 namespace haarlight {
 namespace {

@@ -7,8 +7,8 @@
 
 #include <Eigen/Core>
 
-#include "core/rig/rig.h"
-#include "relight/shadow/plane_frame.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/shadow/plane_frame.h"
 
 /// @file
 /// What a rig will capture of an object's shadow, before anything is built: the formulas of

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/error.h"
-#include "render/analytic/polygon_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/analytic/polygon_light.h"
 
 namespace haarlight {
 namespace {

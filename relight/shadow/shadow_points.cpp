@@ -8,18 +8,18 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/shadow/receiver_light.h"
-#include "render/light/light_tree.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shadow/receiver_light.h"
+#include "haarlight/render/light/light_tree.h"
 
 namespace haarlight {
 namespace {
 
 constexpr std::size_t kGrain = 256;  // receivers per task
 /// Lights per side of a root. Fixed, so that sums have one order and lights share the tests of
-/// the scene's own shadows (render/direct_light.h) whatever the memory limit.
+/// the scene's own shadows (haarlight/render/direct_light.h) whatever the memory limit.
 constexpr int kRootSide = 16;
 constexpr std::size_t kLoadAtOnce = 16;  // pictures that wait for their tables
 /// With fewer lights, blocks cost more than they save, and their errors are rare and large.

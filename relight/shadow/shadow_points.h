@@ -8,12 +8,12 @@
 
 #include <Eigen/Core>
 
-#include "core/progress.h"
-#include "core/tolerance.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/render/direct_light.h"
+#include "haarlight/render/ray_caster.h"
+#include "haarlight/render/scene.h"
 #include "relight/shadow/shadow_lookup.h"
-#include "render/direct_light.h"
-#include "render/ray_caster.h"
-#include "render/scene.h"
 
 /// @file
 /// The captured shadow at many points: irradiance

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <vector>
 
-#include "core/error.h"
 #include "core/parallel.h"
-#include "render/direct_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/direct_light.h"
 
 namespace haarlight {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 #include "relight/shadow/reproject.h"
 
 /// @file

@@ -9,10 +9,10 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/shadow/receiver_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shadow/receiver_light.h"
 
 namespace haarlight {
 namespace {

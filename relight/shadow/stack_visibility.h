@@ -7,13 +7,13 @@
 #include <span>
 #include <vector>
 
-#include "core/image.h"
-#include "core/rig/camera_model.h"
-#include "core/stack/stack_source.h"
-#include "relight/shadow/plane_frame.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/shadow/plane_frame.h"
+#include "haarlight/relight/shadow/visibility.h"
+#include "haarlight/render/scene.h"
 #include "relight/shadow/rectify.h"
-#include "relight/shadow/visibility.h"
-#include "render/scene.h"
 
 /// @file
 /// Shadow pictures from a capture: V_k = T_k/(g B_k) with the clean plate B, at the camera's

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/visibility.h"
+#include "haarlight/relight/shadow/visibility.h"
 
 #include <algorithm>
 #include <cmath>

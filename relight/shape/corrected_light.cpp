@@ -5,9 +5,9 @@
 #include <cmath>
 #include <utility>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -6,8 +6,8 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/image.h"
+#include "haarlight/relight/light/near_light.h"
 
 /// @file
 /// Pictures under near lights as they would be under far ones: each light's fall-off over the

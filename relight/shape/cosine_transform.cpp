@@ -8,8 +8,8 @@
 
 #include <unsupported/Eigen/FFT>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "core/stack/stack_source.h"
-#include "relight/shape/photometric_stereo.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 
 /// @file
 /// Chooses the robust fit for a capture: the one that best predicts held-out lights. Measured

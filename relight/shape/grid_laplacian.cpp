@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 
 /// @file
 /// How much of a surface's height is one slow bow. Near lights of which only directions are

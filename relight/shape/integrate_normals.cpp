@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/integrate_normals.h"
+#include "haarlight/relight/shape/integrate_normals.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/order_statistics.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/shape/cosine_transform.h"
 #include "relight/shape/grid_laplacian.h"
 

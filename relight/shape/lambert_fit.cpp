@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/lambert_fit.h"
+#include "haarlight/relight/shape/lambert_fit.h"
 
 #include <algorithm>
 #include <bit>
@@ -10,8 +10,8 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

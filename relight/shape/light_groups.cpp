@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

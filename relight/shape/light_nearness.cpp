@@ -9,8 +9,8 @@
 
 #include <Eigen/LU>
 
-#include "core/error.h"
-#include "relight/shape/pixel_samples.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shape/pixel_samples.h"
 
 namespace haarlight {
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "core/image.h"
-#include "core/stack/stack_source.h"
-#include "relight/shape/photometric_stereo.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 
 /// @file
 /// Tests whether lights known only by direction are as far as the model assumes. A light at

@@ -7,11 +7,11 @@
 #include <numbers>
 #include <utility>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shape/normal_picture.h"
+#include "haarlight/relight/shape/slope_field.h"
 #include "relight/shape/light_groups.h"
-#include "relight/shape/normal_picture.h"
 #include "relight/shape/normal_unevenness.h"
-#include "relight/shape/slope_field.h"
 
 namespace haarlight {
 

@@ -4,13 +4,13 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/image.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/image.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/shape/integrate_normals.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 #include "relight/shape/fit_choice.h"
-#include "relight/shape/integrate_normals.h"
 #include "relight/shape/light_nearness.h"
 #include "relight/shape/part_heights.h"
-#include "relight/shape/photometric_stereo.h"
 
 /// @file
 /// A capture's surface: normals, heights and points. Under near lights the normals need the

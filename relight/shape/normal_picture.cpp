@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/normal_picture.h"
+#include "haarlight/relight/shape/normal_picture.h"
 
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 

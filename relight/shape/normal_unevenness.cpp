@@ -7,7 +7,7 @@
 
 #include <Eigen/Geometry>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "relight/shape/photometric_stereo.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 
 /// @file
 /// How far each normal deviates from its neighbours. A pixel on an edge shows several surfaces.

@@ -10,10 +10,10 @@
 #include <Eigen/Cholesky>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/order_statistics.h"
 #include "core/parallel.h"
-#include "relight/shape/integrate_normals.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shape/integrate_normals.h"
 #include "relight/shape/light_groups.h"
 
 namespace haarlight {

@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <string_view>
 
-#include "core/image.h"
-#include "core/stack/stack_source.h"
-#include "relight/light/near_light.h"
-#include "relight/shape/pixel_samples.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/shape/pixel_samples.h"
 
 /// @file
 /// Which pixels of a capture show the object, detected from the capture itself. Two methods,

@@ -9,10 +9,10 @@
 #include <utility>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/order_statistics.h"
 #include "core/parallel.h"
-#include "relight/shape/lambert_fit.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shape/lambert_fit.h"
 #include "relight/shape/light_groups.h"
 
 namespace haarlight {

@@ -6,10 +6,10 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
-#include "relight/light/near_light.h"
-#include "relight/shape/integrate_normals.h"
-#include "relight/shape/pixel_samples.h"
+#include "haarlight/core/image.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/shape/integrate_normals.h"
+#include "haarlight/relight/shape/pixel_samples.h"
 
 /// @file
 /// The height of each connected part of a surface above the reference plane, from the near

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/photometric_stereo.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,8 +11,8 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/shape/light_groups.h"
 
 namespace haarlight {

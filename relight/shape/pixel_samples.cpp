@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/pixel_samples.h"
+#include "haarlight/relight/shape/pixel_samples.h"
 
 #include <algorithm>
 #include <cmath>

@@ -8,9 +8,9 @@
 
 #include <Eigen/LU>
 
-#include "core/error.h"
 #include "core/parallel.h"
-#include "relight/shape/normal_picture.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shape/normal_picture.h"
 
 namespace haarlight {
 

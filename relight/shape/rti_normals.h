@@ -5,9 +5,9 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
-#include "relight/reflectance/formats/reflectance.h"
-#include "relight/shape/photometric_stereo.h"
+#include "haarlight/core/image.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 
 /// @file
 /// Normals as cultural-heritage software derives them from a PTM or HSH: for comparison with

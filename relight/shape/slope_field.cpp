@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/slope_field.h"
+#include "haarlight/relight/shape/slope_field.h"
 
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <vector>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/surface_mesh.h"
+#include "haarlight/relight/shape/surface_mesh.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,8 +8,8 @@
 
 #include <Eigen/Geometry>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/study/array_binning.h"
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

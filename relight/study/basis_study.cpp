@@ -13,10 +13,10 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/order_statistics.h"
 #include "core/parallel.h"
-#include "relight/basis/haar.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/study/array_binning.h"
 #include "relight/study/coefficient_coder.h"
 #include "relight/study/dyadic_transform.h"

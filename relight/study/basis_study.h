@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "core/progress.h"
-#include "core/stack/stack_source.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/core/stack/stack_source.h"
 #include "relight/study/capture_regions.h"
 #include "relight/study/light_transform.h"
 #include "relight/study/study_lightings.h"

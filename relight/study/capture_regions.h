@@ -11,9 +11,9 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
-#include "core/rig/camera_model.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/rig/camera_model.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// Which pixels of a capture show highlights, attached shadows, cast shadows or none of them,

@@ -8,8 +8,8 @@
 
 #include <zstd.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/half_float.h"
 
 namespace haarlight {

@@ -8,7 +8,7 @@
 #include <tuple>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

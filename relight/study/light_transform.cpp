@@ -8,8 +8,8 @@
 #include <Eigen/Core>
 
 #include "core/count.h"
-#include "core/error.h"
-#include "relight/basis/haar.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/study/dyadic_transform.h"
 
 namespace haarlight {

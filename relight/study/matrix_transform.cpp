@@ -3,8 +3,8 @@
 
 #include <Eigen/Core>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -5,10 +5,10 @@
 
 #include <Eigen/Core>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/half_float.h"
 #include "relight/study/matrix_transform.h"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/study/matrix_transform.h"
 
 namespace haarlight {

@@ -6,8 +6,8 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/plate/plate.h"
 #include "relight/study/coefficient_coder.h"
 

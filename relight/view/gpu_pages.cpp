@@ -14,8 +14,8 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <string>
 
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 /// @file
 /// A basis file's pictures in a form for the GPU: cut into square pages of small integers,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/analytic/plane_irradiance.h"
+#include "haarlight/render/analytic/plane_irradiance.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +9,8 @@
 
 #include <Eigen/Geometry>
 
-#include "core/error.h"
-#include "render/analytic/polygon_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/analytic/polygon_light.h"
 
 namespace haarlight {
 

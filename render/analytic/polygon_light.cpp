@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/analytic/polygon_light.h"
+#include "haarlight/render/analytic/polygon_light.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/light/cubemap.h"
+#include "haarlight/render/light/cubemap.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +9,8 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 

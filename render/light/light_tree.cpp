@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/light/light_tree.h"
+#include "haarlight/render/light/light_tree.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
-#include "core/error.h"
-#include "render/direct_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/direct_light.h"
 
 namespace haarlight {
 namespace {

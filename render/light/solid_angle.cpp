@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/light/solid_angle.h"
+#include "haarlight/render/light/solid_angle.h"
 
 #include <cmath>
 

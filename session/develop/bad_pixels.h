@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "core/image.h"
-#include "session/session.h"
+#include "haarlight/core/image.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Pixels that do not measure light: hot in the dark frames, or dead in the flat field. They

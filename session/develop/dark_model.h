@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 #include "session/develop/lineariser.h"
 
 /// @file

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/develop/demosaic.h"
+#include "haarlight/session/develop/demosaic.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -3,10 +3,10 @@
 
 #include <vector>
 
-#include "core/image.h"
 #include "core/rig/pattern_inverse.h"
-#include "session/develop/develop_options.h"
-#include "session/session.h"
+#include "haarlight/core/image.h"
+#include "haarlight/session/develop/develop_options.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Matches a session's shots with the pattern parameters they were made with, and turns them

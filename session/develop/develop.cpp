@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/develop/develop.h"
+#include "haarlight/session/develop/develop.h"
 
 #include <algorithm>
 #include <array>
@@ -11,12 +11,12 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/json_value.h"
 #include "core/log.h"
 #include "core/parallel.h"
-#include "session/develop/demosaic.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/develop/demosaic.h"
 #include "session/develop/demultiplex.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/radiometry.h"

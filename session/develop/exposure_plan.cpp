@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/develop/demultiplex.h"
 
 namespace haarlight {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/rig/pattern_inverse.h"
-#include "session/session.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Which frames of a session measure what: the light shots grouped by pattern, how each is

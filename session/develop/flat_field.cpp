@@ -9,8 +9,8 @@
 #include <Eigen/Core>
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "session/develop/demosaic.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/develop/demosaic.h"
 
 namespace haarlight {
 

@@ -3,9 +3,9 @@
 
 #include <vector>
 
+#include "haarlight/session/develop/develop_options.h"
 #include "session/develop/bad_pixels.h"
 #include "session/develop/dark_model.h"
-#include "session/develop/develop_options.h"
 
 /// @file
 /// The pixels' relative sensitivity, from frames of an evenly lit target.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "session/develop/lineariser.h"
 
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 

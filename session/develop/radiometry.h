@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "session/develop/develop_options.h"
+#include "haarlight/session/develop/develop_options.h"
 #include "session/develop/drift_model.h"
 #include "session/develop/exposure_plan.h"
 #include "session/develop/flat_field.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "session/session.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Converts a session's samples to electrons, using the noise in the rig file (measured by

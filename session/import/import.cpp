@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/import/import.h"
+#include "haarlight/session/import/import.h"
 
 #include <algorithm>
 #include <array>
@@ -13,10 +13,10 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
 #include "core/sha256.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/frame_check.h"
 #include "session/frame_tiff.h"
 #include "session/import/import_folder.h"

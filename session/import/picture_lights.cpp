@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 

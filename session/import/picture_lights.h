@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "session/light_file.h"
+#include "haarlight/session/light_file.h"
 
 /// @file
 /// Lights described by the pictures themselves: the notes of `haarlight export --exr`

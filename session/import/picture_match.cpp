@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/import/picture_match.h"
+#include "haarlight/session/import/picture_match.h"
 
 #include <algorithm>
 #include <cctype>
@@ -10,9 +10,9 @@
 #include <fmt/format.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

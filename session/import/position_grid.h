@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "session/session.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Lights on a regular flat grid, detected from their positions: needed for Haar bases over the

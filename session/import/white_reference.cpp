@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/import/white_reference.h"
+#include "haarlight/session/import/white_reference.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/order_statistics.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -10,7 +10,7 @@
 
 #include "capture/commission/commission.h"
 #include "capture/plan/timing.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/capture/commission_truth.h"
 #include "tests/capture/twin_bench.h"
 #include "tests/drawn_seed.h"

@@ -7,8 +7,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/camera/measured_camera.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/capture/commission_truth.h"
 #include "tests/capture/twin_bench.h"
 

@@ -13,10 +13,10 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "capture/plan/plan.h"
 #include "capture/proof/frame_checks.h"
 #include "capture/sequencer/model_rig.h"
 #include "core/random.h"
+#include "haarlight/capture/plan/plan.h"
 #include "session/frame_check.h"
 #include "session/session_writer.h"
 #include "tests/session/faulty_disk.h"

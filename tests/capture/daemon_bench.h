@@ -10,8 +10,8 @@
 
 #include "capture/camera/fake_camera.h"
 #include "capture/daemon/daemon.h"
-#include "core/rig/rig.h"
 #include "firmware_iface/fake_light_array.h"
+#include "haarlight/core/rig/rig.h"
 #include "session/storage.h"
 #include "tests/temporary_folder.h"
 

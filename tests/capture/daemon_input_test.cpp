@@ -5,7 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/daemon/daemon_client.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 #include "tests/capture/daemon_bench.h"
 
 /// @file

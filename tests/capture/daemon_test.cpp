@@ -12,11 +12,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/daemon/daemon_client.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/thread_pulse.h"
-#include "session/session.h"
+#include "haarlight/capture/daemon/daemon_client.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/session.h"
 #include "session/storage.h"
 #include "session/verify.h"
 #include "tests/capture/daemon_bench.h"

@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 /// @file
 /// Is an exposure as long as the camera says? Samples are made on the line that exposures of

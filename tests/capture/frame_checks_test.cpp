@@ -10,7 +10,7 @@
 
 #include "capture/daemon/writer_thread.h"
 #include "core/random.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 #include "session/clip_level.h"
 #include "tests/drawn_seed.h"
 

@@ -15,13 +15,13 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "capture/daemon/daemon_client.h"
 #include "capture/daemon/daemon_view.h"
 #include "capture/daemon/device_report.h"
 #include "capture/daemon/frame_tap.h"
 #include "capture/daemon/preview_png.h"
 #include "capture/daemon/rig_watch.h"
 #include "core/thread_pulse.h"
+#include "haarlight/capture/daemon/daemon_client.h"
 #include "tests/capture/daemon_bench.h"
 
 namespace haarlight {

@@ -15,7 +15,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "firmware_iface/light_array.h"
+#include "haarlight/firmware_iface/light_array.h"
 #include "sim/controller_server.h"
 #include "sim/usb_device.h"
 #include "tests/capture/daemon_bench.h"

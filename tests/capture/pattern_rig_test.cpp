@@ -9,8 +9,8 @@
 #include <gtest/gtest.h>
 
 #include "capture/daemon/daemon.h"
-#include "capture/plan/plan.h"
-#include "session/develop/develop.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/session/develop/develop.h"
 #include "session/storage.h"
 #include "sim/virtual_rig.h"
 #include "tests/capture/session_truth.h"

@@ -7,8 +7,8 @@
 #include <rapidcheck/gtest.h>
 
 #include "capture/camera/grey_jpeg.h"
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

@@ -8,9 +8,9 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "capture/plan/plan.h"
 #include "capture/plan/timing.h"
-#include "core/error.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/error.h"
 #include "tests/firmware_iface/controller_fixture.h"
 
 namespace haarlight {

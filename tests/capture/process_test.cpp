@@ -17,9 +17,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "capture/daemon/daemon_client.h"
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/capture/daemon/daemon_client.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "sim/virtual_rig.h"
 #include "tests/capture/session_truth.h"
 #include "tests/sim/made_transport.h"

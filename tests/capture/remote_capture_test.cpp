@@ -10,8 +10,8 @@
 #include <gtest/gtest.h>
 
 #include "capture/daemon/remote_look.h"
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/capture/daemon_bench.h"
 
 namespace haarlight {

@@ -10,8 +10,8 @@
 #include "capture/camera/replay_camera.h"
 #include "capture/daemon/daemon.h"
 #include "capture/sequencer/sequencer.h"
-#include "core/files.h"
 #include "firmware_iface/fake_light_array.h"
+#include "haarlight/core/files.h"
 #include "session/storage.h"
 #include "tests/temporary_folder.h"
 

@@ -9,9 +9,9 @@
 #include <gtest/gtest.h>
 
 #include "capture/camera/remote_camera_protocol.h"
-#include "core/error.h"
-#include "core/files.h"
 #include "core/rig/measured_rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "sim/virtual_rig.h"
 #include "tests/sim/made_transport.h"
 #include "tests/temporary_folder.h"

@@ -10,9 +10,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "capture/daemon/daemon_client.h"
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/capture/daemon/daemon_client.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"
 

@@ -7,9 +7,9 @@
 
 #include "capture/camera/tag_rows.h"
 #include "capture/sequencer/sequencer.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/session.h"
 #include "session/frame_tiff.h"
-#include "session/session.h"
 
 /// @file
 /// What the virtual camera wrote into a finished session's frames, against what they stand for.

@@ -13,7 +13,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/daemon/daemon.h"
-#include "session/session.h"
+#include "haarlight/session/session.h"
 #include "session/storage.h"
 #include "session/verify.h"
 #include "sim/virtual_rig.h"

@@ -3,11 +3,11 @@
 #include <cstdio>
 #include <exception>
 
-#include "core/picture/image_io.h"
-#include "core/rig/rig.h"
-#include "relight/basis/relight.h"
-#include "relight/light/light_weights.h"
-#include "render/light/cubemap.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/render/light/cubemap.h"
 
 int main(int argc, char** argv) try {
   if (argc != 4) {

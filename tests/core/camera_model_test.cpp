@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/camera_model.h"
+#include "haarlight/core/rig/camera_model.h"
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>

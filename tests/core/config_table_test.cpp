@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 #include <algorithm>
 #include <functional>
@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,10 +10,10 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/random.h"
 #include "core/report.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

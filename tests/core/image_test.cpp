@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/image.h"
+#include "haarlight/core/image.h"
 
 #include <gtest/gtest.h>
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/stack/light_stack.h"
+#include "haarlight/core/stack/light_stack.h"
 
 #include <algorithm>
 #include <numeric>
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

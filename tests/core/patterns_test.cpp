@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/patterns.h"
+#include "haarlight/core/rig/patterns.h"
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

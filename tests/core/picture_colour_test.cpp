@@ -9,8 +9,8 @@
 #include <gtest/gtest.h>
 #include <lcms2.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/core/picture_files.h"
 #include "tests/temporary_folder.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/picture/picture_facts.h"
+#include "haarlight/core/picture/picture_facts.h"
 
 #include <cmath>
 #include <vector>
@@ -7,8 +7,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/picture/image_io.h"
 #include "core/picture/picture_tags.h"
+#include "haarlight/core/picture/image_io.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

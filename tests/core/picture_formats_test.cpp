@@ -13,9 +13,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/core/picture_files.h"
 #include "tests/temporary_folder.h"
 

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 #include <algorithm>
 #include <functional>
@@ -7,9 +7,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/rig/measured_rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/absurd_numbers.h"
 
 namespace haarlight {

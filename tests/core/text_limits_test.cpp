@@ -10,7 +10,7 @@
 #include <pthread.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/tolerance.h"
+#include "haarlight/core/tolerance.h"
 
 #include <cmath>
 #include <limits>

@@ -8,7 +8,7 @@
 
 #include "firmware_iface/light_controller.h"
 #include "firmware_iface/register_codec.h"
-#include "firmware_iface/register_map.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 /// @file
 /// A small controller and the words that tests write to it.

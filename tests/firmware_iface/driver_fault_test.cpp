@@ -9,9 +9,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "core/files.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/register_light_array.h"
+#include "haarlight/core/files.h"
 #include "sim/controller_server.h"
 #include "tests/firmware_iface/controller_fixture.h"
 #include "tests/firmware_iface/late_answer.h"

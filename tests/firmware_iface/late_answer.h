@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "firmware_iface/register_bus.h"
-#include "firmware_iface/register_map.h"
+#include "haarlight/firmware_iface/register_map.h"
 #include "sim/controller_server.h"
 
 /// @file

@@ -10,7 +10,7 @@
 #include <poll.h>
 #include <sys/socket.h>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// The listening side of a peer that a test plays.

@@ -2,9 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/rig/rig.h"
 #include "firmware_iface/fake_bus.h"
 #include "firmware_iface/register_light_array.h"
+#include "haarlight/core/rig/rig.h"
 #include "sim/controller_server.h"
 #include "tests/firmware_iface/controller_fixture.h"
 

@@ -8,9 +8,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "firmware_iface/controller_profile.h"
-#include "firmware_iface/light_array.h"
+#include "haarlight/core/error.h"
+#include "haarlight/firmware_iface/controller_profile.h"
+#include "haarlight/firmware_iface/light_array.h"
 #include "tests/firmware_iface/vendor_device.h"
 #include "tests/temporary_folder.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "firmware_iface/register_map.h"
+#include "haarlight/firmware_iface/register_map.h"
 
 #include <algorithm>
 #include <string>
@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "core/files.h"
 #include "firmware_iface/register_codec.h"
+#include "haarlight/core/files.h"
 #include "tests/firmware_iface/controller_fixture.h"
 
 namespace haarlight {

@@ -10,10 +10,10 @@
 #include <modbus.h>
 #include <sys/file.h>
 
-#include "core/files.h"
 #include "firmware_iface/modbus_bus.h"
 #include "firmware_iface/register_light_array.h"
 #include "firmware_iface/serial_ports.h"
+#include "haarlight/core/files.h"
 #include "sim/controller_server.h"
 #include "tests/firmware_iface/controller_fixture.h"
 #include "tests/temporary_folder.h"

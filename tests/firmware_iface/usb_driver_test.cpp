@@ -6,10 +6,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "firmware_iface/light_array.h"
 #include "firmware_iface/register_light_array.h"
 #include "firmware_iface/usb_bus.h"
 #include "firmware_iface/usb_link.h"
+#include "haarlight/firmware_iface/light_array.h"
 #include "sim/controller_server.h"
 #include "tests/firmware_iface/controller_fixture.h"
 #include "tests/firmware_iface/late_answer.h"

@@ -14,9 +14,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "core/files.h"
 #include "firmware_iface/modbus_frame.h"
 #include "firmware_iface/modbus_request.h"
+#include "haarlight/core/files.h"
 #include "tests/firmware_iface/loopback_listener.h"
 
 /// @file

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "http/json_text.h"
 
 namespace haarlight {

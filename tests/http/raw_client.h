@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// A client that sends exactly the bytes it is told to: what a browser would refuse to send

@@ -7,13 +7,13 @@
 
 #include <gtest/gtest.h>
 
-#include "core/tolerance.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/compress.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/render/rig_lights.h"
 #include "relight/basis/plate/plate.h"
-#include "relight/basis/relight.h"
-#include "relight/light/light_weights.h"
-#include "render/picture.h"
-#include "render/rig_lights.h"
 #include "sim/transport.h"
 #include "tests/temporary_folder.h"
 

@@ -11,10 +11,10 @@
 #include <gtest/gtest.h>
 
 #include "core/random.h"
-#include "core/tolerance.h"
-#include "relight/basis/compress_session.h"
-#include "relight/basis/relight.h"
-#include "session/develop/develop.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/session/develop/develop.h"
 #include "sim/transport.h"
 #include "tests/session/small_session.h"
 

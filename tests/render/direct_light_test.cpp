@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/direct_light.h"
+#include "haarlight/render/direct_light.h"
 
 #include <cmath>
 #include <numbers>
@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/random.h"
-#include "render/analytic/polygon_light.h"
+#include "haarlight/render/analytic/polygon_light.h"
 #include "tests/golden_file.h"
 
 namespace haarlight {

@@ -6,10 +6,10 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "render/scene.h"
-#include "render/scene_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/render/scene.h"
+#include "haarlight/render/scene_io.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

@@ -6,9 +6,9 @@
 #include <string>
 #include <string_view>
 
-#include "core/error.h"
 #include "core/log.h"
-#include "render/scene_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/scene_io.h"
 
 /// @file
 /// What the fuzz targets of the mesh readers share.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/picture.h"
+#include "haarlight/render/picture.h"
 
 #include <cmath>
 #include <numbers>
@@ -7,8 +7,8 @@
 #include <gtest/gtest.h>
 
 #include "core/parallel.h"
-#include "core/tolerance.h"
-#include "render/analytic/polygon_light.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/render/analytic/polygon_light.h"
 
 namespace haarlight {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/analytic/plane_irradiance.h"
+#include "haarlight/render/analytic/plane_irradiance.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "core/random.h"
-#include "render/analytic/polygon_light.h"
+#include "haarlight/render/analytic/polygon_light.h"
 #include "tests/drawn_seed.h"
 
 namespace haarlight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/ray_caster.h"
+#include "haarlight/render/ray_caster.h"
 
 #include <cmath>
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/rig_lights.h"
+#include "haarlight/render/rig_lights.h"
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
 
 namespace haarlight {
 namespace {

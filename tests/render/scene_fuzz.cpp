@@ -4,9 +4,9 @@
 
 #include <cstdint>
 
-#include "core/error.h"
 #include "core/log.h"
-#include "render/scene.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/scene.h"
 #include "tests/memory_file.h"
 #include "tests/repeating_mutator.h"
 

@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
-#include "core/rig/rig.h"
-#include "session/session.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/session/session.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

@@ -9,8 +9,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "session/develop/develop.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/develop/develop.h"
 #include "session/develop/drift_model.h"
 #include "session/develop/flat_field.h"
 #include "tests/session/small_session.h"

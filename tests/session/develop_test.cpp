@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/develop/demosaic.h"
-#include "session/develop/develop.h"
+#include "haarlight/session/develop/develop.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +8,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "core/rig/patterns.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/patterns.h"
+#include "haarlight/session/develop/demosaic.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

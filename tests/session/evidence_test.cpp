@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/evidence.h"
+#include "haarlight/session/evidence.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/clean_rule.h"
 #include "session/frame_tiff.h"
 

@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <sqlite3.h>
 
+#include "haarlight/session/session.h"
 #include "session/frame_tiff.h"
-#include "session/session.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/import/import.h"
+#include "haarlight/session/import/import.h"
 
 #include <cmath>
 #include <cstring>
@@ -9,8 +9,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "session/develop/develop.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/develop/develop.h"
 #include "session/verify.h"
 #include "tests/core/picture_files.h"
 #include "tests/session/small_session.h"

@@ -11,10 +11,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/random.h"
-#include "session/develop/develop.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/develop/develop.h"
 #include "tests/drawn_seed.h"
 #include "tests/session/small_session.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/light_file.h"
+#include "haarlight/session/light_file.h"
 
 #include <cmath>
 
@@ -7,8 +7,8 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
-#include "session/export.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/export.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

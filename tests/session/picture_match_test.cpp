@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "session/import/picture_match.h"
+#include "haarlight/session/import/picture_match.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

@@ -8,8 +8,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/files.h"
 #include "core/sha256.h"
+#include "haarlight/core/files.h"
 #include "session/frame_tiff.h"
 #include "session/session_writer.h"
 #include "session/verify.h"

@@ -15,13 +15,13 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "capture/plan/plan.h"
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/session/import/import.h"
 #include "session/clean_rule.h"
 #include "session/frame_check.h"
-#include "session/import/import.h"
 #include "session/rig_session.h"
 #include "session/session_writer.h"
 #include "session/verify.h"

@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/frame_tiff.h"
 #include "session/verify.h"
 #include "tests/session/small_session.h"

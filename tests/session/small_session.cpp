@@ -8,11 +8,11 @@
 
 #include <fmt/format.h>
 
-#include "core/files.h"
 #include "core/random.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/session.h"
 #include "session/clean_rule.h"
 #include "session/frame_check.h"
-#include "session/session.h"
 
 namespace haarlight::test {
 

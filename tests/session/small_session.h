@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 #include "session/session_writer.h"
 
 /// @file

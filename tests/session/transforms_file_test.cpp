@@ -5,8 +5,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/json_value.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

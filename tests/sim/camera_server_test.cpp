@@ -11,7 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "capture/camera/camera.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/sim/made_transport.h"
 #include "tests/sim/remote_client.h"
 

@@ -17,12 +17,12 @@
 #include <gtest/gtest.h>
 
 #include "capture/daemon/writer_thread.h"
-#include "capture/plan/plan.h"
-#include "core/error.h"
-#include "core/files.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/session/develop/develop.h"
 #include "session/clean_rule.h"
-#include "session/develop/develop.h"
 #include "session/frame_check.h"
 #include "session/session_writer.h"
 #include "sim/virtual_camera.h"

@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "capture/camera/remote_camera_protocol.h"
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file
 /// A client of the remote camera's socket, written from the protocol's page alone.

@@ -6,11 +6,11 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
-#include "core/stack/light_stack.h"
-#include "render/analytic/polygon_light.h"
-#include "render/rig_lights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/stack/light_stack.h"
+#include "haarlight/render/analytic/polygon_light.h"
+#include "haarlight/render/rig_lights.h"
 #include "sim/transport_stack.h"
 #include "tests/temporary_folder.h"
 

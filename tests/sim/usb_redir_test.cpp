@@ -15,10 +15,10 @@
 #include <unistd.h>
 #include <usbredirparser.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "firmware_iface/register_pdu.h"
 #include "firmware_iface/usb_frame.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "sim/usb_device.h"
 #include "sim/usb_redir_server.h"
 #include "tests/temporary_folder.h"

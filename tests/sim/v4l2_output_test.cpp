@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/sim/made_transport.h"
 
 // What it writes is tested against a real kernel: scripts/vm run capture.

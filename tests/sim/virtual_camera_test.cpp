@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "tests/sim/made_transport.h"
 
 namespace haarlight {

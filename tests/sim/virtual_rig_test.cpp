@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/sim/made_transport.h"
 #include "tests/sim/remote_client.h"
 

@@ -11,10 +11,10 @@
 #include <fmt/format.h>
 
 #include "apps/command_line.h"
-#include "core/error.h"
-#include "core/files.h"
-#include "core/rig/rig.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/compress.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/relight/view/retiled.h"
 

@@ -11,12 +11,12 @@
 #include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "relight/reflectance/formats/quantise.h"
-#include "relight/reflectance/formats/refit.h"
-#include "relight/reflectance/formats/reflectance_file.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "tests/relight/formats/reflectance_truth.h"
 
 namespace haarlight {

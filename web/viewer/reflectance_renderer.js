@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A picture of 8-bit planes under a light from one direction. How bytes become colours there is a
-// linear map that the server computes (relight/reflectance/formats/reflectance.h, ColourMap); its product with
+// linear map that the server computes (include/haarlight/relight/reflectance/formats/reflectance.h, ColourMap); its product with
 // every pixel's bytes is formed here.
 
 import {NoGraphics, link} from './graphics.js';

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/coder/block_codec.h"
+#include "haarlight/relight/basis/coder/block_codec.h"
 
 #include <algorithm>
 #include <bit>
@@ -11,7 +11,7 @@
 #include <xxhash.h>
 #include <zstd.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "relight/basis/haar.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {

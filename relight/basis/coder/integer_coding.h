@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 /// @file
 /// What encoder and decoder of BasisCoding::integers must do identically to the last bit: the

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
 #include "relight/basis/relight_kernels.h"
 
 /// @file

@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/coder/integer_coding.h"
 #include "relight/basis/error_gram.h"
 #include "relight/basis/plate/tile_plate.h"

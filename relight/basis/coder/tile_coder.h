@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "core/stack/stack_source.h"
-#include "relight/basis/basis_file.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/basis/basis_file.h"
 #include "relight/basis/coder/quantiser.h"
 #include "relight/basis/plate/plate.h"
 

@@ -13,11 +13,11 @@
 #include <fmt/format.h>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/random.h"
-#include "render/analytic/polygon_light.h"
-#include "render/rig_lights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/render/analytic/polygon_light.h"
+#include "haarlight/render/rig_lights.h"
 
 namespace haarlight {
 

@@ -9,10 +9,10 @@
 
 #include <Eigen/Core>
 
-#include "core/rig/rig.h"
-#include "core/stack/stack_source.h"
-#include "render/analytic/plane_irradiance.h"
-#include "render/scene.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/render/analytic/plane_irradiance.h"
+#include "haarlight/render/scene.h"
 
 /// @file
 /// The clean plate B[pixel][light]: the empty shadow plane under every light. What compress

@@ -5,8 +5,8 @@
 #include <memory>
 #include <span>
 
+#include "haarlight/relight/basis/plate/plate_source.h"
 #include "relight/basis/plate/plate.h"
-#include "relight/basis/plate/plate_source.h"
 
 namespace haarlight {
 

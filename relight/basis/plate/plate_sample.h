@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "core/rig/rig.h"
-#include "session/develop/develop_options.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/session/develop/develop_options.h"
 
 /// @file
 /// Parts of the computed clean plate, for predictions that need no picture.

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/plate/plate_source.h"
+#include "haarlight/relight/basis/plate/plate_source.h"
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/basis/plate/plate.h"
-#include "session/develop/develop.h"
 
 namespace haarlight {
 

@@ -10,9 +10,9 @@
 #include <Eigen/Core>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/plate/tile_plate.h"
 
 namespace haarlight {

@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "core/stack/stack_source.h"
+#include "haarlight/core/stack/stack_source.h"
 #include "relight/basis/plate/plate.h"
 
 /// @file

@@ -9,9 +9,9 @@
 #include <Eigen/Core>
 
 #include "core/count.h"
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/relight_kernels.h"
 
 namespace haarlight {

@@ -8,8 +8,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
 #include "relight/pipeline/calibrate/seen_balls.h"
 
 namespace haarlight {

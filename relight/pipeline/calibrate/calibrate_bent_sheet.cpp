@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "relight/shape/integrate_normals.h"
+#include "haarlight/relight/shape/integrate_normals.h"
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/pipeline/calibrate/calibrate_balls.h"
 #include "relight/pipeline/calibrate/calibrate_bent_sheet.h"
 #include "relight/pipeline/calibrate/calibrate_rig.h"

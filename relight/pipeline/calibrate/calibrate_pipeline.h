@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "core/picture/image_io.h"
 #include "core/report.h"
+#include "haarlight/core/picture/image_io.h"
 #include "relight/calibration/calibrate_with_shape.h"
 #include "relight/calibration/free_lights.h"
 #include "relight/calibration/mirror_ball.h"

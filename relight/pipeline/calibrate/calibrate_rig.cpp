@@ -6,7 +6,7 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "relight/light/near_light.h"
+#include "haarlight/relight/light/near_light.h"
 #include "relight/pipeline/calibrate/sheet_parts.h"
 
 namespace haarlight {

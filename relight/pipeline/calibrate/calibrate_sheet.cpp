@@ -9,7 +9,7 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/pipeline/calibrate/calibrate_bent_sheet.h"
 #include "relight/pipeline/calibrate/sheet_parts.h"
 

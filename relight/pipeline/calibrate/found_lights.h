@@ -9,9 +9,9 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
 #include "core/report.h"
-#include "session/session.h"
+#include "haarlight/core/image.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// Lights as a calibration found them: the lists that import, fit and shape read, a table for

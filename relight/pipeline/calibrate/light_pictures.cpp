@@ -7,9 +7,9 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/import/picture_match.h"
 #include "relight/pipeline/session_stack.h"
-#include "session/import/picture_match.h"
 
 namespace haarlight {
 

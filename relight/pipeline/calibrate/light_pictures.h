@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/session/session.h"
 #include "relight/pipeline/pipeline_settings.h"
-#include "session/session.h"
 
 /// @file
 /// The pictures used to find lights: from a session, or from a folder.

@@ -6,8 +6,8 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include "core/files.h"
 #include "core/report.h"
+#include "haarlight/core/files.h"
 
 namespace haarlight {
 

@@ -5,7 +5,7 @@
 #include <filesystem>
 
 #include "core/rig/measured_rig.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 /// @file
 /// The file next to a rig file that holds its measured values.

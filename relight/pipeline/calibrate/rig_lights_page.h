@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 #include "relight/pipeline/calibrate/rig_lights_pipeline.h"
 
 /// @file

@@ -7,11 +7,11 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/pipeline/calibrate/measured_file.h"
 #include "relight/pipeline/calibrate/rig_lights_page.h"
-#include "session/develop/develop.h"
 
 namespace haarlight {
 

@@ -9,11 +9,11 @@
 
 #include "core/report.h"
 #include "core/rig/measured_rig.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/session/session.h"
 #include "relight/calibration/near_calibration.h"
 #include "relight/calibration/rig_light_calibration.h"
 #include "relight/pipeline/pipeline_settings.h"
-#include "session/session.h"
 
 /// @file
 /// Poses of a rig's faces and powers of their lights, from its own capture of a flat matte

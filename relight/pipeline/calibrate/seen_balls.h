@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 #include "relight/calibration/mirror_ball.h"
 #include "relight/pipeline/calibrate/calibrate_pipeline.h"
 #include "relight/pipeline/calibrate/light_pictures.h"

@@ -5,8 +5,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/light/near_light.h"
 #include "relight/reflectance/fit/picture_files.h"
 
 namespace haarlight {

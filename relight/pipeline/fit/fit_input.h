@@ -6,11 +6,11 @@
 
 #include <Eigen/Core>
 
-#include "core/picture/picture_facts.h"
+#include "haarlight/core/picture/picture_facts.h"
+#include "haarlight/session/session.h"
 #include "relight/pipeline/fit/fit_pipeline.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/reflectance/fit/picture_rows.h"
-#include "session/session.h"
 
 /// @file
 /// A capture as input to fits: rows of pictures and a direction for each, from a session, or

@@ -3,7 +3,7 @@
 
 #include <cstdlib>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/pipeline/bytes_on_disk.h"
 
 namespace haarlight {

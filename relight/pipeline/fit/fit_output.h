@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "relight/reflectance/formats/reflectance_file.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "relight/reflectance/formats/web_target.h"
 
 /// @file

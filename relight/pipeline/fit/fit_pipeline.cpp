@@ -8,13 +8,13 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "relight/basis/haar.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/haar.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "relight/pipeline/fit/fit_input.h"
-#include "relight/reflectance/formats/refit.h"
-#include "relight/reflectance/formats/reflectance_file.h"
 
 namespace haarlight {
 

@@ -8,8 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "core/picture/image_io.h"
-#include "core/picture/picture_rectangle.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/picture/picture_rectangle.h"
+#include "haarlight/session/import/picture_match.h"
 #include "relight/pipeline/fit/fit_output.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/reflectance/fit/fit_check.h"
@@ -17,7 +18,6 @@
 #include "relight/reflectance/fit/near_fit.h"
 #include "relight/reflectance/fit/plane_ranges.h"
 #include "relight/reflectance/fit/recipe_choice.h"
-#include "session/import/picture_match.h"
 
 /// @file
 /// From a capture to a picture that can be lit from any direction: which basis suits it

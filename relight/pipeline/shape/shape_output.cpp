@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
+#include "haarlight/relight/shape/normal_picture.h"
 #include "relight/pipeline/display_exposure.h"
-#include "relight/shape/normal_picture.h"
 
 namespace haarlight {
 

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 #include "relight/pipeline/shape/shape_pipeline.h"
 
 /// @file

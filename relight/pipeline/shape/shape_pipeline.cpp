@@ -6,14 +6,14 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "relight/pipeline/picture_notes.h"
 #include "relight/pipeline/session_stack.h"
 #include "relight/pipeline/shape/shape_output.h"
 #include "relight/reflectance/fit/far_fit.h"
 #include "relight/reflectance/fit/recipe_choice.h"
-#include "relight/reflectance/formats/reflectance_file.h"
 #include "relight/shape/rti_normals.h"
 #include "session/develop/sensor_response.h"
 

@@ -9,12 +9,12 @@
 
 #include <Eigen/Core>
 
-#include "core/picture/image_io.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/shape/surface_mesh.h"
 #include "relight/pipeline/pipeline_settings.h"
 #include "relight/shape/near_alternation.h"
 #include "relight/shape/object_mask.h"
-#include "relight/shape/surface_mesh.h"
 
 /// @file
 /// From a capture, or from a relightable picture, to its surface: normals with their standard

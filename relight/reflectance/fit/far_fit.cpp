@@ -5,8 +5,8 @@
 #include <array>
 #include <utility>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/fit_kernel.h"
 #include "relight/reflectance/fit/pixel_band.h"
 

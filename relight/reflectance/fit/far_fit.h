@@ -3,10 +3,10 @@
 
 #include <Eigen/Core>
 
-#include "core/progress.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 #include "relight/reflectance/fit/picture_rows.h"
 #include "relight/reflectance/fit/plane_writer.h"
-#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// A fit whose planes are the same sums of the lights' values for every pixel: one pass over

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numeric>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -6,8 +6,8 @@
 
 #include <Eigen/Core>
 
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 #include "relight/reflectance/fit/picture_rows.h"
-#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// Tests a fit on held-out pictures.

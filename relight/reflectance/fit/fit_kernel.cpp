@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/wide_vectors.h"
 
 #if HAARLIGHT_FIT_X86

@@ -5,10 +5,10 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
 #include "core/picture/jpeg.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "relight/reflectance/fit/picture_rows.h"
 
 namespace haarlight {

@@ -6,7 +6,7 @@
 #include <functional>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "relight/basis/haar.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/reflectance/fit/light_sample.h"
 
 /// @file

@@ -9,8 +9,8 @@
 #include <Eigen/Core>
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 

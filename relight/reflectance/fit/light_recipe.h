@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// Interpolates values under lights that were not photographed from those that were: a sum with
@@ -75,7 +75,7 @@ struct LightInterpolation {
                                             const std::vector<Eigen::Vector3d>& lights);
 
 /// radial: values at the Gaussians' centres, the lights, from those photographed; (n_lights,
-/// n_lights). Between the centres, node_weights() of relight/reflectance/formats/reflectance.h
+/// n_lights). Between the centres, node_weights() of haarlight/relight/reflectance/formats/reflectance.h
 /// applies.
 [[nodiscard]] Eigen::MatrixXd radial_centres(const LightInterpolation& recipe,
                                              const std::vector<Eigen::Vector3d>& lights);

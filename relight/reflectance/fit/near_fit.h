@@ -5,11 +5,11 @@
 
 #include <Eigen/Core>
 
-#include "core/progress.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/progress.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 #include "relight/reflectance/fit/picture_rows.h"
 #include "relight/reflectance/fit/plane_writer.h"
-#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// Fits under near lights: values are normalised to one distance first, then each pixel is

@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// The inner loops of a fit whose directions differ from pixel to pixel. Sums are float, in the

@@ -10,10 +10,10 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
 #include "core/picture/picture_tags.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "relight/reflectance/fit/plane_store.h"
 
 namespace haarlight {

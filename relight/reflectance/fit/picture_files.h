@@ -10,7 +10,7 @@
 #include "relight/reflectance/fit/picture_rows.h"
 
 /// @file
-/// Picture files of any kind that core reads (core/picture/image_io.h) as rows, by their colour
+/// Picture files of any kind that core reads (haarlight/core/picture/image_io.h) as rows, by their colour
 /// profiles.
 
 namespace haarlight {

@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/transfer_table.h"
 
 namespace haarlight {

@@ -10,11 +10,11 @@
 
 #include <Eigen/Core>
 
-#include "core/picture/image_io.h"
-#include "core/picture/picture_rectangle.h"
-#include "core/stack/stack_source.h"
-#include "session/develop/develop.h"
-#include "session/session.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/picture/picture_rectangle.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/session/develop/develop.h"
+#include "haarlight/session/session.h"
 
 /// @file
 /// The pictures of a capture under all its lights, read in lockstep from top to bottom: memory

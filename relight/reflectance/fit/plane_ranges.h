@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "relight/reflectance/formats/quantise.h"
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// From 16-bit plane values to 8 bits with little loss: for every plane the range with the
@@ -50,7 +50,7 @@ struct PlaneRange {
   double clipped = 0.0;    ///< fraction of values outside
 };
 
-/// @param rule  what the file's numbers can express (relight/reflectance/formats/quantise.h):
+/// @param rule  what the file's numbers can express (haarlight/relight/reflectance/formats/quantise.h):
 ///              .ptm requires 0 to be exactly a byte
 [[nodiscard]] PlaneRange choose_range(const PlaneHistogram& histogram, const PlaneCodes& codes,
                                       RangeEnds ends, ScaleRule rule = ScaleRule::any);

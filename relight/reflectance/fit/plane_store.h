@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "core/files.h"
+#include "haarlight/core/files.h"
 
 /// @file 16-bit values written once in order and read once in order: in memory, or, where that
 /// is too much, in an unnamed temporary file that vanishes with the process.

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <utility>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/wide_vectors.h"
 
 namespace haarlight {

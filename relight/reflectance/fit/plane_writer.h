@@ -6,9 +6,9 @@
 #include <span>
 #include <vector>
 
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 #include "relight/reflectance/fit/plane_ranges.h"
 #include "relight/reflectance/fit/plane_store.h"
-#include "relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// Takes a fit's planes as 16-bit codes band by band, and converts them to the model's bytes

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/light_axes.h"
 
 namespace haarlight {

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 
 /// @file
 /// Linear values to coded ones, by a table: for loops over every value of a capture. Pure after

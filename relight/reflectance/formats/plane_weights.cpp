@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
 
 namespace haarlight {
 

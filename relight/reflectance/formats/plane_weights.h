@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// How much each plane of a model affects its lit pictures: lets a coder of planes spend its

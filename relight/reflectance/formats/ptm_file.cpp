@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/ptm_file.h"
+#include "haarlight/relight/reflectance/formats/ptm_file.h"
 
 #include <algorithm>
 #include <array>
@@ -9,11 +9,11 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/picture/jpeg.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
 #include "relight/reflectance/formats/header_reader.h"
-#include "relight/reflectance/formats/quantise.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
 
 #include <algorithm>
 #include <array>
@@ -10,10 +10,10 @@
 #include <Eigen/Core>
 #include <fmt/format.h>
 
-#include "core/error.h"
 #include "core/linear_algebra.h"
 #include "core/parallel.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/reflectance_file.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 
 #include <array>
 #include <cmath>
@@ -7,11 +7,11 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "relight/reflectance/formats/ptm_file.h"
-#include "relight/reflectance/formats/rti_file.h"
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/ptm_file.h"
+#include "haarlight/relight/reflectance/formats/rti_file.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 
 namespace haarlight {
 

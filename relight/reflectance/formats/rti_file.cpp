@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/rti_file.h"
+#include "haarlight/relight/reflectance/formats/rti_file.h"
 
 #include <algorithm>
 #include <array>
@@ -11,10 +11,10 @@
 
 #include <fmt/format.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
 #include "relight/reflectance/formats/header_reader.h"
-#include "relight/reflectance/formats/quantise.h"
 
 namespace haarlight {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 
 #include <algorithm>
 #include <array>
@@ -10,14 +10,14 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/json_value.h"
 #include "core/parallel.h"
 #include "core/picture/jpeg.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
 #include "relight/reflectance/formats/plane_weights.h"
-#include "relight/reflectance/formats/quantise.h"
 #include "session/photographed.h"
 
 namespace haarlight {

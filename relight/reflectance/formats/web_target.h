@@ -5,7 +5,7 @@
 #include <functional>
 #include <string>
 
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 
 /// @file
 /// A web folder of a given size or picture quality: finds the quality setting that yields it,

@@ -10,9 +10,9 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
 #include "tests/apps/viewer/small_basis.h"
 
 namespace haarlight {

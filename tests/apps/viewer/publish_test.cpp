@@ -9,11 +9,11 @@
 
 #include "apps/viewer/publish_basis.h"
 #include "apps/viewer/publish_object.h"
-#include "core/picture/image_io.h"
 #include "core/picture/png_tile.h"
-#include "relight/basis/haar.h"
-#include "relight/reflectance/formats/quantise.h"
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/basis/haar.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 #include "tests/apps/viewer/small_basis.h"
 #include "tests/relight/formats/reflectance_truth.h"
 

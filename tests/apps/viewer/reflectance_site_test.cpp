@@ -8,8 +8,8 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "haarlight/relight/reflectance/formats/quantise.h"
 #include "http/server.h"
-#include "relight/reflectance/formats/quantise.h"
 #include "tests/http/raw_client.h"
 #include "tests/relight/formats/reflectance_truth.h"
 

@@ -3,9 +3,9 @@
 
 #include <filesystem>
 
-#include "core/files.h"
-#include "core/rig/rig.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/compress.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/temporary_folder.h"
 

@@ -20,7 +20,7 @@
 #include <unistd.h>
 
 #include "capture/camera/remote_camera.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace {
 

@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <string>
 
-#include "capture/plan/plan.h"
-#include "core/error.h"
-#include "core/rig/rig.h"
+#include "haarlight/capture/plan/plan.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
 #include "tests/repeating_mutator.h"
 
 namespace {

@@ -7,7 +7,7 @@
 #include "capture/camera/tag_rows.h"
 #include "capture/camera/v4l2_camera.h"
 #include "capture/daemon/daemon.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/capture/daemon_bench.h"
 #include "tests/capture/session_truth.h"
 #include "tests/capture/v4l2/v4l2_rig.h"

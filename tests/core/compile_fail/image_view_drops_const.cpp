@@ -1,4 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/image.h"
+#include "haarlight/core/image.h"
 
 haarlight::ImageView<float> wrong(haarlight::ImageView<const float> view) { return view; }

@@ -1,4 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/units.h"
+#include "haarlight/core/units.h"
 
 haarlight::Watts wrong() { return haarlight::Watts(5.0) + 3.0; }

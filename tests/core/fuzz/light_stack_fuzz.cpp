@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/stack/light_stack.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/stack/light_stack.h"
 #include "tests/memory_file.h"
 
 namespace {

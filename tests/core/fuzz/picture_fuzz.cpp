@@ -5,8 +5,8 @@
 
 #include <cstdint>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 #include "tests/memory_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

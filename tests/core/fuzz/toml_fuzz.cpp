@@ -10,8 +10,8 @@
 #include <pthread.h>
 
 #include "core/config_table.h"
-#include "core/error.h"
 #include "core/text_limits.h"
+#include "haarlight/core/error.h"
 #include "tests/repeating_mutator.h"
 
 namespace {

@@ -13,8 +13,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "tests/drawn_seed.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/temporary_folder.h"

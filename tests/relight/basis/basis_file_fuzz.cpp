@@ -9,8 +9,8 @@
 #include <span>
 #include <vector>
 
-#include "core/error.h"
-#include "relight/basis/basis_file.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 namespace {
 

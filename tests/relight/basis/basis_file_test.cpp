@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/basis_file.h"
+#include "haarlight/relight/basis/basis_file.h"
 
 #include <cstring>
 #include <filesystem>
@@ -11,10 +11,10 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/relight.h"
 #include "relight/basis/basis_header.h"
-#include "relight/basis/relight.h"
 #include "tests/relight/basis/file_bytes.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"

@@ -12,13 +12,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
-#include "core/rig/rig.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/relight/basis/relight.h"
 #include "relight/basis/plate/plate.h"
 #include "relight/basis/plate/smooth_plate.h"
-#include "relight/basis/relight.h"
 #include "tests/relight/basis/cropped_rig.h"
 #include "tests/temporary_folder.h"
 

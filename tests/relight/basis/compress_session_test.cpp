@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/compress_session.h"
+#include "haarlight/relight/basis/compress_session.h"
 
 #include <filesystem>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/rig/rig.h"
-#include "core/tolerance.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/session/develop/develop.h"
 #include "relight/basis/plate/plate.h"
-#include "relight/basis/relight.h"
-#include "session/develop/develop.h"
 #include "tests/session/small_session.h"
 
 namespace haarlight {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/compress.h"
+#include "haarlight/relight/basis/compress.h"
 
 #include <algorithm>
 #include <atomic>
@@ -15,13 +15,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "core/tolerance.h"
-#include "relight/basis/haar.h"
-#include "relight/basis/relight.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/haar.h"
+#include "haarlight/relight/basis/relight.h"
 #include "relight/basis/work_folder.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"

@@ -4,8 +4,8 @@
 #include <map>
 #include <string>
 
-#include "core/error.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/rig/rig.h"
 
 namespace haarlight::test {
 

@@ -8,9 +8,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "tests/relight/basis/made_stack.h"
 
 namespace haarlight {

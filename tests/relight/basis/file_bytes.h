@@ -10,7 +10,7 @@
 
 #include <gtest/gtest.h>
 
-#include "relight/basis/coder/block_codec.h"
+#include "haarlight/relight/basis/coder/block_codec.h"
 
 /// @file
 /// Basis files changed byte by byte, with checksums that are right again.

@@ -6,10 +6,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/basis/haar.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 
 namespace haarlight {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/haar.h"
+#include "haarlight/relight/basis/haar.h"
 
 #include <algorithm>
 #include <bit>
@@ -11,9 +11,9 @@
 #include <nlohmann/json.hpp>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
 #include "core/rig/pattern_inverse.h"
+#include "haarlight/core/error.h"
 #include "tests/golden_file.h"
 
 namespace haarlight {

@@ -9,13 +9,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
-#include "core/tolerance.h"
-#include "relight/basis/coder/block_codec.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/coder/block_codec.h"
+#include "haarlight/relight/basis/compress.h"
+#include "haarlight/relight/basis/relight.h"
 #include "relight/basis/prepared_basis.h"
-#include "relight/basis/relight.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 

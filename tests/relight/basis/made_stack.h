@@ -11,8 +11,8 @@
 #include <Eigen/Geometry>
 
 #include "core/random.h"
-#include "core/stack/stack_source.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/basis/compress.h"
 
 /// @file
 /// Light stacks made from closed forms: a sphere over a plane under an n x n array at 900 mm,

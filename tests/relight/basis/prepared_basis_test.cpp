@@ -11,12 +11,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "core/tolerance.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/compress.h"
 #include "tests/relight/basis/file_bytes.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"

@@ -11,13 +11,13 @@
 #include <gtest/gtest.h>
 
 #include "core/random.h"
-#include "core/rig/rig.h"
-#include "core/tolerance.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/compress.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/render/light/cubemap.h"
 #include "relight/basis/dense_half.h"
 #include "relight/basis/prepared_basis.h"
-#include "relight/light/light_weights.h"
-#include "render/light/cubemap.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 

@@ -7,9 +7,9 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "core/files.h"
-#include "relight/basis/compress.h"
-#include "relight/basis/compress_session.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/compress.h"
+#include "haarlight/relight/basis/compress_session.h"
 #include "tests/relight/basis/cropped_rig.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"

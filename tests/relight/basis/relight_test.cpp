@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/basis/relight.h"
+#include "haarlight/relight/basis/relight.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,11 +12,11 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
-#include "core/tolerance.h"
-#include "relight/basis/compress.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/tolerance.h"
+#include "haarlight/relight/basis/compress.h"
 #include "relight/basis/weight_list.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"

@@ -12,13 +12,13 @@
 
 #include <gtest/gtest.h>
 
-#include "core/picture/image_io.h"
 #include "core/random.h"
-#include "core/rig/rig.h"
-#include "relight/basis/compress.h"
-#include "relight/basis/relight.h"
-#include "relight/light/light_weights.h"
-#include "render/light/cubemap.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/compress.h"
+#include "haarlight/relight/basis/relight.h"
+#include "haarlight/relight/light/light_weights.h"
+#include "haarlight/render/light/cubemap.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/session/small_session.h"
 

@@ -9,9 +9,9 @@
 
 #include <gtest/gtest.h>
 
-#include "core/files.h"
-#include "relight/basis/basis_file.h"
-#include "relight/basis/relight.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/basis/relight.h"
 
 namespace haarlight {
 namespace {

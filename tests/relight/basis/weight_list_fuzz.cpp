@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/weight_list.h"
 #include "tests/memory_file.h"
 #include "tests/repeating_mutator.h"

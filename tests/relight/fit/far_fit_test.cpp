@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/fit_kernel.h"
 #include "relight/reflectance/fit/light_haar.h"

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/recipe_choice.h"
 #include "tests/relight/fit/synthetic_lights.h"
 

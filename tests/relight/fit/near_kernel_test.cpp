@@ -11,7 +11,7 @@
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
-#include "core/picture/image_io.h"
+#include "haarlight/core/picture/image_io.h"
 #include "relight/reflectance/fit/fit_kernel.h"
 #include "relight/reflectance/fit/light_recipe.h"
 #include "relight/reflectance/fit/wide_vectors.h"

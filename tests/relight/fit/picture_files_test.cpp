@@ -5,8 +5,8 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 #include "tests/core/picture_files.h"
 #include "tests/temporary_folder.h"
 

@@ -7,9 +7,9 @@
 #include <gtest/gtest.h>
 #include <jpeglib.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "session/import/import.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/session/import/import.h"
 #include "tests/relight/fit/synthetic_lights.h"
 #include "tests/temporary_folder.h"
 

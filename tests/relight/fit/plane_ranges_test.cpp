@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/plane_store.h"
 #include "relight/reflectance/fit/transfer_table.h"
 #include "tests/temporary_folder.h"

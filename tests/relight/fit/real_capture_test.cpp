@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include "haarlight/session/light_file.h"
 #include "relight/reflectance/fit/fit_check.h"
 #include "relight/reflectance/fit/recipe_choice.h"
-#include "session/light_file.h"
 
 namespace haarlight {
 namespace {

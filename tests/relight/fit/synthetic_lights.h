@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
+#include "haarlight/core/image.h"
 
 /// @file
 /// Lights and pictures whose fit is known.

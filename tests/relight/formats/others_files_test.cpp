@@ -10,14 +10,14 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "relight/reflectance/formats/ptm_file.h"
-#include "relight/reflectance/formats/quantise.h"
-#include "relight/reflectance/formats/reflectance_file.h"
-#include "relight/reflectance/formats/rti_file.h"
-#include "relight/reflectance/formats/web_folder.h"
-#include "session/light_file.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/reflectance/formats/ptm_file.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
+#include "haarlight/relight/reflectance/formats/rti_file.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
+#include "haarlight/session/light_file.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

@@ -13,11 +13,11 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "relight/reflectance/formats/ptm_file.h"
-#include "relight/reflectance/formats/quantise.h"
-#include "relight/reflectance/formats/rti_file.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/reflectance/formats/ptm_file.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
+#include "haarlight/relight/reflectance/formats/rti_file.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

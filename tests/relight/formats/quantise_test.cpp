@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/quantise.h"
+#include "haarlight/relight/reflectance/formats/quantise.h"
 
 #include <cmath>
 #include <numeric>
@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/relight/formats/reflectance_truth.h"
 
 namespace haarlight {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
-#include "relight/reflectance/formats/reflectance_file.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "tests/relight/formats/reflectance_truth.h"
 #include "tests/temporary_folder.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 #include <cmath>
 #include <numbers>

@@ -8,8 +8,8 @@
 
 #include <Eigen/Core>
 
-#include "core/image.h"
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/core/image.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// What the tests of relight/formats share: small models, directions, PSNR.

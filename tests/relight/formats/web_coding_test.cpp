@@ -6,10 +6,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/reflectance/formats/refit.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 #include "relight/reflectance/formats/plane_weights.h"
-#include "relight/reflectance/formats/refit.h"
-#include "relight/reflectance/formats/web_folder.h"
 #include "relight/reflectance/formats/web_target.h"
 #include "tests/relight/formats/reflectance_truth.h"
 

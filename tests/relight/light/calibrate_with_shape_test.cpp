@@ -7,8 +7,8 @@
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

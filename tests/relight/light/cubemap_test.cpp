@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "render/light/cubemap.h"
+#include "haarlight/render/light/cubemap.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +12,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

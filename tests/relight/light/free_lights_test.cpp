@@ -7,8 +7,8 @@
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "relight/calibration/light_terms.h"
 #include "relight/calibration/sheet_layout.h"
 

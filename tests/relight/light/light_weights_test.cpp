@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/light/light_weights.h"
+#include "haarlight/relight/light/light_weights.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,9 +11,9 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

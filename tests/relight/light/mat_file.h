@@ -11,9 +11,9 @@
 
 #include <zlib.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/light/near_light.h"
 
 /// @file
 /// Matrices of numbers from a MATLAB level-5 file, as far as one published data set needs it:

@@ -9,9 +9,9 @@
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 
 namespace haarlight {
 namespace {

@@ -9,8 +9,8 @@
 #include <ceres/jet.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "relight/calibration/light_likelihood.h"
 #include "relight/calibration/variance_objective.h"
 #include "tests/relight/light/mat_file.h"

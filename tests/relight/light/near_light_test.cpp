@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/light/near_light.h"
+#include "haarlight/relight/light/near_light.h"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/json_value.h"
+#include "haarlight/core/error.h"
 #include "session/rig_session.h"
 #include "session/transforms_file.h"
 

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/relight/pipeline/ramp_session.h"
 
 namespace haarlight {

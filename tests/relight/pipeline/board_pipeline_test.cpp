@@ -8,10 +8,10 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

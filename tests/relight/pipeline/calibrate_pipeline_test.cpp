@@ -8,9 +8,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
-#include "session/light_file.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/light_file.h"
 #include "tests/relight/pipeline/made_capture.h"
 
 namespace haarlight {

@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "session/light_file.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/light_file.h"
 #include "tests/relight/pipeline/made_capture.h"
 
 namespace haarlight {

@@ -5,10 +5,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/reflectance/formats/reflectance_file.h"
 #include "relight/pipeline/bytes_on_disk.h"
 #include "relight/pipeline/fit/fit_report.h"
-#include "relight/reflectance/formats/reflectance_file.h"
 #include "tests/relight/pipeline/made_capture.h"
 
 namespace haarlight {

@@ -9,10 +9,10 @@
 #include <Eigen/Core>
 #include <fmt/format.h>
 
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "session/import/import.h"
-#include "session/light_file.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/session/import/import.h"
+#include "haarlight/session/light_file.h"
 #include "tests/temporary_folder.h"
 
 /// @file

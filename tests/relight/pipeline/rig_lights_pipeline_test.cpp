@@ -7,11 +7,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
 #include "core/random.h"
 #include "core/rig/measured_rig.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/relight/light/near_light.h"
 #include "session/rig_session.h"
 #include "tests/session/small_session.h"
 

@@ -7,13 +7,13 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/picture/image_io.h"
-#include "core/rig/rig.h"
-#include "relight/basis/compress_session.h"
-#include "relight/shadow/receiver_light.h"
-#include "render/rig_lights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/relight/basis/compress_session.h"
+#include "haarlight/relight/shadow/receiver_light.h"
+#include "haarlight/render/rig_lights.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/pipeline/shape/shape_report.h"
 #include "tests/relight/pipeline/made_capture.h"
 

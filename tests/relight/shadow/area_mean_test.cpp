@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/area_mean.h"
+#include "haarlight/relight/shadow/area_mean.h"
 
 #include <cmath>
 #include <cstdio>

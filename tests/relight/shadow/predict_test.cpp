@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shadow/predict.h"
+#include "haarlight/relight/shadow/predict.h"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 
 namespace haarlight {
 namespace {

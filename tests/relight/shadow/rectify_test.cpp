@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
 
 namespace haarlight {
 namespace {

@@ -9,10 +9,10 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/shadow/receiver_light.h"
+#include "haarlight/relight/shadow/receiver_light.h"
+#include "haarlight/render/analytic/polygon_light.h"
+#include "haarlight/render/picture.h"
 #include "relight/shadow/shadow_truth.h"
-#include "render/analytic/polygon_light.h"
-#include "render/picture.h"
 
 namespace haarlight {
 namespace {

@@ -12,10 +12,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "relight/shadow/predict.h"
-#include "render/picture.h"
-#include "render/rig_lights.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shadow/predict.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/render/rig_lights.h"
 
 namespace haarlight {
 namespace {

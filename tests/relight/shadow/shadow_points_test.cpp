@@ -14,8 +14,8 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
-#include "relight/shadow/receiver_light.h"
-#include "render/light/light_tree.h"
+#include "haarlight/relight/shadow/receiver_light.h"
+#include "haarlight/render/light/light_tree.h"
 #include "tests/relight/shadow/shadow_scene.h"
 #include "tests/relight/shadow/window_reference.h"
 

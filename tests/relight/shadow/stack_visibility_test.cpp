@@ -7,11 +7,11 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/random.h"
-#include "relight/shadow/receiver_light.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shadow/receiver_light.h"
+#include "haarlight/render/picture.h"
 #include "relight/shadow/reproject.h"
-#include "render/picture.h"
 
 namespace haarlight {
 namespace {

@@ -14,10 +14,10 @@
 #include <gtest/gtest.h>
 
 #include "core/parallel.h"
-#include "core/rig/rig.h"
+#include "haarlight/core/rig/rig.h"
+#include "haarlight/render/rig_lights.h"
 #include "relight/shadow/reproject.h"
 #include "relight/shadow/shadow_truth.h"
-#include "render/rig_lights.h"
 
 namespace haarlight {
 namespace {

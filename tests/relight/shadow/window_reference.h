@@ -7,8 +7,8 @@
 
 #include <Eigen/Core>
 
-#include "relight/shadow/area_mean.h"
-#include "relight/shadow/plane_frame.h"
+#include "haarlight/relight/shadow/area_mean.h"
+#include "haarlight/relight/shadow/plane_frame.h"
 
 /// @file
 /// Eq. (5) in world coordinates, corner by corner, as the paper has it: what look_up() is held

@@ -8,8 +8,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "relight/shape/normal_picture.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/shape/normal_picture.h"
 #include "tests/relight/shape/made_lights.h"
 
 namespace haarlight {

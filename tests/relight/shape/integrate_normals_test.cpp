@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/integrate_normals.h"
+#include "haarlight/relight/shape/integrate_normals.h"
 
 #include <cmath>
 #include <cstdio>

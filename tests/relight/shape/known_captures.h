@@ -5,11 +5,11 @@
 #include <optional>
 #include <string>
 
-#include "core/picture/image_io.h"
-#include "relight/light/near_light.h"
-#include "relight/shape/photometric_stereo.h"
-#include "render/picture.h"
-#include "session/light_file.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/session/light_file.h"
 #include "sim/transport.h"
 #include "tests/temporary_folder.h"
 

@@ -9,9 +9,9 @@
 
 #include <Eigen/Geometry>
 
-#include "core/image.h"
-#include "core/stack/stack_source.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/image.h"
+#include "haarlight/core/stack/stack_source.h"
+#include "haarlight/relight/light/near_light.h"
 
 /// @file
 /// Lambertian captures by closed form, for tests of shape.

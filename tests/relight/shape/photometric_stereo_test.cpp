@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/photometric_stereo.h"
+#include "haarlight/relight/shape/photometric_stereo.h"
 
 #include <atomic>
 #include <cmath>
@@ -9,9 +9,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
 #include "tests/relight/shape/made_lights.h"
 
 namespace haarlight {

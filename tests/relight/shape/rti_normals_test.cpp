@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "tests/relight/shape/made_lights.h"
 
 namespace haarlight {

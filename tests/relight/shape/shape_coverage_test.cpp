@@ -7,9 +7,9 @@
 
 #include <gtest/gtest.h>
 
+#include "haarlight/render/scene.h"
 #include "relight/shape/near_alternation.h"
 #include "relight/shape/object_mask.h"
-#include "render/scene.h"
 #include "tests/relight/shape/known_captures.h"
 #include "tests/relight/shape/made_lights.h"
 

@@ -7,12 +7,12 @@
 
 #include <gtest/gtest.h>
 
-#include "core/picture/image_io.h"
-#include "relight/light/near_light.h"
+#include "haarlight/core/picture/image_io.h"
+#include "haarlight/relight/light/near_light.h"
+#include "haarlight/render/picture.h"
+#include "haarlight/session/light_file.h"
 #include "relight/shape/corrected_light.h"
 #include "relight/shape/near_alternation.h"
-#include "render/picture.h"
-#include "session/light_file.h"
 #include "sim/transport.h"
 #include "tests/relight/shape/known_captures.h"
 #include "tests/relight/shape/made_lights.h"

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/shape/surface_mesh.h"
+#include "haarlight/relight/shape/surface_mesh.h"
 
 #include <cmath>
 #include <limits>
 
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "render/scene.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
+#include "haarlight/render/scene.h"
 #include "tests/temporary_folder.h"
 
 namespace haarlight {

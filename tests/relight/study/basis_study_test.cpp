@@ -10,10 +10,10 @@
 #include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
 #include "core/parallel.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/basis/haar.h"
 #include "relight/basis/coder/quantiser.h"
-#include "relight/basis/haar.h"
 #include "relight/study/array_binning.h"
 #include "tests/relight/basis/made_stack.h"
 

@@ -8,9 +8,9 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "core/picture/image_io.h"
 #include "core/random.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/picture/image_io.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/temporary_folder.h"
 

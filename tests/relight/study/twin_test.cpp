@@ -6,9 +6,9 @@
 
 #include <gtest/gtest.h>
 
+#include "haarlight/render/scene.h"
 #include "relight/basis/plate/plate.h"
 #include "relight/study/basis_study.h"
-#include "render/scene.h"
 #include "sim/transport.h"
 
 /// The published figures of the twin: numbers a pixel that a bare threshold keeps at 1 % of the

@@ -15,7 +15,7 @@
 #include <rapidcheck/gtest.h>
 
 #include "core/count.h"
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/basis/plate/tile_plate.h"
 #include "tests/relight/basis/made_stack.h"
 #include "tests/relight/view/retiled.h"

@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <vector>
 
-#include "relight/basis/basis_file.h"
-#include "relight/basis/coder/block_codec.h"
+#include "haarlight/relight/basis/basis_file.h"
+#include "haarlight/relight/basis/coder/block_codec.h"
 #include "tests/relight/basis/made_stack.h"
 
 /// @file

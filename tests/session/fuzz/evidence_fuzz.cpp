@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <string>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/clean_rule.h"
 #include "session/frame_tiff.h"
 #include "tests/repeating_mutator.h"

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <span>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "session/frame_tiff.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -12,8 +12,8 @@
 
 #include <unistd.h>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "haarlight/core/error.h"
+#include "haarlight/core/files.h"
 #include "session/journal.h"
 
 namespace {

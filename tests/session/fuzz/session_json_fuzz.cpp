@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <string>
 
-#include "core/error.h"
-#include "session/session.h"
+#include "haarlight/core/error.h"
+#include "haarlight/session/session.h"
 #include "tests/repeating_mutator.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <string>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "sim/fault_script.h"
 #include "sim/truth.h"
 #include "tests/repeating_mutator.h"

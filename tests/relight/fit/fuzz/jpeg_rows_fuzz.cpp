@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/error.h"
+#include "haarlight/core/error.h"
 #include "relight/reflectance/fit/picture_rows.h"
 #include "tests/memory_file.h"
 

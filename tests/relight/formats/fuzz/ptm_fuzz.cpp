@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <string_view>
 
-#include "relight/reflectance/formats/ptm_file.h"
+#include "haarlight/relight/reflectance/formats/ptm_file.h"
 #include "tests/relight/formats/fuzz/reflectance_fuzz.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

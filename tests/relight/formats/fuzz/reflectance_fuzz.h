@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "core/error.h"
-#include "relight/reflectance/formats/reflectance.h"
+#include "haarlight/core/error.h"
+#include "haarlight/relight/reflectance/formats/reflectance.h"
 
 /// @file
 /// What the fuzz targets of the readers share.

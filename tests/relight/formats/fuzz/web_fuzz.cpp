@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-#include "relight/reflectance/formats/web_folder.h"
+#include "haarlight/relight/reflectance/formats/web_folder.h"
 #include "tests/relight/formats/fuzz/reflectance_fuzz.h"
 #include "tests/repeating_mutator.h"
 

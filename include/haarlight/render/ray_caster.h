@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+
+#include <Eigen/Core>
+
+#include "haarlight/render/scene.h"
+
+/// @file
+/// Rays against a scene's triangles, by Embree. Thread-safe after construction.
+
+namespace haarlight {
+
+struct Hit {
+  double distance_mm = 0.0;
+  Eigen::Vector3d point;        ///< world
+  Eigen::Vector3d normal;       ///< shading normal, unit, turned towards the ray's origin
+  Eigen::Vector3d flat_normal;  ///< of the triangle, unit, turned towards the ray's origin
+  int mesh = 0;
+  int triangle = 0;
+  int material = 0;
+};
+
+class RayCaster {
+ public:
+  explicit RayCaster(const Scene& scene);
+  ~RayCaster();
+  RayCaster(RayCaster&&) noexcept;
+  RayCaster& operator=(RayCaster&&) noexcept;
+  RayCaster(const RayCaster&) = delete;
+  RayCaster& operator=(const RayCaster&) = delete;
+
+  /// The nearest hit beyond `min_distance_mm`. @param direction  unit
+  [[nodiscard]] std::optional<Hit> intersect(const Eigen::Vector3d& origin,
+                                             const Eigen::Vector3d& direction,
+                                             double min_distance_mm = 0.0) const;
+
+  /// How far off a surface a ray must start to miss it despite Embree's rounding: 2^-18 (4e-6)
+  /// of the scene's radius about the middle of its bounding box, so that results do not depend
+  /// on a scene's size or position. No smaller detail casts a shadow.
+  [[nodiscard]] double ray_offset_mm() const noexcept;
+
+  /// True when anything lies strictly between the two points, shortened by ray_offset_mm() at
+  /// each end.
+  [[nodiscard]] bool is_blocked(const Eigen::Vector3d& from, const Eigen::Vector3d& to) const;
+
+  /// The same for many points seen from one. @param blocked  (to.size(),), 1 or 0
+  void are_blocked(const Eigen::Vector3d& from, std::span<const Eigen::Vector3d> to,
+                   std::span<std::uint8_t> blocked) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace haarlight
